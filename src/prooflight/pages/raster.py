@@ -1,0 +1,53 @@
+"""A page to be printed: its CMYK raster, resolution and identity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MM_PER_INCH = 25.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Page:
+    """One page of a job as the press receives it.
+
+    (0, 0) is the page's top-left corner as printed; x runs across the web (columns), y along the travel (rows).
+    """
+
+    cmyk: NDArray[np.uint8]
+    """(rows, columns, 4), C M Y K, 0 = no ink, 255 = full ink; C-contiguous."""
+    dpi: float
+    """Raster resolution, the same in x and y. [pixels/inch]"""
+    name: str
+    """File-name stem that this page's scans and verdicts carry, e.g. ``p0007``."""
+    number: int
+    """Place in the job, from 1."""
+
+    def __post_init__(self) -> None:
+        if self.cmyk.dtype != np.uint8 or self.cmyk.ndim != 3 or self.cmyk.shape[2] != 4 or not self.cmyk.size:
+            message = f"cmyk must be uint8 (rows, columns, 4), got {self.cmyk.dtype} {self.cmyk.shape}"
+            raise ValueError(message)
+        if not self.dpi > 0:
+            message = f"dpi must be above 0, got {self.dpi}"
+            raise ValueError(message)
+
+    @property
+    def pixel_mm(self) -> float:
+        """Side of one raster pixel on paper. [mm]"""
+        return MM_PER_INCH / self.dpi
+
+    @property
+    def width_mm(self) -> float:
+        """Extent across the web. [mm]"""
+        return self.cmyk.shape[1] * self.pixel_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Extent along the travel. [mm]"""
+        return self.cmyk.shape[0] * self.pixel_mm

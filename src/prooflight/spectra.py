@@ -1,0 +1,119 @@
+"""The wavelength grid, illuminants, the eye, and integrals over the spectrum.
+
+Everything spectral in this package lives on one grid: 36 bands, 380 to 730 nm in steps of 10 nm (paper, section 3).
+Band integrals are plain sums times the step, as ISET forms them.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+STEP_NM = 10.0
+WAVE_NM: NDArray[np.float64] = np.arange(380.0, 731.0, STEP_NM)
+WAVE_NM.setflags(write=False)
+BANDS = WAVE_NM.size
+
+PLANCK_J_S = 6.62607015e-34  # SI, exact
+LIGHT_M_S = 2.99792458e8  # SI, exact
+LUMINOUS_EFFICACY_LM_W = 683.0  # lm/W at 555 nm, as ISET rounds it (SI: 683 lm/W at 540 THz)
+
+
+def on_grid(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``values`` as a read-only (36,) array; ValueError if the shape is another or a value is not finite."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (BANDS,) or not np.isfinite(array).all():
+        message = f"a spectrum has {BANDS} finite values, 380 to 730 nm by 10 nm; got shape {array.shape}"
+        raise ValueError(message)
+    array.setflags(write=False)
+    return array
+
+
+def resample(wave_nm: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
+    """Bring spectra measured on any increasing wavelengths to the grid by linear interpolation.
+
+    wave_nm (n,) [nm]; values (..., n). Returns (..., 36). ValueError if the data does not cover 380..730 nm.
+    """
+    wave = np.asarray(wave_nm, dtype=np.float64)
+    spectra = np.asarray(values, dtype=np.float64)
+    if wave.ndim != 1 or wave.size < 2 or spectra.shape[-1:] != wave.shape or not (np.diff(wave) > 0).all():
+        message = "wavelengths must increase and there must be one value for each"
+        raise ValueError(message)
+    if not (np.isfinite(wave).all() and np.isfinite(spectra).all()):
+        message = "wavelengths and values must be finite"
+        raise ValueError(message)
+    if wave[0] > WAVE_NM[0] or wave[-1] < WAVE_NM[-1]:
+        message = f"data covers {wave[0]:g}..{wave[-1]:g} nm, 380..730 nm is needed"
+        raise ValueError(message)
+    right = np.clip(np.searchsorted(wave, WAVE_NM), 1, wave.size - 1)
+    left = right - 1
+    weight = (WAVE_NM - wave[left]) / (wave[right] - wave[left])
+    return spectra[..., left] * (1.0 - weight) + spectra[..., right] * weight
+
+
+@cache
+def illuminant(name: str) -> NDArray[np.float64]:
+    """Relative power of a CIE illuminant on the grid (36,), e.g. D65, D50, A, FL2.
+
+    Values: CIE 015:2018 as tabulated by colour-science. KeyError if there is no such illuminant.
+    """
+    import colour  # imported late: it takes a second
+
+    table = colour.SDS_ILLUMINANTS[name]
+    return on_grid(resample(table.wavelengths, table.values))
+
+
+@cache
+def luminous_efficiency() -> NDArray[np.float64]:
+    """V(lambda), CIE 1924 photopic, on the grid (36,)."""
+    import colour
+
+    table = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
+    return on_grid(resample(table.wavelengths, table.values))
+
+
+@cache
+def colour_matching() -> NDArray[np.float64]:
+    """CIE 1931 2-degree colour matching functions on the grid (36, 3)."""
+    import colour
+
+    table = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    return resample(table.wavelengths, np.asarray(table.values).T).T.copy()
+
+
+def photons_per_joule() -> NDArray[np.float64]:
+    """Photons in one joule at each band (36,): lambda / (h c)."""
+    return WAVE_NM * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
+
+
+def xyz(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.float64]:
+    """Tristimulus values of reflectances (..., 36) -> (..., 3), Y = 1 for a perfect diffuser (CIE 015, 2 degrees)."""
+    weights = illuminant(light)[:, None] * colour_matching()
+    return np.asarray(reflectance @ (weights / weights[:, 1].sum()), dtype=np.float64)
+
+
+def white_xyz(light: str = "D50") -> NDArray[np.float64]:
+    """Tristimulus values of the perfect diffuser under ``light`` (3,), by the same sums as ``xyz``."""
+    return xyz(np.ones(BANDS), light)
+
+
+def lab(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.float64]:
+    """CIELAB of reflectances (..., 36) -> (..., 3) under ``light`` for the 2-degree observer (CIE 015)."""
+    ratio = xyz(reflectance, light) / white_xyz(light)
+    root = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio * (29 / 6) ** 2 / 3 + 4 / 29)
+    x, y, z = np.moveaxis(root, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def delta_e00(lab_a: ArrayLike, lab_b: ArrayLike) -> NDArray[np.float64]:
+    """CIEDE2000 colour difference of CIELAB values (..., 3) -> (...) (CIE 142; colour-science's implementation)."""
+    import colour
+
+    return np.asarray(colour.delta_E(np.asarray(lab_a), np.asarray(lab_b), method="CIE 2000"), dtype=np.float64)

@@ -30,7 +30,12 @@ class Page:
     """Place in the job, from 1."""
 
     def __post_init__(self) -> None:
-        if self.cmyk.dtype != np.uint8 or self.cmyk.ndim != 3 or self.cmyk.shape[2] != 4 or not self.cmyk.size:
+        if (
+            self.cmyk.dtype != np.uint8
+            or self.cmyk.ndim != 3
+            or self.cmyk.shape[2] != 4
+            or not self.cmyk.size
+        ):
             message = f"cmyk must be uint8 (rows, columns, 4), got {self.cmyk.dtype} {self.cmyk.shape}"
             raise ValueError(message)
         if not self.dpi > 0:

@@ -1,0 +1,6 @@
+"""``python -m prooflight``."""
+
+from prooflight.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Where lines come from: the geometry of a scan, and recorded scans."""

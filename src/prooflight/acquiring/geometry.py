@@ -1,0 +1,87 @@
+"""Where camera pixels lie on the page.
+
+(0, 0) is the page's top-left corner as printed; x across the web, y along the travel. A scan's first line lies above
+the page's top edge by the lead-in, the page is centred in the field, and beyond it the camera sees the backing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.errors import JobError
+from prooflight.pages.job import turned
+from prooflight.pages.raster import MM_PER_INCH
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanGeometry:
+    """Pitch and extent of the camera's pixels on the page."""
+
+    pixels: int
+    """Pixels in a line."""
+    pixel_pitch_mm: float
+    line_pitch_mm: float
+    lead_in_mm: float
+    """Backing above the page in every scan. [mm]"""
+    lead_out_mm: float
+    """Backing below the page in every scan. [mm]"""
+
+    @property
+    def field_mm(self) -> float:
+        """Width of paper that a line covers. [mm]"""
+        return self.pixels * self.pixel_pitch_mm
+
+    def raster_dpi(self, supersampling: float) -> float:
+        """Resolution at which a raster has ``supersampling`` pixels across one camera pixel. [pixels/inch]"""
+        return MM_PER_INCH * supersampling / self.pixel_pitch_mm
+
+    def lines(self, page_height_mm: float) -> int:
+        """Lines in the scan of a page."""
+        return int(np.ceil((self.lead_in_mm + page_height_mm + self.lead_out_mm) / self.line_pitch_mm))
+
+    def left_mm(self, page_width_mm: float) -> float:
+        """From the field's left end to the page's left edge. [mm]"""
+        return (self.field_mm - page_width_mm) / 2
+
+    def centres_x_mm(self, page_width_mm: float, *, shift_mm: float = 0.0) -> NDArray[np.float64]:
+        """Where each column's centre lies on a page (pixels,); shift_mm: how far the page lies too far right. [mm]"""
+        return (
+            (np.arange(self.pixels, dtype=np.float64) + 0.5) * self.pixel_pitch_mm
+            - self.left_mm(page_width_mm)
+            - shift_mm
+        )
+
+    def centres_y_mm(self, lines: int, *, shift_mm: float = 0.0) -> NDArray[np.float64]:
+        """Where each line's centre lies on a page (lines,); shift_mm: how far the page lies too far down. [mm]"""
+        return (np.arange(lines, dtype=np.float64) + 0.5) * self.line_pitch_mm - self.lead_in_mm - shift_mm
+
+    def on_page(self, page_width_mm: float, page_height_mm: float) -> tuple[slice, slice]:
+        """Lines and columns of a scan whose whole pixel lies on a page that is where it should be."""
+        x = self.centres_x_mm(page_width_mm)
+        y = self.centres_y_mm(self.lines(page_height_mm))
+        half_x, half_y = self.pixel_pitch_mm / 2, self.line_pitch_mm / 2
+        columns = np.flatnonzero((x >= half_x) & (x <= page_width_mm - half_x))
+        lines = np.flatnonzero((y >= half_y) & (y <= page_height_mm - half_y))
+        return slice(int(lines[0]), int(lines[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+    def sees(self, width_mm: float) -> bool:
+        """Whether a page so wide lies within the field, to a pixel."""
+        return width_mm <= self.field_mm + self.pixel_pitch_mm
+
+    def lay(self, page: Page) -> Page:
+        """The page as it enters the press: turned by 90 degrees if only that fits; JobError if neither does."""
+        if self.sees(page.width_mm):
+            return page
+        if self.sees(page.height_mm):
+            return turned(page)
+        what = f"is {page.width_mm:.1f} x {page.height_mm:.1f} mm"
+        remedy = f"this press sees {self.field_mm:.1f} mm across; build a press with more pixels"
+        raise JobError(f"page {page.number}", what, remedy=remedy)

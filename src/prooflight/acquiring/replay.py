@@ -1,0 +1,94 @@
+"""Recorded scans: TIFF files of raw digital numbers, uint16 (sensors, lines, pixels)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tifffile
+
+from prooflight.atomic import whole_file
+from prooflight.errors import ScanError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+SUFFIXES = (".tif", ".tiff")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedScan:
+    """Where one page's scan is stored; read only when its turn comes."""
+
+    path: Path
+    first_image: int
+    """Place of its first sensor's image in the file."""
+    sensors: int
+
+    @property
+    def name(self) -> str:
+        """The file's stem, which names the page in a folder of scans."""
+        return self.path.stem
+
+    def read(self) -> NDArray[np.uint16]:
+        """The scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or of another form."""
+        try:
+            with tifffile.TiffFile(self.path) as file:
+                wanted = range(self.first_image, self.first_image + self.sensors)
+                images = [file.pages[index].asarray() for index in wanted]
+        except (tifffile.TiffFileError, ValueError, OSError, IndexError) as error:
+            raise ScanError(self.path, "is damaged or not a TIFF", remedy="scan the page again") from error
+        shapes = {(image.dtype.name, image.shape) for image in images}
+        if len(shapes) > 1 or images[0].dtype != np.uint16 or images[0].ndim != 2 or not images[0].size:
+            what = f"holds images of {' and '.join(f'{name} {shape}' for name, shape in sorted(shapes))}"
+            remedy = "give raw digital numbers, one uint16 (lines, pixels) image for each sensor"
+            raise ScanError(self.path, what, remedy=remedy)
+        return np.stack(images)
+
+
+def write_scan(path: Path, dn: NDArray[np.uint16], *, facts: Mapping[str, object]) -> None:
+    """Write one page's scan (sensors, lines, pixels) with ``facts`` as JSON in its description; atomic."""
+    with whole_file(path) as unfinished:
+        tifffile.imwrite(
+            unfinished,
+            dn,
+            photometric="minisblack",
+            metadata=None,
+            description=json.dumps(facts, sort_keys=True),
+        )
+
+
+def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
+    """Scans in page order: a folder's TIFF files by name, or one multi-page file.
+
+    A file holds one image for each of ``sensors`` sensors, page after page. ScanError if there is nothing to read.
+    """
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+        if not files:
+            raise ScanError(
+                path, "holds no TIFF files", remedy="give the folder that `prooflight simulate` wrote"
+            )
+        return [scan for file in files for scan in _scans_of(file, sensors)]
+    if not path.is_file():
+        raise ScanError(
+            path, "there is no such file or folder", remedy="give a folder of scans or a TIFF file"
+        )
+    return _scans_of(path, sensors)
+
+
+def _scans_of(path: Path, sensors: int) -> list[RecordedScan]:
+    try:
+        with tifffile.TiffFile(path) as file:
+            count = len(file.pages)
+    except (tifffile.TiffFileError, ValueError, OSError) as error:
+        raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
+    if not count or count % sensors:
+        what = f"holds {count} images where the press has {sensors} sensors"
+        raise ScanError(path, what, remedy="give one image for each sensor of each page")
+    return [RecordedScan(path=path, first_image=first, sensors=sensors) for first in range(0, count, sensors)]

@@ -1,0 +1,254 @@
+"""Commands on jobs: demo, rip, simulate, inspect."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from prooflight.cli import show
+from prooflight.errors import RequestError
+from prooflight.pages.job import JobSource, parse_pages
+from prooflight.press import Press
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from prooflight.reporting.report import PageEntry
+
+MISPRINT_FOUND = 1
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Profile = Annotated[
+    Path | None, typer.Option(metavar="ICC", help="CMYK profile for colours that are not CMYK.")
+]
+PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
+Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
+JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
+Seed = Annotated[int, typer.Option(help="Of everything random.", min=0)]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the program."""
+    for command in (demo, rip, simulate, inspect):
+        app.command()(command)
+
+
+def demo(
+    job: Annotated[
+        Path | None, typer.Option(metavar="F.pdf", help="Your own job; default a sample job.")
+    ] = None,
+    pages: Annotated[int | None, typer.Option(help="How many sheets to print.", min=1)] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
+    profile: Profile = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
+    from prooflight.demo import run as demonstration
+    from prooflight.demo.sample_job import make_sample_job
+    from prooflight.reporting.report import RunSummary, write_report
+
+    say = (lambda _text: None) if json else show.step
+    out.mkdir(parents=True, exist_ok=True)
+    titles: tuple[str, ...] = ()
+    if job is None:
+        job = out / "sample-job.pdf"
+        say("composing the sample job")
+        titles = make_sample_job(job, seed=seed).titles
+    source = JobSource(path=job, dpi=1.0, profile=profile)
+    with source.open() as opened:
+        sizes, name = opened.page_sizes_mm, opened.name
+    press = demonstration.demo_press(sizes, seed=seed, progress=say)
+    artefact = out / f"{press.name}.press"
+    digest = press.save(artefact)
+    source = JobSource(path=job, dpi=press.dpi, profile=profile)
+    sheets = demonstration.plan(len(sizes), pages, seed=seed)
+    work = demonstration.PrintAndInspect(job=source, press=press, seed=seed, titles=titles)
+    started = time.perf_counter()
+    entries = list(
+        _shown(demonstration.run(work, sheets), len(sheets), "printing and inspecting", quiet=json)
+    )
+    pages_per_s = len(entries) / (time.perf_counter() - started)
+    summary = RunSummary(
+        job=name,
+        press=press.name,
+        press_digest=digest,
+        promise=_promise(press),
+        world="ideal",
+        seed=seed,
+        date=datetime.now(UTC).strftime("%Y-%m-%d"),
+        pages_per_s=pages_per_s,
+    )
+    report = out / "report.html"
+    say("writing the report")
+    write_report(report, entries, summary)
+    totals = _totals(entries) | {"pages_per_s": round(pages_per_s, 3)}
+    if json:
+        show.print_json(totals)
+        return
+    show.people.print(
+        show.verdict_table((entry.verdict for entry in entries), title=f"{name} on press {press.name}")
+    )
+    show.people.print(
+        f"{totals['pages']} sheets, {totals['misprints']} misprints printed, [bold]{totals['caught']} caught[/], "
+        f"{totals['false_alarms']} false alarms, {pages_per_s:.2f} sheets/s simulated and inspected"
+    )
+    show.people.print(f"Open [bold]{report}[/bold]")
+
+
+def rip(
+    job: Annotated[Path, typer.Argument(metavar="JOB.pdf", help="PDF, or a folder of PDFs and images.")],
+    dpi: Annotated[float, typer.Option(help="Resolution [pixels/inch].")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    profile: Profile = None,
+    pages: Pages = None,
+    json: Json = False,
+) -> None:
+    """Write each page as a CMYK TIFF, as the press would print it."""
+    from prooflight.pages.files import write_tiff
+
+    rows: list[dict[str, Any]] = []
+    with JobSource(path=job, dpi=dpi, profile=profile).open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
+        out.mkdir(parents=True, exist_ok=True)
+        for number in _shown(numbers, len(numbers), "ripping", quiet=json):
+            page = opened.page(number)
+            path = out / f"{page.name}.tif"
+            write_tiff(page, path)
+            rows.append(
+                {
+                    "page": page.name,
+                    "file": str(path),
+                    "width_mm": round(page.width_mm, 2),
+                    "height_mm": round(page.height_mm, 2),
+                    "dpi": page.dpi,
+                    "pixels": [page.cmyk.shape[1], page.cmyk.shape[0]],
+                }
+            )
+    if json:
+        show.print_json(rows)
+    else:
+        show.people.print(f"{len(rows)} pages in [bold]{out}[/bold]")
+
+
+def simulate(
+    job: JobPath,
+    press: PressArtefact,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    world: Annotated[
+        str, typer.Option(help="ideal: a good scan is the expected one plus sensor noise.")
+    ] = "ideal",
+    misprint: Annotated[
+        str | None, typer.Option(metavar="KIND[:SEVERITY]", help="Misprint on every page.")
+    ] = None,
+    pages: Pages = None,
+    profile: Profile = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json."""
+    from prooflight.pages.parallel import in_order
+    from prooflight.simulating.files import ScanToFile, write_truth
+    from prooflight.simulating.scans import MisprintRequest
+
+    if world != "ideal":
+        raise RequestError("world", f"there is no {world!r}", remedy="choose ideal")
+    loaded = Press.load(press)
+    source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
+    request = MisprintRequest.parse(misprint) if misprint else None
+    with source.open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
+        count = len(opened)
+    out.mkdir(parents=True, exist_ok=True)
+    work = ScanToFile(job=source, press=loaded, out=out, request=request, seed=seed, job_pages=count)
+    truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
+    write_truth(out / "truth.json", truths, world=world, seed=seed, press=loaded)
+    if json:
+        show.print_json(truths)
+    else:
+        show.people.print(f"{len(truths)} scans and truth.json in [bold]{out}[/bold]")
+
+
+def inspect(
+    job: JobPath,
+    scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Folder of scans, or a TIFF in page order.")],
+    press: PressArtefact,
+    detector: Annotated[
+        str, typer.Option(help="chi-square: the paper's statistical detector.")
+    ] = "chi-square",
+    report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
+    profile: Profile = None,
+    json: Json = False,
+) -> int:
+    """Compare scans with the job, one verdict a page in job order; exits 1 if there is a misprint."""
+    from prooflight.inspecting import inspector
+    from prooflight.inspecting.job import InspectPage, paired
+    from prooflight.pages.parallel import in_order
+
+    loaded = Press.load(press)
+    inspector.detector(detector, loaded)  # a wrong name ends before any work
+    source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
+    with source.open() as opened:
+        pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
+    work = InspectPage(job=source, press=loaded, detector=detector)
+    started = time.perf_counter()
+    verdicts = []
+    if report is None:
+        for verdict in _shown(in_order(work, pairs), len(pairs), "inspecting", quiet=json):
+            verdicts.append(verdict)
+            if json:
+                show.print_json(asdict(verdict))
+    else:
+        from prooflight.reporting.job import PicturedPage
+        from prooflight.reporting.report import RunSummary, write_report
+
+        entries: list[PageEntry] = []
+        for entry in _shown(in_order(PicturedPage(work), pairs), len(pairs), "inspecting", quiet=json):
+            entries.append(entry)
+            verdicts.append(entry.verdict)
+            if json:
+                show.print_json(asdict(entry.verdict))
+        report.mkdir(parents=True, exist_ok=True)
+        summary = RunSummary(
+            job=name,
+            press=loaded.name,
+            press_digest=loaded.digest,
+            promise=_promise(loaded),
+            world=None,
+            seed=None,
+            date=datetime.now(UTC).strftime("%Y-%m-%d"),
+            pages_per_s=len(pairs) / (time.perf_counter() - started),
+        )
+        write_report(report / "report.html", entries, summary)
+    alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
+    if not json:
+        show.people.print(show.verdict_table(verdicts, title=f"{name} on press {loaded.name}"))
+        show.people.print(f"{len(verdicts)} pages, {alarms} misprints")
+        if report is not None:
+            show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
+    return MISPRINT_FOUND if alarms else 0
+
+
+def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:
+    return iter(items) if quiet else show.progress(items, total=total, what=what)
+
+
+def _promise(press: Press) -> str:
+    odds = f"{press.good_pages_per_false_alarm:,.0f}"
+    return f"at most one good page in {odds} alarms, if it differs by sensor noise alone"
+
+
+def _totals(entries: list[PageEntry]) -> dict[str, int]:
+    bad = [entry for entry in entries if entry.truth is not None]
+    alarmed = [entry for entry in entries if entry.verdict.verdict == "misprint"]
+    return {
+        "pages": len(entries),
+        "misprints": len(bad),
+        "caught": sum(entry.truth is not None for entry in alarmed),
+        "false_alarms": sum(entry.truth is None for entry in alarmed),
+    }

@@ -1,0 +1,114 @@
+"""``prooflight press``: build a press artefact, look inside one."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+from prooflight.press import Press
+
+app = typer.Typer(help="Build a press artefact; look inside one.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.command()
+def build(
+    press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the artefact.")],
+    seed: Annotated[int, typer.Option(help="Of the simulated camera specimen.", min=0)] = 1,
+    json: Json = False,
+) -> None:
+    """Make a press ready: characterise its camera and inks, calibrate columns, write one file."""
+    import numpy as np
+
+    from prooflight.commissioning.accuracy import table_accuracy
+    from prooflight.commissioning.build import build_press
+    from prooflight.press_file import PressFile
+
+    started = time.perf_counter()
+    settings = PressFile.read(press_file)
+    press = build_press(settings, seed=seed, progress=_step(quiet=json))
+    accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
+    digest = press.save(out)
+    seconds = round(time.perf_counter() - started, 2)
+    if json:
+        show.print_json(
+            {"press": str(out), "digest": digest, "seconds": seconds, "tables": [asdict(a) for a in accuracy]}
+        )
+        return
+    show.people.print(f"[bold]{out}[/bold] written in {seconds} s, digest {digest[:16]}")
+    for entry in accuracy:
+        show.people.print(
+            f"sensor {entry.sensor}: tables within {entry.mean_rms_sigma} sigma rms of the exact model "
+            f"({entry.white_sigma} at paper white, {entry.mean_max_sigma} at most), "
+            f"sigma within {entry.sigma_rms_percent} %"
+        )
+
+
+@app.command("show")
+def show_press(
+    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")], json: Json = False
+) -> None:
+    """Look inside a press artefact."""
+    facts = _facts(Press.load(artefact))
+    if json:
+        show.print_json(facts)
+        return
+    table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
+    sensors = facts.pop("sensors")
+    for key, value in facts.items():
+        table.add_row(key.replace("_", " "), str(value))
+    show.people.print(table)
+    of_sensors = Table(title="Sensors", title_justify="left")
+    for key in sensors[0]:
+        of_sensors.add_column(key.replace("_", " "), justify="right")
+    for sensor in sensors:
+        of_sensors.add_row(*(str(value) for value in sensor.values()))
+    show.people.print(of_sensors)
+
+
+def _facts(press: Press) -> dict[str, Any]:
+    geometry = press.geometry
+    return {
+        "name": press.name,
+        "digest": press.digest,
+        "inks": press.origin.get("inks", ""),
+        "pixels_a_line": geometry.pixels,
+        "field_mm": round(geometry.field_mm, 2),
+        "pixel_pitch_mm": round(geometry.pixel_pitch_mm, 5),
+        "line_pitch_mm": round(geometry.line_pitch_mm, 5),
+        "lead_in_mm": geometry.lead_in_mm,
+        "lead_out_mm": geometry.lead_out_mm,
+        "supersampling": press.supersampling,
+        "raster_dpi": round(press.dpi, 2),
+        "good_pages_per_false_alarm": press.good_pages_per_false_alarm,
+        "misprint_rate": press.costs.misprint_rate,
+        "false_alarm_cents": press.costs.false_alarm_cents,
+        "missed_misprint_cents": press.costs.missed_misprint_cents,
+        "alpha": round(press.costs.alpha, 4),
+        "sensors": [
+            {
+                "name": sensor.name,
+                "white_dn": round(sensor.white_dn, 1),
+                "white_sigma_dn": round(float(sensor.variance_dn2[0, 0, 0, 0]) ** 0.5, 2),
+                "darkest_dn": round(float(sensor.mean_dn.min()), 1),
+                "dark_sigma_dn": round(sensor.dark_variance_dn2**0.5, 2),
+                "backing_dn": round(sensor.backing_dn, 1),
+                "top_code_dn": sensor.top_code_dn,
+                "column_gain_min": round(float(sensor.column_gain.min()), 4),
+                "column_gain_max": round(float(sensor.column_gain.max()), 4),
+            }
+            for sensor in press.sensors
+        ],
+    }
+
+
+def _step(*, quiet: bool) -> Any:
+    return (lambda _text: None) if quiet else show.step

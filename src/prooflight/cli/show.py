@@ -1,0 +1,97 @@
+"""What commands show: JSON for programs, tables and progress bars for people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from prooflight.deciding.verdict import Verdict
+
+Item = TypeVar("Item")
+
+people = Console()
+errors = Console(stderr=True)
+
+VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yellow"}
+
+
+def print_json(value: Any) -> None:
+    """One JSON document on one line of standard output; dataclasses become objects."""
+    sys.stdout.write(json.dumps(value, default=_plain) + "\n")
+    sys.stdout.flush()
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return str(value)
+
+
+def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
+    """The items, with a progress bar on standard error."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=errors, transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        for item in items:
+            yield item
+            bar.advance(task)
+
+
+def step(text: str) -> None:
+    """One line on standard error about what is going on."""
+    errors.print(f"[dim]{text} ...[/dim]")
+
+
+def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
+    """Verdicts as a table for people."""
+    table = Table(title=title, title_justify="left")
+    for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("kind", "left")):
+        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    table.add_column("where [mm]")
+    table.add_column("score", justify="right")
+    table.add_column("alarm above", justify="right")
+    table.add_column("ms", justify="right")
+    for verdict in verdicts:
+        style = VERDICT_STYLE[verdict.verdict]
+        table.add_row(
+            verdict.page,
+            f"[{style}]{verdict.verdict}[/]",
+            verdict.action,
+            verdict.kind or "",
+            where(verdict),
+            "" if verdict.score is None else f"{verdict.score:,.0f}",
+            "" if verdict.threshold is None else f"{verdict.threshold:,.0f}",
+            f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
+        )
+    return table
+
+
+def where(verdict: Verdict) -> str:
+    """The strongest region in words."""
+    if not verdict.regions:
+        return ""
+    region = verdict.regions[0]
+    more = f" and {len(verdict.regions) - 1} more" if len(verdict.regions) > 1 else ""
+    return f"x {region.x_mm:.0f}, y {region.y_mm:.0f}, {region.width_mm:.0f} x {region.height_mm:.0f}{more}"

@@ -1,0 +1,1 @@
+"""A press made ready: physics to tables, a camera's columns calibrated, one artefact written."""

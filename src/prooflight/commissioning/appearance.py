@@ -1,0 +1,31 @@
+"""What recipes look like to a person, for pictures only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight import spectra
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.printing.reflectance import ReflectanceModel
+
+STEPS = 9
+
+XYZ_TO_LINEAR_SRGB = np.array(  # IEC 61966-2-1
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
+
+
+def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
+    """SRGB (IEC 61966-2-1) of recipes at 9 even steps of each ink, (9, 9, 9, 9, 3); bare paper is shown white."""
+    axis = np.linspace(0, 1, STEPS)
+    recipes = np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
+    tristimulus = spectra.xyz(inks.reflectance(recipes), "D65")
+    relative = tristimulus / tristimulus[0, 0, 0, 0] * spectra.white_xyz("D65")
+    linear = np.clip(relative @ XYZ_TO_LINEAR_SRGB.T, 0, 1)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round(encoded * 255).astype(np.uint8)

@@ -1,0 +1,97 @@
+"""Press file -> press artefact."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.commissioning.appearance import appearance_srgb
+from prooflight.commissioning.characterise import calibrate_columns, signal_dn, tables, variance_dn2
+from prooflight.errors import PressFileError
+from prooflight.predicting.tables import SensorModel
+from prooflight.press import Press
+from prooflight.sensing.camera import with_pixels
+from prooflight.sensing.sensor import draw_fixed_pattern
+from prooflight.spectra import BANDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.press_file import PressFile
+
+SUPERSAMPLING = 2
+"""Raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from where it is printed."""
+FOOTPRINT_REACH_PIXELS = 2.5
+"""Nearer than the exact camera's 4: each tap costs time, and 0.4 % of an edge lies beyond."""
+CALIBRATION_LINES = 4096
+WHITE_TILE = 0.85
+"""assumed: a ceramic white tile."""
+
+
+def build_press(
+    press_file: PressFile,
+    *,
+    seed: int,
+    pixels: int | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> Press:
+    """Everything one press needs, from its press file.
+
+    seed: of the simulated specimen's fixed pattern and of its calibration exposures. pixels: longer line sensors than
+    the file's, for jobs wider than its field. PressFileError if white paper would saturate the sensor.
+    """
+    camera = press_file.camera()
+    if pixels is not None:
+        camera = with_pixels(camera, pixels)
+    inks = press_file.inks()
+    rng = np.random.default_rng(seed)
+    patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
+    progress("calibrating columns")
+    white = np.full(BANDS, WHITE_TILE)
+    columns = calibrate_columns(
+        camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
+    )
+    progress("characterising colours")
+    backing = camera.irradiance_photons(np.full(BANDS, press_file.backing_reflectance))
+    sensors = []
+    for sensor, calibration, (mean, variance) in zip(
+        camera.sensors, columns, tables(camera, inks), strict=True
+    ):
+        brightest = float((calibration.offset_dn + calibration.gain * mean.max()).max())
+        if brightest > sensor.top_code_dn:
+            what = f"sensor {sensor.name}: white paper would reach {brightest:.0f} DN of {sensor.top_code_dn}"
+            remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
+            raise PressFileError(press_file.path, what, remedy=remedy)
+        backing_e = sensor.electrons(backing)
+        sensors.append(
+            SensorModel(
+                name=sensor.name,
+                mean_dn=mean,
+                variance_dn2=variance,
+                footprint=camera.footprint(sensor, reach_pixels=FOOTPRINT_REACH_PIXELS),
+                column_offset_dn=calibration.offset_dn,
+                column_gain=calibration.gain,
+                dark_variance_dn2=float(variance_dn2(sensor, np.zeros(()))),
+                backing_dn=float(signal_dn(sensor, backing_e)),
+                backing_variance_dn2=float(variance_dn2(sensor, backing_e)),
+                top_code_dn=sensor.top_code_dn,
+            )
+        )
+    progress("picturing colours")
+    return Press(
+        name=press_file.name,
+        geometry=press_file.geometry(camera),
+        sensors=tuple(sensors),
+        supersampling=SUPERSAMPLING,
+        appearance_srgb=appearance_srgb(inks),
+        costs=press_file.costs(),
+        good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,
+        origin={
+            "press_file": press_file.text,
+            "press_file_sha256": hashlib.sha256(press_file.text.encode()).hexdigest(),
+            "inks": inks.name,
+            "seed": str(seed),
+        },
+    )

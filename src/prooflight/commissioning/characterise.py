@@ -1,0 +1,101 @@
+"""The camera's response to every colour, as the two tables that real-time prediction looks up (paper, section 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.predicting.tables import node_recipes
+from prooflight.sensing.camera import expose_flat
+from prooflight.sensing.sensor import read_out
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.printing.reflectance import ReflectanceModel
+    from prooflight.sensing.camera import Camera
+    from prooflight.sensing.sensor import FixedPattern, LineSensor
+
+ROUNDING_DN2 = 1 / 12
+"""Variance that rounding to integers adds (a uniform error of one code)."""
+
+
+def signal_dn(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light signal above dark of photo-electrons (...), before clipping. [DN]"""
+    return electrons * sensor.dn_per_e
+
+
+def variance_dn2(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Temporal variance of a digital number in closed form: shot, dark, read and rounding. (...) [DN^2]"""
+    return sensor.variance_temporal_e2(electrons) * sensor.dn_per_e**2 + ROUNDING_DN2
+
+
+def tables(camera: Camera, inks: ReflectanceModel) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Mean and variance tables of every sensor in closed form, each (17, 17, 17, 17) [DN, DN^2], on the lens's axis."""
+    irradiance = camera.irradiance_photons(inks.reflectance(node_recipes()))
+    made = []
+    for sensor in camera.sensors:
+        electrons = sensor.electrons(irradiance)
+        made.append(
+            (
+                signal_dn(sensor, electrons).astype(np.float32),
+                variance_dn2(sensor, electrons).astype(np.float32),
+            )
+        )
+    return made
+
+
+def repeated_moments(
+    sensor: LineSensor,
+    electrons: NDArray[np.float64],
+    *,
+    pattern: FixedPattern,
+    lines: int,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and variance of the digital number by repeated exposure, the paper's own way.
+
+    electrons (n,) [e-], at most as many as the sensor has pixels: each colour stays in its column for ``lines`` lines.
+    Returns two (n,) arrays [DN, DN^2].
+    """
+    exposed = read_out(sensor, np.broadcast_to(electrons, (lines, electrons.size)), pattern=pattern, rng=rng)
+    return exposed.mean(axis=0), exposed.var(axis=0, ddof=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ColumnCalibration:
+    """What a dark and a flat exposure say of each column."""
+
+    offset_dn: NDArray[np.float32]
+    gain: NDArray[np.float32]
+
+
+def calibrate_columns(
+    camera: Camera,
+    *,
+    patterns: Sequence[FixedPattern],
+    white_reflectance: NDArray[np.float64],
+    lines: int,
+    rng: np.random.Generator,
+) -> list[ColumnCalibration]:
+    """Offset and gain of each column from a covered lens and a white tile of known reflectance (36,).
+
+    The gain is relative to the closed-form signal of the tile on the axis, so it holds lamp, cos^4 and PRNU together.
+    Its standard error is the temporal sigma over sqrt(lines).
+    """
+    dark = expose_flat(camera, np.zeros_like(white_reflectance), lines=lines, patterns=patterns, rng=rng)
+    flat = expose_flat(camera, white_reflectance, lines=lines, patterns=patterns, rng=rng)
+    on_axis = camera.irradiance_photons(white_reflectance)
+    calibrations = []
+    for index, sensor in enumerate(camera.sensors):
+        offset = dark[index].mean(axis=0)
+        reference = float(signal_dn(sensor, sensor.electrons(on_axis)))
+        gain = (flat[index].mean(axis=0) - offset) / reference
+        calibrations.append(
+            ColumnCalibration(offset_dn=offset.astype(np.float32), gain=gain.astype(np.float32))
+        )
+    return calibrations

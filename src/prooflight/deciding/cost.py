@@ -1,0 +1,44 @@
+"""What errors of judgement cost (paper, section 5, equations 6 and 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunningCosts:
+    """The press owner's three numbers."""
+
+    misprint_rate: float = 0.01
+    """Share of pages that are misprints, r (paper, section 5.2). [-]"""
+    false_alarm_cents: float = 0.01
+    """Cost of stopping for a good page, c_f (paper, section 5.2). [cent]"""
+    missed_misprint_cents: float = 0.1
+    """Cost of letting a misprint pass, c_m (paper, section 5.2). [cent]"""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.misprint_rate < 1:
+            message = f"misprint_rate must lie between 0 and 1, got {self.misprint_rate}"
+            raise ValueError(message)
+        for field in ("false_alarm_cents", "missed_misprint_cents"):
+            if not getattr(self, field) > 0:
+                message = f"{field} must be above 0, got {getattr(self, field)}"
+                raise ValueError(message)
+
+    @property
+    def alpha(self) -> float:
+        """Relative cost of a miss, r c_m / ((1 - r) c_f) (paper, below equation 7). [-]"""
+        rate = self.misprint_rate
+        return rate * self.missed_misprint_cents / ((1 - rate) * self.false_alarm_cents)
+
+    def normalised(self, *, false_alarms: float, misses: float) -> float:
+        """C = F + alpha M (paper, equation 7), from the rates of false alarms and of misses. [-]"""
+        return false_alarms + self.alpha * misses
+
+    def cents_per_page(self, normalised: float) -> float:
+        """C = (1 - r) c_f c, the expected cost of a page (paper, equation 6). [cent]"""
+        return (1 - self.misprint_rate) * self.false_alarm_cents * normalised
+
+    def stopping_pays(self, probability: float) -> bool:
+        """Whether stopping costs less than letting pass, at this probability of a misprint."""
+        return probability * self.missed_misprint_cents > (1 - probability) * self.false_alarm_cents

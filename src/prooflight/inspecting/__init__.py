@@ -1,0 +1,1 @@
+"""The running press: scans against their pages, one verdict each."""

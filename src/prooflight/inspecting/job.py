@@ -1,0 +1,74 @@
+"""A whole job against its recorded scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from prooflight.acquiring.replay import recorded_scans
+from prooflight.errors import ScanError
+from prooflight.inspecting.inspector import Inspection, detector, inspect_page, not_inspected
+from prooflight.pages.files import page_name
+from prooflight.pages.job import opened
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.acquiring.replay import RecordedScan
+    from prooflight.deciding.verdict import Verdict
+    from prooflight.pages.job import Job, JobSource
+    from prooflight.pages.raster import Page
+    from prooflight.press import Press
+
+Pair = tuple[int, "RecordedScan | None"]
+
+
+def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
+    """Every page of the job with its scan, in job order; None where a page has no scan.
+
+    Files named after pages (p0001.tif) belong to those pages; else scans follow the pages in order. ScanError if there
+    are more scans than pages, or a name is of no page.
+    """
+    recorded = recorded_scans(scans, sensors=sensors)
+    numbers = range(1, len(job) + 1)
+    by_name = {scan.name: scan for scan in recorded}
+    if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
+        strange = sorted(set(by_name) - {page_name(number) for number in numbers})
+        if strange:
+            what = f"{by_name[strange[0]].path.name} is no page of the job"
+            raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
+        return [(number, by_name.get(page_name(number))) for number in numbers]
+    if len(recorded) > len(job):
+        what = f"holds {len(recorded)} scans"
+        raise ScanError(scans, what, remedy=f"the job has {len(job)} pages")
+    return [(number, recorded[number - 1] if number <= len(recorded) else None) for number in numbers]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectPage:
+    """Inspect one page of a job; small and picklable, so that it travels to worker processes."""
+
+    job: JobSource
+    press: Press
+    detector: str
+
+    def __call__(self, pair: Pair) -> Verdict:
+        """The verdict on one page and its scan."""
+        number, scan = pair
+        if scan is None:
+            return not_inspected(page_name(number))
+        return self.inspection(number, scan).verdict
+
+    def page(self, number: int) -> Page:
+        """The job's page as it lies in the press."""
+        return self.press.geometry.lay(opened(self.job).page(number))
+
+    def inspection(self, number: int, scan: RecordedScan) -> Inspection:
+        """The verdict on one page and all that it rests on."""
+        return inspect_page(
+            self.page(number),
+            scan.read(),
+            press=self.press,
+            judge=detector(self.detector, self.press),
+            scan_name=str(scan.path),
+        )

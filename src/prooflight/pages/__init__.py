@@ -1,0 +1,1 @@
+"""What should be printed: pages as CMYK rasters, and the jobs they come from."""

@@ -1,0 +1,47 @@
+"""The pages of a job, several at a time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+    from concurrent.futures import Future
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+FEWEST_FOR_PROCESSES = 6
+"""Starting a process costs about as much as a few pages."""
+
+
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], *, processes: int | None = None
+) -> Iterator[Result]:
+    """``work`` of each item, in the order of the items, in as many processes as there are cores.
+
+    Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable. The first
+    error is raised where its result would have come; work not begun by then is dropped.
+    """
+    waiting = list(items)
+    processes = processes or os.cpu_count() or 1
+    if processes == 1 or len(waiting) < FEWEST_FOR_PROCESSES:
+        yield from map(work, waiting)
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(processes, len(waiting)), mp_context=context)
+    try:
+        # No more is begun than is soon fetched: results hold pictures.
+        begun: deque[Future[Result]] = deque()
+        for item in waiting:
+            begun.append(pool.submit(work, item))
+            if len(begun) > 2 * processes:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

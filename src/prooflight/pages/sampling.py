@@ -1,0 +1,113 @@
+"""What one camera pixel sees of a raster: footprints, and the weights they give to raster pixels.
+
+A footprint is the camera's blur laid on the page: lens, square pixel aperture, and along the travel the motion during
+one line. It is treated as separable (across x along), which is exact for the aperture and the motion; the lens, nearly
+round, is small against the pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Footprint:
+    """Cumulative line-spread functions of one camera pixel on the page, across the web and along the travel.
+
+    ``across`` and ``along`` are (2 n + 1,) values rising from 0 to 1 over offsets -reach_mm .. reach_mm from the
+    pixel's centre; beyond the reach the pixel sees nothing.
+    """
+
+    reach_mm: float
+    across: NDArray[np.float64]
+    along: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Taps:
+    """Weights of raster pixels in camera pixels along one axis.
+
+    Camera pixel i sees raster pixels first[i] .. first[i] + taps - 1 with weights[i]; what is missing to 1 is backing.
+    """
+
+    first: NDArray[np.int32]
+    """(camera pixels,) index of the first raster pixel, always inside the raster."""
+    weights: NDArray[np.float32]
+    """(camera pixels, taps)."""
+
+    def apply(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Weighted sums along the first axis: (raster pixels, others) -> (camera pixels, others)."""
+        count, width = self.weights.shape
+        columns = (self.first[:, None] + np.arange(width, dtype=np.int32)).ravel()
+        starts = np.arange(0, count * width + 1, width)
+        matrix = sparse.csr_array((self.weights.ravel(), columns, starts), shape=(count, image.shape[0]))
+        return np.asarray(matrix @ image, dtype=np.float32)
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """(camera pixels,) share of each camera pixel that lies on the page."""
+        return self.weights.sum(axis=1)
+
+
+def taps(
+    cumulative: NDArray[np.float64],
+    *,
+    reach_mm: float,
+    centres_mm: NDArray[np.float64],
+    raster_pixel_mm: float,
+    raster_pixels: int,
+) -> Taps:
+    """Exact integrals of a footprint over raster pixels along one axis.
+
+    cumulative: one of the footprint's two functions; centres_mm (camera pixels,): where camera pixels' centres lie, from
+    the page's edge. Raster pixel k covers k .. k + 1 times raster_pixel_mm. Works for any ratio of pitches.
+    """
+    count = int(np.ceil(2 * reach_mm / raster_pixel_mm)) + 1
+    first = np.floor((centres_mm - reach_mm) / raster_pixel_mm).astype(np.int64)
+    edges = (first[:, None] + np.arange(count + 1)) * raster_pixel_mm - centres_mm[:, None]
+    offsets = np.linspace(-reach_mm, reach_mm, cumulative.size)
+    weights = np.diff(np.interp(edges, offsets, cumulative, left=0.0, right=1.0), axis=1)
+    return _kept_inside(first, weights, raster_pixels)
+
+
+def page_taps(
+    footprint: Footprint,
+    *,
+    centres_x_mm: NDArray[np.float64],
+    centres_y_mm: NDArray[np.float64],
+    raster_pixel_mm: float,
+    raster_shape: tuple[int, ...],
+) -> tuple[Taps, Taps]:
+    """Taps across the web and along the travel of a raster of raster_shape (rows, columns)."""
+    across = taps(
+        footprint.across,
+        reach_mm=footprint.reach_mm,
+        centres_mm=centres_x_mm,
+        raster_pixel_mm=raster_pixel_mm,
+        raster_pixels=raster_shape[1],
+    )
+    along = taps(
+        footprint.along,
+        reach_mm=footprint.reach_mm,
+        centres_mm=centres_y_mm,
+        raster_pixel_mm=raster_pixel_mm,
+        raster_pixels=raster_shape[0],
+    )
+    return across, along
+
+
+def _kept_inside(first: NDArray[np.int64], weights: NDArray[np.float64], raster_pixels: int) -> Taps:
+    """Move every window into the raster, with weight 0 for what is off the page."""
+    count = min(weights.shape[1], raster_pixels)
+    start = np.clip(first, 0, raster_pixels - count)
+    source = start[:, None] + np.arange(count) - first[:, None]
+    valid = (source >= 0) & (source < weights.shape[1])
+    kept = np.take_along_axis(weights, np.clip(source, 0, weights.shape[1] - 1), axis=1)
+    return Taps(first=start.astype(np.int32), weights=np.where(valid, kept, 0.0).astype(np.float32))

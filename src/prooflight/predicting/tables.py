@@ -1,0 +1,66 @@
+"""What prediction needs of one sensor: two tables over CMYK, its footprint, its columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.sampling import Footprint
+
+NODE_STEP = 16
+NODES = 17
+"""Nodes at byte values 0, 16, ..., 256 of each ink: cell and fraction are the byte's two halves."""
+
+
+def node_fractions() -> NDArray[np.float64]:
+    """Ink fractions at the nodes of one axis, (17,): 0, 16/255, ..., 256/255; the last lies just beyond full ink."""
+    return np.arange(NODES, dtype=np.float64) * (NODE_STEP / 255)
+
+
+def node_recipes() -> NDArray[np.float64]:
+    """Recipes of all nodes, (17, 17, 17, 17, 4) ink fractions, axes C, M, Y, K."""
+    axis = node_fractions()
+    return np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorModel:
+    """One sensor as prediction sees it.
+
+    Expected DN of a column = offset + gain x mean(CMYK); its temporal variance = dark variance + gain x
+    (variance(CMYK) - dark variance), which is exact for shot noise.
+    """
+
+    name: str
+    mean_dn: NDArray[np.float32]
+    """(17, 17, 17, 17) light signal at each node, above dark, column gain 1. [DN]"""
+    variance_dn2: NDArray[np.float32]
+    """(17, 17, 17, 17) temporal variance at each node, rounding included, column gain 1. [DN^2]"""
+    footprint: Footprint
+    column_offset_dn: NDArray[np.float32]
+    """(pixels,) what each column gives without light: dark, DSNU, black level. [DN]"""
+    column_gain: NDArray[np.float32]
+    """(pixels,) lamp, cos^4 and PRNU, 1 where the tables were made. [-]"""
+    dark_variance_dn2: float
+    """Temporal variance without light, rounding included. [DN^2]"""
+    backing_dn: float
+    """Light signal of what lies beyond the page. [DN]"""
+    backing_variance_dn2: float
+    top_code_dn: int
+    """Greatest digital number. [DN]"""
+
+    def interleaved(self) -> NDArray[np.float32]:
+        """Both tables side by side, (17^4, 2): mean, variance; one look-up fetches both."""
+        return np.ascontiguousarray(
+            np.stack([self.mean_dn.ravel(), self.variance_dn2.ravel()], axis=1), dtype=np.float32
+        )
+
+    @property
+    def white_dn(self) -> float:
+        """Light signal of bare paper. [DN]"""
+        return float(self.mean_dn[0, 0, 0, 0])

@@ -1,0 +1,155 @@
+"""The press artefact: what one press needs to be watched, in one versioned, digested file.
+
+Schema history:
+1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from prooflight.acquiring.geometry import ScanGeometry
+from prooflight.atomic import whole_file
+from prooflight.deciding.cost import RunningCosts
+from prooflight.errors import PressError
+from prooflight.pages.sampling import Footprint
+from prooflight.predicting.tables import SensorModel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+SCHEMA = 1
+KIND = "prooflight press"
+REBUILD = "build it again with `prooflight press build`"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Press:
+    """One press with its camera, ready to predict, compare and decide."""
+
+    name: str
+    geometry: ScanGeometry
+    sensors: tuple[SensorModel, ...]
+    supersampling: int
+    """Raster pixels across one camera pixel at which PDF pages are ripped."""
+    appearance_srgb: NDArray[np.uint8]
+    """(n, n, n, n, 3) sRGB of recipes at n even steps of each ink, paper shown white; for pictures only."""
+    costs: RunningCosts
+    good_pages_per_false_alarm: float
+    """The promise: one good page in so many may alarm."""
+    origin: Mapping[str, str] = field(default_factory=dict)
+    """What it was made from: texts, digests, seed."""
+
+    @property
+    def dpi(self) -> float:
+        """Resolution at which this press wants PDF pages ripped. [pixels/inch]"""
+        return self.geometry.raster_dpi(self.supersampling)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything in it; equal digests, equal verdicts."""
+        arrays, document = self._parts()
+        return _digest(arrays, document)
+
+    def save(self, path: Path) -> str:
+        """Write to ``path``, whole or not at all; returns the digest."""
+        arrays, document = self._parts()
+        digest = _digest(arrays, document)
+        metadata = {"kind": KIND, "schema": str(SCHEMA), "digest": digest, "document": document}
+        with whole_file(path) as unfinished:
+            unfinished.write_bytes(save(arrays, metadata))
+        return digest
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a press artefact; PressError if it is none, damaged, or of another schema."""
+        if not path.is_file():
+            raise PressError(path, "there is no such file", remedy=f"{REBUILD} or give the right path")
+        try:
+            with safe_open(path, framework="numpy") as file:
+                metadata = file.metadata() or {}
+                if metadata.get("kind") != KIND:
+                    raise PressError(path, "is not a press artefact", remedy=REBUILD)
+                if metadata.get("schema") != str(SCHEMA):
+                    what = f"has schema {metadata.get('schema')}, this version reads schema {SCHEMA}"
+                    raise PressError(path, what, remedy=REBUILD)
+                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+        except SafetensorError as error:
+            raise PressError(path, "is damaged or not a press artefact", remedy=REBUILD) from error
+        if _digest(arrays, metadata["document"]) != metadata["digest"]:
+            raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
+        return cls._from_parts(arrays, json.loads(metadata["document"]))
+
+    def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
+        arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
+        sensors = []
+        for index, sensor in enumerate(self.sensors):
+            for name in ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain"):
+                arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
+            arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
+            arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
+            sensors.append(
+                {
+                    "name": sensor.name,
+                    "footprint_reach_mm": sensor.footprint.reach_mm,
+                    "dark_variance_dn2": sensor.dark_variance_dn2,
+                    "backing_dn": sensor.backing_dn,
+                    "backing_variance_dn2": sensor.backing_variance_dn2,
+                    "top_code_dn": sensor.top_code_dn,
+                }
+            )
+        document = {
+            "name": self.name,
+            "geometry": asdict(self.geometry),
+            "sensors": sensors,
+            "supersampling": self.supersampling,
+            "costs": asdict(self.costs),
+            "good_pages_per_false_alarm": self.good_pages_per_false_alarm,
+            "origin": dict(self.origin),
+        }
+        return arrays, json.dumps(document, sort_keys=True)
+
+    @classmethod
+    def _from_parts(cls, arrays: dict[str, NDArray[Any]], document: dict[str, Any]) -> Self:
+        sensors = []
+        for index, scalars in enumerate(document["sensors"]):
+            of_sensor = f"sensor{index}."
+            footprint = Footprint(
+                reach_mm=scalars.pop("footprint_reach_mm"),
+                across=arrays[of_sensor + "footprint_across"],
+                along=arrays[of_sensor + "footprint_along"],
+            )
+            tables: dict[str, Any] = {
+                name: arrays[of_sensor + name]
+                for name in ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
+            }
+            sensors.append(SensorModel(footprint=footprint, **tables, **scalars))
+        return cls(
+            name=document["name"],
+            geometry=ScanGeometry(**document["geometry"]),
+            sensors=tuple(sensors),
+            supersampling=document["supersampling"],
+            appearance_srgb=arrays["appearance_srgb"],
+            costs=RunningCosts(**document["costs"]),
+            good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
+            origin=document["origin"],
+        )
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]], document: str) -> str:
+    sha = hashlib.sha256(document.encode())
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        sha.update(f"{name} {array.dtype} {array.shape}".encode())
+        sha.update(array.tobytes())
+    return sha.hexdigest()

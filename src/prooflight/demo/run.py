@@ -16,6 +16,7 @@ from prooflight.pages.parallel import in_order
 from prooflight.press_file import PressFile
 from prooflight.reporting.report import PageEntry, page_entry
 from prooflight.simulating.scans import KINDS, MisprintRequest, SimulatedScan, page_rng, scan_page
+from prooflight.simulating.worlds import Gate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +30,8 @@ FEWEST_PRINTS = 8
 MISPRINT_SHARE = 2 / 7
 LEAST_SEVERITY = 0.8
 """Severities that a person sees at a glance: 0.8 to 1 of ``worlds.toml``."""
+AT_A_GLANCE = Gate(blurred_peak_percent=math.inf, rms_percent=1.0)
+"""assumed: what a person sees at a glance changes an A4 page by as much as 6 mm2 of solid black, a short word."""
 MARGIN_MM = 2.0
 """Room that a widened line leaves beside a page that is too wide for the prototype's."""
 
@@ -43,7 +46,8 @@ class Print:
     """Number of the job's page."""
     copy: int
     """1 for the first time this page is printed."""
-    misprint: bool
+    first_kind: str | None
+    """Kind of misprint to try first; None: a good print."""
 
     @property
     def suffix(self) -> str:
@@ -58,9 +62,10 @@ def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
     """
     count = prints or max(job_pages, math.ceil(FEWEST_PRINTS / job_pages) * job_pages)
     rng = np.random.default_rng(seed)
-    bad = set(rng.permutation(count)[: max(1, round(count * MISPRINT_SHARE))].tolist())
+    bad = sorted(rng.permutation(count)[: max(1, round(count * MISPRINT_SHARE))].tolist())
+    kinds = {index: KINDS[turn % len(KINDS)] for turn, index in enumerate(bad)}
     return tuple(
-        Print(index=i, page=i % job_pages + 1, copy=i // job_pages + 1, misprint=i in bad)
+        Print(index=i, page=i % job_pages + 1, copy=i // job_pages + 1, first_kind=kinds.get(i))
         for i in range(count)
     )
 
@@ -109,12 +114,12 @@ class PrintAndInspect:
         return self.press.geometry.lay(opened(self.job).page(number))
 
     def _scan(self, page: Page, sheet: Print) -> SimulatedScan:
-        """A print, with a misprint of the kind whose turn it is, or of the next that shows on this page."""
+        """A print, with a misprint of the kind to try first, or of the next that shows on this page."""
         rng = page_rng(self.seed, sheet.index)
         others = tuple(number for number in range(1, len(opened(self.job)) + 1) if number != sheet.page)
-        turn = sheet.index % len(KINDS)
         requests: list[MisprintRequest | None] = [None]
-        if sheet.misprint:
+        if sheet.first_kind is not None:
+            turn = KINDS.index(sheet.first_kind)
             severity = float(rng.uniform(LEAST_SEVERITY, 1.0))
             kinds = KINDS[turn:] + KINDS[:turn]
             requests = [*(MisprintRequest(kind=kind, severity=severity) for kind in kinds), None]
@@ -127,6 +132,7 @@ class PrintAndInspect:
                     others=others,
                     fetch=self._laid,
                     rng=rng,
+                    least=AT_A_GLANCE,
                 )
             except RequestError:
                 continue  # this kind shows nothing on this page

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 
-import click
 import typer
 
 from prooflight import __version__
@@ -13,7 +12,6 @@ from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
 UNUSABLE_INPUT = 2
-INTERRUPTED = 130
 
 app = typer.Typer(
     name="prooflight",
@@ -50,20 +48,16 @@ def main(arguments: list[str] | None = None) -> None:
 def run(arguments: list[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     try:
-        code = app(arguments, standalone_mode=False)
+        app(arguments)
+    except SystemExit as exit_:
+        return exit_.code if isinstance(exit_.code, int) else 0
     except ProoflightError as error:
-        errors.print(f"prooflight: {error}", markup=False, highlight=False, soft_wrap=True)
-        return UNUSABLE_INPUT
-    except click.ClickException as error:
-        error.show()
-        return UNUSABLE_INPUT
+        return _unusable(str(error))
     except OSError as error:
-        where = error.filename or "system"
-        errors.print(
-            f"prooflight: {where}: {error.strerror or error}", markup=False, highlight=False, soft_wrap=True
-        )
-        return UNUSABLE_INPUT
-    except (KeyboardInterrupt, click.Abort):
-        errors.print("prooflight: interrupted")
-        return INTERRUPTED
-    return code if isinstance(code, int) else 0
+        return _unusable(f"{error.filename or 'system'}: {error.strerror or error}")
+    return 0
+
+
+def _unusable(why: str) -> int:
+    errors.print(f"prooflight: {why}", markup=False, highlight=False, soft_wrap=True)
+    return UNUSABLE_INPUT

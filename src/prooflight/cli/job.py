@@ -184,7 +184,7 @@ def inspect(
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
     profile: Profile = None,
     json: Json = False,
-) -> int:
+) -> None:
     """Compare scans with the job, one verdict a page in job order; exits 1 if there is a misprint."""
     from prooflight.inspecting import inspector
     from prooflight.inspecting.job import InspectPage, paired
@@ -231,7 +231,8 @@ def inspect(
         show.people.print(f"{len(verdicts)} pages, {alarms} misprints")
         if report is not None:
             show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
-    return MISPRINT_FOUND if alarms else 0
+    if alarms:
+        raise typer.Exit(MISPRINT_FOUND)
 
 
 def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:

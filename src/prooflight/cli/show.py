@@ -70,8 +70,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("kind", "left")):
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
     table.add_column("where [mm]")
-    table.add_column("score", justify="right")
-    table.add_column("alarm above", justify="right")
+    table.add_column("score", justify="right", no_wrap=True)
     table.add_column("ms", justify="right")
     for verdict in verdicts:
         style = VERDICT_STYLE[verdict.verdict]
@@ -81,11 +80,17 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.action,
             verdict.kind or "",
             where(verdict),
-            "" if verdict.score is None else f"{verdict.score:,.0f}",
-            "" if verdict.threshold is None else f"{verdict.threshold:,.0f}",
+            "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
         )
     return table
+
+
+def _short(score: float) -> str:
+    """A score with as many digits as a person needs: 0.64, 75, 18k."""
+    if score < 10:
+        return f"{score:.2f}"
+    return f"{score:.0f}" if score < 10_000 else f"{score / 1000:.0f}k"
 
 
 def where(verdict: Verdict) -> str:
@@ -94,4 +99,4 @@ def where(verdict: Verdict) -> str:
         return ""
     region = verdict.regions[0]
     more = f" and {len(verdict.regions) - 1} more" if len(verdict.regions) > 1 else ""
-    return f"x {region.x_mm:.0f}, y {region.y_mm:.0f}, {region.width_mm:.0f} x {region.height_mm:.0f}{more}"
+    return f"{region.width_mm:.0f} x {region.height_mm:.0f} at {region.x_mm:.0f}, {region.y_mm:.0f}{more}"

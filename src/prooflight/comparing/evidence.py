@@ -21,19 +21,26 @@ if TYPE_CHECKING:
 INTERVALS = 32
 """Equally likely intervals of the error's distribution (31 degrees of freedom a sensor)."""
 BLOCK_PIXELS = 8
-LINES_PER_BAND = 128
+TILE_PIXELS = 64
+"""Side of the tiles that are tested by themselves: 6.7 mm, about a word, and 128 pixels expected an interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
     """What one scan says against its prediction."""
 
-    histogram: NDArray[np.int64]
-    """(sensors, intervals) pixels in each equally likely interval, rounding to integers allowed for."""
+    tile_histogram: NDArray[np.int64]
+    """(sensors, tile rows, tile columns, intervals) pixels in each equally likely interval, rounding to integers
+    allowed for; tiles of 64 x 64 pixels, the last of each row and column larger by what is left over."""
     naive_histogram: NDArray[np.int64]
-    """(sensors, intervals) the same, as if digital numbers were not integers: it rejects every good page."""
+    """(sensors, intervals) of the whole page, as if digital numbers were not integers: it rejects every good page."""
     block_z: NDArray[np.float32]
     """(sensors, block rows, block columns) mean of z over 8 x 8 pixels times 8: N(0, 1) on a good page. [-]"""
+
+    @property
+    def histogram(self) -> NDArray[np.int64]:
+        """(sensors, intervals) of the whole page."""
+        return self.tile_histogram.sum(axis=(1, 2))
 
 
 @cache
@@ -56,13 +63,13 @@ def gather(
     whatever the number of threads.
     """
     sensors, lines, pixels = measured_dn.shape
-    starts = range(0, lines, LINES_PER_BAND)
-    histogram = np.zeros((sensors, len(starts), INTERVALS), np.int64)
-    naive = np.zeros_like(histogram)
+    tile_rows, tile_columns = max(lines // TILE_PIXELS, 1), max(pixels // TILE_PIXELS, 1)
+    histogram = np.zeros((sensors, tile_rows, tile_columns, INTERVALS), np.int64)
+    naive = np.zeros((sensors, tile_rows, INTERVALS), np.int64)
     block_z = np.zeros((sensors, lines // BLOCK_PIXELS, pixels // BLOCK_PIXELS), np.float32)
 
     def band(task: tuple[int, int]) -> None:
-        sensor, number = task
+        sensor, tile_row = task
         compare_lines(
             measured_dn[sensor],
             expected_dn[sensor],
@@ -70,18 +77,19 @@ def gather(
             top_codes_dn[sensor],
             np.uint64(seed * sensors + sensor),
             _phi_table(),
-            starts[number],
-            min(starts[number] + LINES_PER_BAND, lines),
+            tile_row * TILE_PIXELS,
+            lines if tile_row == tile_rows - 1 else (tile_row + 1) * TILE_PIXELS,
+            TILE_PIXELS,
             BLOCK_PIXELS,
-            histogram[sensor, number],
-            naive[sensor, number],
+            histogram[sensor, tile_row],
+            naive[sensor, tile_row],
             block_z[sensor],
         )
 
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-        list(pool.map(band, [(s, n) for s in range(sensors) for n in range(len(starts))]))
+        list(pool.map(band, [(s, n) for s in range(sensors) for n in range(tile_rows)]))
     return Evidence(
-        histogram=histogram.sum(axis=1),
+        tile_histogram=histogram,
         naive_histogram=naive.sum(axis=1),
         block_z=(block_z / BLOCK_PIXELS).astype(np.float32),
     )

@@ -41,6 +41,7 @@ def compare_lines(  # type: ignore[no-untyped-def]
     phi_table,
     line_from,
     line_to,
+    tile,
     block,
     histogram,
     naive,
@@ -48,11 +49,12 @@ def compare_lines(  # type: ignore[no-untyped-def]
 ):
     """Histograms and block sums of z over lines line_from .. line_to - 1; all images are (lines, pixels).
 
-    histogram (intervals,) counts the randomised probability integral transform of each digital number: uniform if
-    the rounded, clipped Gaussian that was predicted is true. naive (intervals,) counts Phi(z) as if digital numbers
-    were not integers. block_z (lines / block, pixels / block) adds z over blocks. line_from is a multiple of block.
+    histogram (tiles across, intervals) counts the randomised probability integral transform of each digital number:
+    uniform if the rounded, clipped Gaussian that was predicted is true; the last tile takes what is left over. naive
+    (intervals,) counts Phi(z) as if digital numbers were not integers. block_z (lines / block, pixels / block) adds z
+    over blocks. line_from is a multiple of block.
     """
-    intervals = histogram.size
+    tiles, intervals = histogram.shape
     for line in range(line_from, line_to):
         for i in range(measured.shape[1]):
             dn = float(measured[line, i])
@@ -63,7 +65,7 @@ def compare_lines(  # type: ignore[no-untyped-def]
             low = 0.0 if dn <= 0 else _phi((error - 0.5) * unrounded, phi_table)
             high = 1.0 if dn >= top_code else _phi((error + 0.5) * unrounded, phi_table)
             u = low + (high - low) * _uniform(seed, line * measured.shape[1] + i)
-            histogram[min(int(u * intervals), intervals - 1)] += 1
+            histogram[min(i // tile, tiles - 1), min(int(u * intervals), intervals - 1)] += 1
             naive[min(int(_phi(z, phi_table) * intervals), intervals - 1)] += 1
             row, column = line // block, i // block
             if row < block_z.shape[0] and column < block_z.shape[1]:

@@ -18,8 +18,9 @@ FLAGGED = 6.0
 JOINING_BLOCKS = 7
 """Flagged blocks nearer than this (6 mm) belong together."""
 MOST_REGIONS = 12
+UNKNOWN = "unknown"
 STREAK_WIDTH_MM = 5.0
-INKED = 0.03
+INKED = 0.01
 """Least mean ink fraction at which a block is said to hold an ink."""
 
 
@@ -37,6 +38,9 @@ class BlockGrid:
 
     z: NDArray[np.float32]
     """(sensors, rows, columns) block means in their standard deviations; above 0: lighter than expected."""
+    tiles: NDArray[np.float64]
+    """(tile rows, tile columns) evidence of each tile, for a misprint too faint for any single block."""
+    blocks_per_tile: int
     ink: NDArray[np.float32]
     """(rows, columns, 4) mean ink fractions that were to be printed."""
     left_mm: float
@@ -49,12 +53,17 @@ class BlockGrid:
 def findings(grid: BlockGrid) -> Findings:
     """Group flagged blocks into regions and say what each looks like.
 
-    A misprint spread so thin that no block is flagged has no region.
+    A misprint too faint for any block lies in the tile with the most evidence, and its kind is unknown.
     """
     strongest = np.take_along_axis(grid.z, np.abs(grid.z).argmax(axis=0)[None], axis=0)[0]
     flagged = np.abs(strongest) > FLAGGED
     if not flagged.any():
-        return Findings(regions=(), kind=None)
+        row, column = np.unravel_index(grid.tiles.argmax(), grid.tiles.shape)
+        side = grid.blocks_per_tile
+        place = np.zeros_like(strongest)
+        inside = (slice(row * side, (row + 1) * side), slice(column * side, (column + 1) * side))
+        place[inside] = strongest[inside]
+        return Findings(regions=(_region(place, grid, UNKNOWN),), kind=UNKNOWN)
     kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)
     joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
     inner = slice(JOINING_BLOCKS, -JOINING_BLOCKS)
@@ -108,6 +117,6 @@ def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
             continue
         found = (flagged[top:bottom] & inked).sum() / inked.sum()
         stray = (flagged[top:bottom] & ~inked).sum() / flagged.sum()
-        if found > 0.7 and stray < 0.1:
+        if found > 0.7 and stray < 0.12:
             return "missing-plane"
     return "missing-content"

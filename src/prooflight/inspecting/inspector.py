@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from prooflight.comparing.evidence import BLOCK_PIXELS, Evidence, gather
-from prooflight.deciding.chi_square import ChiSquare
+from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, Evidence, gather
+from prooflight.deciding.chi_square import ChiSquare, tile_statistics
 from prooflight.deciding.regions import BlockGrid, Findings, findings
 from prooflight.deciding.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
@@ -110,6 +110,8 @@ def _grid(page: Page, press: Press, evidence: Evidence) -> BlockGrid:
     ink = cv2.resize(page.cmyk, (across, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
     return BlockGrid(
         z=evidence.block_z,
+        tiles=tile_statistics(evidence),
+        blocks_per_tile=TILE_PIXELS // BLOCK_PIXELS,
         ink=ink,
         left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm),
         top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm,

@@ -58,19 +58,21 @@ def missing_plane(page: Page, severity: float, rng: np.random.Generator) -> Draw
 
 
 def streak(page: Page, severity: float, rng: np.random.Generator) -> Draw:
-    """A line along the travel with too much or too little of one ink."""
+    """A line along the travel with too much of one ink: a drum that is scratched or not wiped clean.
+
+    Reading of ``ink_percent``: the share of the bare paper under the streak that gets that ink as well.
+    """
     share = amount("streak", "ink_percent", severity) / 100
     width_mm = amount("streak", "width_mm", severity)
     rows, columns = page.cmyk.shape[:2]
     width = min(max(round(width_mm / page.pixel_mm), 1), columns)
     left = int(rng.integers(columns - width + 1))
     top, bottom = _span(rows, rng)
-    ink, darker = int(rng.integers(4)), bool(rng.integers(2))
+    ink = int(rng.integers(4))
     cmyk = page.cmyk.copy()
     place = cmyk[top:bottom, left : left + width, ink].astype(np.float32)
-    place = place + (255 - place) * share if darker else place * (1 - share)
-    cmyk[top:bottom, left : left + width, ink] = np.round(place)
-    detail = f"streak {width_mm:.2f} mm wide, {share:.0%} {'more' if darker else 'less'} {INK_NAMES[ink]}"
+    cmyk[top:bottom, left : left + width, ink] = np.round(place + (255 - place) * share)
+    detail = f"streak {width_mm:.2f} mm wide, {share:.0%} more {INK_NAMES[ink]}"
     region = _region(page, left, top, left + width, bottom)
     return replace(page, cmyk=cmyk), Misprint(
         kind="streak", severity=severity, detail=detail, region_mm=region

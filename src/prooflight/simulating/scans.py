@@ -11,7 +11,7 @@ import numpy as np
 from prooflight.errors import RequestError
 from prooflight.predicting.predict import predict
 from prooflight.simulating import misprints
-from prooflight.simulating.worlds import gate
+from prooflight.simulating.worlds import Gate, gate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,10 +93,12 @@ def scan_page(
     others: tuple[int, ...],
     fetch: Callable[[int], Page],
     rng: np.random.Generator,
+    least: Gate | None = None,
 ) -> SimulatedScan:
     """Print and scan one page in the ideal world, with a misprint if one is requested.
 
-    others: numbers of the job's other pages, which ``fetch`` gives. RequestError if none of the draws of the misprint
+    others: numbers of the job's other pages, which ``fetch`` gives. least: the least change that counts, by default the
+    gate of ``worlds.toml``. RequestError if none of the draws of the misprint
     changes this page (a page of black text alone has no cyan to lose).
     """
     good = predict(page, sensors=press.sensors, geometry=press.geometry)
@@ -106,7 +108,7 @@ def scan_page(
         severity = float(rng.random()) if request.severity is None else request.severity
         printed, misprint = draw_misprint(page, request.kind, severity, others=others, fetch=fetch, rng=rng)
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry)
-        if passes_gate(good, seen, press):
+        if passes_gate(good, seen, press, least or gate()):
             return SimulatedScan(dn=ideal_scan(seen, press, rng), misprint=misprint, draws=draw)
     what = f"{TRIES} draws of {request.kind} changed nothing visible"
     raise RequestError(f"page {page.number}", what, remedy="ask for another kind, severity or seed")
@@ -133,12 +135,11 @@ def draw_misprint(
             return misprints.wrong_page(page, severity, rng, others=others, fetch=fetch)
 
 
-def passes_gate(good: Prediction, misprinted: Prediction, press: Press) -> bool:
-    """Whether a misprint changes the page's signal by the least amount that counts (worlds.toml, ``[gate]``).
+def passes_gate(good: Prediction, misprinted: Prediction, press: Press, limits: Gate) -> bool:
+    """Whether a misprint changes the page's signal by the least amount that counts.
 
     Either the greatest change after a Gaussian of 0.38 mm, or the change's rms over the page, as shares of paper white.
     """
-    limits = gate()
     sigma = GATE_BLUR_MM / press.geometry.pixel_pitch_mm
     for index, sensor in enumerate(press.sensors):
         change = misprinted.expected_dn[index] - good.expected_dn[index]

@@ -1,0 +1,101 @@
+"""One small press and one page that many tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from prooflight.commissioning.build import build_press
+from prooflight.pages.raster import Page
+from prooflight.press_file import PressFile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.press import Press
+
+# The same examples on every machine; `--hypothesis-profile=default` looks for new ones.
+settings.register_profile("same everywhere", deadline=None, derandomize=True)
+settings.load_profile("same everywhere")
+
+BLUE_SENSOR = """
+[[sensor]]
+name = "blue"
+pixels = 2048
+pixel_pitch_um = 13.0
+fill_factor = 0.90
+tdi_stages = 96
+line_rate_hz = 2770.0
+conversion_gain_uv_per_e = 20.0
+voltage_swing_v = 2.0
+read_noise_e = 20.0
+dark_current_e_per_s = 300.0
+dsnu_e = 10.0
+prnu_percent = 0.5
+bits = 10
+black_level_dn = 16
+quantum_efficiency = { wave_nm = [380, 450, 500, 550, 730], qe = [0.2, 0.5, 0.35, 0.05, 0.0] }
+
+[costs]"""
+
+
+@pytest.fixture(scope="session")
+def prototype() -> PressFile:
+    return PressFile.prototype()
+
+
+@pytest.fixture(scope="session")
+def press(prototype: PressFile) -> Press:
+    """The paper's rig with a line of 400 pixels, 42 mm."""
+    return build_press(prototype, seed=1, pixels=400)
+
+
+@pytest.fixture(scope="session")
+def two_sensor_file(prototype: PressFile) -> PressFile:
+    """The rig with a second sensor: blue-sensitive, 10 bits, with a black level."""
+    assert prototype.text.count("[costs]") == 1
+    return PressFile(Path("two.toml"), prototype.text.replace("[costs]", BLUE_SENSOR))
+
+
+@pytest.fixture(scope="session")
+def two_sensor_press(two_sensor_file: PressFile) -> Press:
+    return build_press(two_sensor_file, seed=2, pixels=400)
+
+
+@pytest.fixture(scope="session")
+def make_page() -> Callable[..., Page]:
+    """A page like those of a real job: paper, bars as wide as letters' stems, flat tints, a noisy picture."""
+
+    def make(
+        seed: int, *, width_mm: float = 36.0, height_mm: float = 44.0, dpi: float = 481.8, number: int = 1
+    ) -> Page:
+        rng = np.random.default_rng(seed)
+        rows, columns = (round(extent * dpi / 25.4) for extent in (height_mm, width_mm))
+        cmyk = np.zeros((rows, columns, 4), np.uint8)
+        third = rows // 3
+        stem = max(round(0.4 * dpi / 25.4), 1)
+        for top in range(stem, third - 4 * stem, 6 * stem):  # black text
+            bars = np.repeat(rng.random(-(-columns // stem)) < 0.4, stem)[:columns]
+            cmyk[top : top + 4 * stem, :, 3] = np.where(bars, 255, 0)
+        for patch in range(8):  # tints of one and two inks
+            left, right = patch * columns // 8, (patch + 1) * columns // 8
+            inks = rng.choice(3, size=1 + patch % 2, replace=False)
+            for ink in inks:
+                cmyk[third : 2 * third, left:right, ink] = rng.integers(60, 230)
+        coarse = rng.integers(0, 200, (6, 8, 4)).astype(np.float32)
+        smooth = cv2.resize(coarse, (columns, rows - 2 * third), interpolation=cv2.INTER_CUBIC)
+        grain = rng.normal(0, 12, smooth.shape)
+        cmyk[2 * third :] = np.clip(smooth + grain, 0, 255)
+        return Page(cmyk=cmyk, dpi=dpi, name=f"p{number:04}", number=number)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def page(make_page: Callable[..., Page]) -> Page:
+    return make_page(7)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.predicting.tables import node_recipes
+from prooflight.predicting.tables import NODES, node_fractions
 from prooflight.sensing.camera import expose_flat
 from prooflight.sensing.sensor import read_out
 
@@ -35,18 +35,38 @@ def variance_dn2(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[
 
 
 def tables(camera: Camera, inks: ReflectanceModel) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Mean and variance tables of every sensor in closed form, each (17, 17, 17, 17) [DN, DN^2], on the lens's axis."""
-    irradiance = camera.irradiance_photons(inks.reflectance(node_recipes()))
-    made = []
-    for sensor in camera.sensors:
-        electrons = sensor.electrons(irradiance)
-        made.append(
-            (
-                signal_dn(sensor, electrons).astype(np.float32),
-                variance_dn2(sensor, electrons).astype(np.float32),
-            )
+    """Mean and variance tables of every sensor in closed form, each (33, 33, 33, 33) [DN, DN^2], on the lens's axis."""
+    axis = node_fractions()
+    electrons = np.empty((len(camera.sensors), *(NODES,) * 4))
+    for index, cyan in enumerate(axis):  # a slab at a time: the spectra of all nodes are 340 MB
+        slab = np.stack(np.meshgrid([cyan], axis, axis, axis, indexing="ij"), axis=-1)[0]
+        irradiance = camera.irradiance_photons(inks.reflectance(slab))
+        for number, sensor in enumerate(camera.sensors):
+            electrons[number, index] = sensor.electrons(irradiance)
+    return [
+        (
+            unbiased_nodes(signal_dn(sensor, of_sensor)),
+            unbiased_nodes(variance_dn2(sensor, of_sensor)),
         )
-    return made
+        for sensor, of_sensor in zip(camera.sensors, electrons, strict=True)
+    ]
+
+
+def unbiased_nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Node values whose linear interpolation errs evenly to both sides, from the exact values at the nodes.
+
+    A chord of a function errs by f'' h^2 / 12 on average over its cell, always to the same side; taking a twelfth of
+    the second difference off each node, axis by axis, removes that and makes the rms error 2.4 times smaller (from
+    1 / sqrt(120) to sqrt(1 / 120 - 1 / 144) of f'' h^2). Nodes without an ink
+    are left alone along its axis: pages are full of colours that lack one, paper first.
+    """
+    moved = exact.copy()
+    for axis in range(exact.ndim):
+        values, result = np.moveaxis(exact, axis, 0), np.moveaxis(moved, axis, 0)
+        second = np.diff(values, 2, axis=0)
+        result[1:-1] -= second / 12
+        result[-1] -= second[-1] / 12
+    return moved.astype(np.float32)
 
 
 def repeated_moments(

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-STRIDE_C, STRIDE_M, STRIDE_Y, STRIDE_K = 17**3, 17**2, 17, 1
+from prooflight.predicting.tables import NODE_STEP, NODES
+
+STRIDE_C, STRIDE_M, STRIDE_Y = NODES**3, NODES**2, NODES
+CELL_BITS = 3
+FRACTION = NODE_STEP - 1
 
 
 @njit(cache=True, nogil=True)
 def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
-    """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (17^4, 2) -> mean, variance (columns,).
+    """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
 
     A run of equal pixels is looked up once: half of every page is paper.
     """
@@ -19,11 +23,16 @@ def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
     for x in range(cmyk.shape[0]):
         c, g, y, k = cmyk[x, 0], cmyk[x, 1], cmyk[x, 2], cmyk[x, 3]
         if x == 0 or c != cmyk[x - 1, 0] or g != cmyk[x - 1, 1] or y != cmyk[x - 1, 2] or k != cmyk[x - 1, 3]:
-            base = (c >> 4) * STRIDE_C + (g >> 4) * STRIDE_M + (y >> 4) * STRIDE_Y + (k >> 4)
-            fc = np.float32(c & 15) / np.float32(16)
-            fm = np.float32(g & 15) / np.float32(16)
-            fy = np.float32(y & 15) / np.float32(16)
-            fk = np.float32(k & 15) / np.float32(16)
+            base = (
+                (c >> CELL_BITS) * STRIDE_C
+                + (g >> CELL_BITS) * STRIDE_M
+                + (y >> CELL_BITS) * STRIDE_Y
+                + (k >> CELL_BITS)
+            )
+            fc = np.float32(c & FRACTION) / np.float32(NODE_STEP)
+            fm = np.float32(g & FRACTION) / np.float32(NODE_STEP)
+            fy = np.float32(y & FRACTION) / np.float32(NODE_STEP)
+            fk = np.float32(k & FRACTION) / np.float32(NODE_STEP)
             m = np.float32(0.0)
             v = np.float32(0.0)
             for corner in range(16):

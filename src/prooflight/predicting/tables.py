@@ -12,20 +12,14 @@ if TYPE_CHECKING:
 
     from prooflight.pages.sampling import Footprint
 
-NODE_STEP = 16
-NODES = 17
-"""Nodes at byte values 0, 16, ..., 256 of each ink: cell and fraction are the byte's two halves."""
+NODE_STEP = 8
+NODES = 33
+"""Nodes at byte values 0, 8, ..., 256 of each ink: cell and fraction are a byte's upper 5 and lower 3 bits."""
 
 
 def node_fractions() -> NDArray[np.float64]:
-    """Ink fractions at the nodes of one axis, (17,): 0, 16/255, ..., 256/255; the last lies just beyond full ink."""
+    """Ink fractions at the nodes of one axis, (33,): 0, 8/255, ..., 256/255; the last lies just beyond full ink."""
     return np.arange(NODES, dtype=np.float64) * (NODE_STEP / 255)
-
-
-def node_recipes() -> NDArray[np.float64]:
-    """Recipes of all nodes, (17, 17, 17, 17, 4) ink fractions, axes C, M, Y, K."""
-    axis = node_fractions()
-    return np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,9 +32,9 @@ class SensorModel:
 
     name: str
     mean_dn: NDArray[np.float32]
-    """(17, 17, 17, 17) light signal at each node, above dark, column gain 1. [DN]"""
+    """(33, 33, 33, 33) light signal at each node, above dark, column gain 1. [DN]"""
     variance_dn2: NDArray[np.float32]
-    """(17, 17, 17, 17) temporal variance at each node, rounding included, column gain 1. [DN^2]"""
+    """(33, 33, 33, 33) temporal variance at each node, rounding included, column gain 1. [DN^2]"""
     footprint: Footprint
     column_offset_dn: NDArray[np.float32]
     """(pixels,) what each column gives without light: dark, DSNU, black level. [DN]"""
@@ -55,7 +49,7 @@ class SensorModel:
     """Greatest digital number. [DN]"""
 
     def interleaved(self) -> NDArray[np.float32]:
-        """Both tables side by side, (17^4, 2): mean, variance; one look-up fetches both."""
+        """Both tables side by side, (33^4, 2): mean, variance; one look-up fetches both."""
         return np.ascontiguousarray(
             np.stack([self.mean_dn.ravel(), self.variance_dn2.ravel()], axis=1), dtype=np.float32
         )

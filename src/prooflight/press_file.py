@@ -20,6 +20,8 @@ from prooflight.acquiring.geometry import ScanGeometry
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressFileError
 from prooflight.printing.built_in import built_in_inks
+from prooflight.printing.chart import read_chart
+from prooflight.printing.ink_model import InkModel
 from prooflight.sensing.camera import Camera
 from prooflight.sensing.light import Light
 from prooflight.sensing.optics import Lens
@@ -149,6 +151,7 @@ class PressFile:
         """``path`` is named in errors and is where relative file names start from."""
         self.path, self.text = path, text
         self._document = _checked(path, text)
+        self._inks: ReflectanceModel | None = None
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -189,11 +192,18 @@ class PressFile:
         return RunningCosts(**self._document.costs.model_dump())
 
     def inks(self) -> ReflectanceModel:
-        """``[inks]``: the built-in press where no chart is named."""
-        block = self._document.inks
-        if block.chart is None:
-            return built_in_inks()
-        raise NotImplementedError
+        """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.
+
+        Fitting takes seconds, so the model is kept.
+        """
+        if self._inks is None:
+            block = self._document.inks
+            if block.chart is None:
+                self._inks = built_in_inks()
+            else:
+                chart = read_chart(self.path.parent / block.chart)
+                self._inks = InkModel.fit(chart, block.model)
+        return self._inks
 
     def camera(self) -> Camera:
         """``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""

@@ -7,7 +7,7 @@ import sys
 import typer
 
 from prooflight import __version__
-from prooflight.cli import job, press
+from prooflight.cli import chart, job, press, study
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
@@ -23,6 +23,8 @@ app = typer.Typer(
 )
 job.register(app)
 app.add_typer(press.app, name="press")
+app.add_typer(chart.app, name="chart")
+app.add_typer(study.app, name="study")
 
 
 def _version(asked: bool) -> None:

@@ -1,0 +1,139 @@
+"""``prooflight chart``: judge ink models on a chart, predict with them, make charts to print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+
+if TYPE_CHECKING:
+    from prooflight.printing.selection import CrossValidation, Score
+
+app = typer.Typer(
+    help="Characterisation charts: judge ink models, predict, make charts.", no_args_is_help=True
+)
+
+ChartPath = Annotated[Path, typer.Argument(metavar="CHART", help="CGATS text or .ti3 with CMYK and spectra.")]
+Model = Annotated[str, typer.Option(help="auto, or the name of an ink model.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.command()
+def score(
+    chart: ChartPath,
+    model: Model = "auto",
+    folds: Annotated[int, typer.Option(help="Parts of the chart that are left out in turn.")] = 10,
+    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write pictures.")] = None,
+    json: Json = False,
+) -> None:
+    """Cross-validate an ink model on a chart: each recipe predicted by a model that has not seen it."""
+    from prooflight.printing.chart import read_chart
+    from prooflight.printing.selection import AUTO, choose, cross_validate
+
+    measured = read_chart(chart)
+    scores: dict[str, Score] = {}
+    if model == AUTO:
+        choice = choose(
+            measured, folds=folds, progress=None if json else lambda name: show.step(f"trying {name}")
+        )
+        trial, scores, why = choice.best, dict(choice.scores), choice.why
+    else:
+        trial = cross_validate(measured, model, folds=folds)
+        why = f"{model}: as asked"
+    scores = scores or {trial.model: trial.score}
+    if report is not None:
+        from prooflight.reporting.chart_report import write_chart_report
+
+        write_chart_report(report, measured, trial, scores=scores, why=why)
+    if json:
+        show.print_json({**trial.score.as_json(), "model": trial.model, "why": why})
+        return
+    show.people.print(_score_table(scores, trial))
+    show.people.print(why)
+    if report is not None:
+        show.people.print(f"Open [bold]{report}[/bold]")
+
+
+@app.command()
+def predict(
+    chart: ChartPath,
+    cmyk: Annotated[Path, typer.Option(metavar="Q.csv", help="Recipes in per cent, header C,M,Y,K.")],
+    model: Model = "auto",
+    json: Json = False,
+) -> None:
+    """Spectra that recipes will have, by an ink model fitted to a chart."""
+    from prooflight import spectra
+    from prooflight.printing.chart import read_chart
+    from prooflight.printing.recipes import read_recipes
+    from prooflight.printing.selection import AUTO, choose, fit_model
+
+    recipes = read_recipes(cmyk)
+    measured = read_chart(chart)
+    if model == AUTO:
+        model = choose(
+            measured, progress=None if json else lambda name: show.step(f"trying {name}")
+        ).best.model
+    reflectance = fit_model(measured, model).reflectance(recipes)
+    if json:
+        show.print_json(
+            {"wave_nm": spectra.WAVE_NM.tolist(), "reflectance": reflectance.tolist(), "model": model}
+        )
+        return
+    table = Table(title=f"Predicted by {model}", title_justify="left")
+    for heading in ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm"):
+        table.add_column(heading, justify="right")
+    bands = [int((wave - spectra.WAVE_NM[0]) / spectra.STEP_NM) for wave in (450, 550, 650)]
+    for recipe, spectrum, colour in zip(recipes, reflectance, spectra.lab(reflectance), strict=True):
+        cells = [f"{100 * ink:.0f}" for ink in recipe] + [f"{value:.1f}" for value in colour]
+        table.add_row(*cells, *(f"{spectrum[band]:.3f}" for band in bands))
+    show.people.print(table)
+
+
+@app.command()
+def make(
+    patches: Annotated[int, typer.Option(help="How many patches.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    ink_limit: Annotated[float, typer.Option(help="Greatest total ink [%].", min=100, max=400)] = 400.0,
+    seed: Annotated[int, typer.Option(help="Of the places of patches.", min=0)] = 1,
+    json: Json = False,
+) -> None:
+    """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS)."""
+    import numpy as np
+
+    from prooflight.printing.chart_print import make_chart
+
+    files = make_chart(out, patches, rng=np.random.default_rng(seed), ink_limit_percent=ink_limit)
+    if json:
+        show.print_json(
+            {
+                "pdf": str(files.pdf),
+                "tiffs": [str(path) for path in files.tiffs],
+                "recipes": str(files.recipes),
+            }
+        )
+    else:
+        show.people.print(
+            f"Print [bold]{files.pdf}[/bold] without colour management; its recipes: {files.recipes}"
+        )
+
+
+def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:
+    table = Table(
+        title=f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)", title_justify="left"
+    )
+    for heading in ("model", "median", "95 %", "greatest", "rms reflectance", "patches"):
+        table.add_column(heading, justify="left" if heading == "model" else "right")
+    for name, of_model in scores.items():
+        table.add_row(
+            f"[bold]{name}[/bold]" if name == trial.model else name,
+            f"{of_model.median_delta_e00:.3f}",
+            f"{of_model.p95_delta_e00:.3f}",
+            f"{of_model.max_delta_e00:.2f}",
+            f"{of_model.rms_reflectance:.5f}",
+            str(of_model.patches),
+        )
+    return table

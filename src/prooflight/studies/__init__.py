@@ -1,0 +1,1 @@
+"""Everything that produces a table or a curve of docs/results."""

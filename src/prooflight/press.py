@@ -20,7 +20,7 @@ from prooflight.atomic import whole_file
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressError
 from prooflight.pages.sampling import Footprint
-from prooflight.predicting.tables import SensorModel
+from prooflight.predicting.tables import NODES, SensorModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 KIND = "prooflight press"
+TABLES = ("mean_dn", "variance_dn2")
 REBUILD = "build it again with `prooflight press build`"
 
 
@@ -88,13 +89,15 @@ class Press:
             raise PressError(path, "is damaged or not a press artefact", remedy=REBUILD) from error
         if _digest(arrays, metadata["document"]) != metadata["digest"]:
             raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
+        if any(arrays[name].shape != (NODES,) * 4 for name in arrays if name.endswith(TABLES)):
+            raise PressError(path, f"has tables that are not of {NODES} nodes an ink", remedy=REBUILD)
         return cls._from_parts(arrays, json.loads(metadata["document"]))
 
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
         sensors = []
         for index, sensor in enumerate(self.sensors):
-            for name in ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain"):
+            for name in (*TABLES, "column_offset_dn", "column_gain"):
                 arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
             arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
             arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
@@ -130,8 +133,7 @@ class Press:
                 along=arrays[of_sensor + "footprint_along"],
             )
             tables: dict[str, Any] = {
-                name: arrays[of_sensor + name]
-                for name in ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
+                name: arrays[of_sensor + name] for name in (*TABLES, "column_offset_dn", "column_gain")
             }
             sensors.append(SensorModel(footprint=footprint, **tables, **scalars))
         return cls(

@@ -245,11 +245,12 @@ def _promise(press: Press) -> str:
 
 
 def _totals(entries: list[PageEntry]) -> dict[str, int]:
-    bad = [entry for entry in entries if entry.truth is not None]
-    alarmed = [entry for entry in entries if entry.verdict.verdict == "misprint"]
+    from prooflight.reporting.report import counts
+
+    of_run = counts(entries)
     return {
-        "pages": len(entries),
-        "misprints": len(bad),
-        "caught": sum(entry.truth is not None for entry in alarmed),
-        "false_alarms": sum(entry.truth is None for entry in alarmed),
+        "pages": of_run.pages,
+        "misprints": of_run.misprints,
+        "caught": of_run.caught,
+        "false_alarms": of_run.false_alarms,
     }

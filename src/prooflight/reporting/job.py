@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from prooflight.reporting.report import PageEntry, page_entry
-
 from prooflight.inspecting.inspector import not_inspected
 from prooflight.pages.files import page_name
+from prooflight.reporting.report import PageEntry, page_entry
 
 if TYPE_CHECKING:
     from prooflight.inspecting.job import InspectPage, Pair

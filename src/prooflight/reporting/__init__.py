@@ -1,0 +1,1 @@
+"""Verdicts and studies -> what a person reads."""

@@ -1,0 +1,225 @@
+"""The report of one run: every page with its verdict, every alarm with what the camera saw, in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from prooflight import __version__
+from prooflight.deciding.verdict import Region, Verdict
+from prooflight.inspecting.inspector import Inspection, not_inspected
+from prooflight.reporting import pictures, wording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from jinja2 import Template
+
+    from prooflight.pages.raster import Page
+    from prooflight.press import Press
+    from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
+    from prooflight.simulating.misprints import Misprint
+
+PAGE_PICTURE_PX = 320
+ZOOM_SCREEN_PX = 360
+"""A zoom is shown at most so wide, each camera pixel 2 or 3 screen pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageEntry:
+    """One page of the run, small enough to travel between processes."""
+
+    number: int
+    """Place in the job, from 1."""
+    name: str
+    title: str
+    """What the page is, for people; may be empty."""
+    size_mm: tuple[float, float]
+    """Width and height as the page lay in the press."""
+    verdict: Verdict
+    picture: bytes
+    """WebP, as a person would see the page."""
+    alarm: AlarmPictures | None
+    """None: nothing to look at, or no scan."""
+    truth: Misprint | None
+    """What was done to the page on purpose; None: nothing, or not known."""
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether the verdict is a misprint."""
+        return self.verdict.verdict == "misprint"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSummary:
+    """What a report says of the run as a whole; it counts the pages itself."""
+
+    job: str
+    press: str
+    press_digest: str
+    promise: str
+    """How rarely a good page alarms, in words."""
+    world: str | None
+    """The simulated world, in which the truth about every page is known; None: a real run."""
+    seed: int | None
+    date: str
+    pages_per_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counts:
+    """How many pages came to what; the last four rest on the truth."""
+
+    pages: int
+    good: int
+    alarms: int
+    stopped: int
+    not_inspected: int
+    misprints: int
+    caught: int
+    missed: int
+    false_alarms: int
+
+
+def counts(entries: Sequence[PageEntry]) -> Counts:
+    """Count the pages of a run."""
+    alarmed = [entry for entry in entries if entry.alarmed]
+    misprints = sum(entry.truth is not None for entry in entries)
+    caught = sum(entry.truth is not None for entry in alarmed)
+    return Counts(
+        pages=len(entries),
+        good=sum(entry.verdict.verdict == "good" for entry in entries),
+        alarms=len(alarmed),
+        stopped=sum(entry.verdict.action == "stop" for entry in alarmed),
+        not_inspected=sum(entry.verdict.verdict == "not-inspected" for entry in entries),
+        misprints=misprints,
+        caught=caught,
+        missed=misprints - caught,
+        false_alarms=len(alarmed) - caught,
+    )
+
+
+def page_entry(
+    page: Page,
+    result: Inspection | Verdict | None,
+    press: Press,
+    *,
+    truth: Misprint | None = None,
+    title: str = "",
+) -> PageEntry:
+    """Picture one page as it lay in the press; alarms, and misprints that were missed, at full length.
+
+    result: the inspection, or the bare verdict (None: not inspected) of a page that has no scan to show.
+    """
+    if isinstance(result, Inspection):
+        verdict = result.verdict
+        shown = verdict.verdict == "misprint" or truth is not None
+        place = _enlarged(verdict, truth)
+        alarm = pictures.alarm_pictures(page, result, press, place=place) if shown else None
+    else:
+        verdict, alarm = result or not_inspected(page.name), None
+    return PageEntry(
+        number=page.number,
+        name=page.name,
+        title=title,
+        size_mm=(round(page.width_mm, 2), round(page.height_mm, 2)),
+        verdict=verdict,
+        picture=pictures.encoded(pictures.page_picture(page, press, width_px=PAGE_PICTURE_PX)),
+        alarm=alarm,
+        truth=truth,
+    )
+
+
+def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
+    """The first place found; of a misprint that was missed, where it is."""
+    if verdict.regions:
+        return verdict.regions[0]
+    if truth is None:
+        return None
+    x, y, width, height = truth.region_mm
+    return Region(x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=0.0, kind=truth.kind)
+
+
+def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) -> None:
+    """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name."""
+    count = counts(entries)
+    known = summary.world is not None
+    numbered = list(enumerate(entries, start=1))
+    text = _template().render(
+        summary=summary,
+        count=count,
+        known=known,
+        sentence=sentence(count),
+        entries=numbered,
+        alarms=[(place, entry) for place, entry in numbered if entry.alarmed],
+        missed=[(place, entry) for place, entry in numbered if entry.truth and not entry.alarmed],
+        scale=[(100 * i / (len(pictures.SCALE) - 1), colour) for i, (_, colour) in enumerate(pictures.SCALE)],
+        version=__version__,
+    )
+    temporary = path.with_name(path.name + ".partial")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def sentence(count: Counts) -> str:
+    """What happened, in one sentence.
+
+    >>> sentence(Counts(pages=3, good=2, alarms=1, stopped=1, not_inspected=0, misprints=0, caught=0, missed=0,
+    ...                 false_alarms=0))
+    '3 pages inspected: 2 passed as good, 1 stopped as a misprint.'
+    """
+    inspected = count.pages - count.not_inspected
+    if not inspected:
+        return f"No page inspected; {wording.count(count.pages, 'page')} had no scan."
+    parts = [f"{count.good} passed as good"]
+    as_what = "a misprint" if count.alarms == 1 else "misprints"
+    if not count.alarms:
+        parts.append("no misprint found")
+    elif count.stopped == count.alarms:
+        parts.append(f"{count.alarms} stopped as {as_what}")
+    else:
+        parts.append(f"{count.alarms} found to be {as_what}, {count.stopped} of them stopped")
+    more = wording.count(count.not_inspected, "more page")
+    unseen = f"; {more} had no scan and passed unseen" if count.not_inspected else ""
+    return f"{wording.count(inspected, 'page')} inspected: {', '.join(parts)}{unseen}."
+
+
+def _screen_pixels(zoom: Zoom) -> int:
+    return 3 if 3 * zoom.columns <= ZOOM_SCREEN_PX else 2
+
+
+def _data(picture: bytes) -> str:
+    return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
+
+
+def _place(box: tuple[float, float, float, float], frame: Frame) -> str:
+    """Where x, y, width, height [mm] of the page lie in a picture of frame, as CSS; what lies outside is cut off."""
+    x, y, width, height = box
+    left, right = ((v - frame.x_mm) / frame.width_mm for v in (x, x + width))
+    top, bottom = ((v - frame.y_mm) / frame.height_mm for v in (y, y + height))
+    left, right, top, bottom = (min(max(v, 0.0), 1.0) for v in (left, right, top, bottom))
+    return f"left:{left:.2%};top:{top:.2%};width:{max(right - left, 0):.2%};height:{max(bottom - top, 0):.2%}"
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("prooflight.reporting", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals |= {
+        "data": _data,
+        "place": _place,
+        "wording": wording,
+        "screen_pixels": _screen_pixels,
+        "saturation": pictures.SATURATION,
+    }
+    return environment.get_template("report.html.j2")

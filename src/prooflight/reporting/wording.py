@@ -1,0 +1,135 @@
+"""What a report says, in words and numbers that a person reads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from prooflight.deciding.verdict import Action, Region, Verdict
+
+KINDS = {
+    "missing-plane": "An ink is missing or faded",
+    "swapped-planes": "Inks have changed places",
+    "density": "Too much or too little ink",
+    "plane-register": "An ink lies off its place",
+    "streak": "A streak along the travel",
+    "banding": "Bands across the page",
+    "spots-voids": "Spots or voids",
+    "ghost-smear": "A ghost or a smear",
+    "local-blur": "A blurred place",
+    "missing-content": "Part of the page is missing",
+    "wrong-page": "Wrong or displaced content",
+    "scum": "Ink where there should be paper",
+}
+ACTIONS: dict[Action, str] = {
+    "stop": "press stopped",
+    "reprint": "page to be printed again",
+    "accept": "let pass: stopping would cost more",
+}
+WORLDS = {
+    "ideal": "ideal world: a good print differs from the expected picture by the sensor's noise alone",
+    "press": "press world: good prints differ as those of a real press do",
+}
+ALL_OVER_SHARE = 0.6
+"""A region that covers more of the page than this is all over it."""
+ACROSS_SHARE = 0.8
+"""A region wider than this share of the page is a band."""
+
+
+def kind(name: str | None) -> str:
+    """A misprint kind in plain words.
+
+    >>> kind("scum")
+    'Ink where there should be paper'
+    >>> kind(None)
+    'Small differences spread over the page'
+    """
+    if name is None:
+        return "Small differences spread over the page"
+    return KINDS.get(name, name)
+
+
+def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
+    """What the alarm looks like and where, of a page of size_mm (width, height)."""
+    if not verdict.regions:
+        return kind(verdict.kind)
+    first, *others = verdict.regions
+    where = _where(first, size_mm)
+    more = f", and {count(len(others), 'more place')}" if others else ""
+    return f"{kind(verdict.kind)} {where}{more}"
+
+
+def _where(region: Region, size_mm: tuple[float, float]) -> str:
+    x, y = region.x_mm + region.width_mm / 2, region.y_mm + region.height_mm / 2
+    if region.kind == "streak":
+        return f"at x = {x:.0f} mm"
+    if region.width_mm * region.height_mm > ALL_OVER_SHARE * size_mm[0] * size_mm[1]:
+        return "all over the page"
+    if region.kind == "missing-plane" or region.width_mm > ACROSS_SHARE * size_mm[0]:
+        return f"from y = {max(region.y_mm, 0):.0f} to {region.y_mm + region.height_mm:.0f} mm"
+    return f"around x = {x:.0f} mm, y = {y:.0f} mm ({_size(region)})"
+
+
+def _size(region: Region) -> str:
+    digits = 1 if min(region.width_mm, region.height_mm) < 10 else 0
+    return f"{region.width_mm:.{digits}f} × {region.height_mm:.{digits}f} mm"
+
+
+def count(number: int, thing: str) -> str:
+    """A number and its noun.
+
+    >>> count(1, "page"), count(2, "page")
+    ('1 page', '2 pages')
+    """
+    return f"{number:,} {thing}" + ("" if number == 1 else "s")
+
+
+def millimetres(value: float) -> str:
+    """To a tenth, without a sign on nothing.
+
+    >>> millimetres(-0.04), millimetres(83.26)
+    ('0.0', '83.3')
+    """
+    return f"{round(value, 1) + 0.0:.1f}"
+
+
+def score(value: float | None) -> str:
+    """Three digits, or all of those before the point.
+
+    >>> score(61.0983), score(1234567.8), score(None)
+    ('61.1', '1,234,568', '–')
+    """
+    if value is None:
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def p_value(value: float | None) -> str:
+    """A p-value, down to what a double holds.
+
+    >>> p_value(0.034), p_value(2.13e-12), p_value(0.0), p_value(None)
+    ('0.034', '2.1 × 10⁻¹²', 'below 10⁻³⁰⁰', '–')
+    """
+    if value is None:
+        return "–"
+    if value < 1e-300:
+        return "below 10⁻³⁰⁰"
+    if value >= 1e-3:
+        return f"{value:.2g}"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa} × 10" + str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def probability(value: float | None) -> str:
+    """A probability in per cent, never rounded to certainty.
+
+    >>> probability(0.35), probability(1.0), probability(0.0002), probability(None)
+    ('35 %', 'over 99.9 %', 'below 0.1 %', '–')
+    """
+    if value is None:
+        return "–"
+    if value > 0.999:
+        return "over 99.9 %"
+    if value < 0.001:
+        return "below 0.1 %"
+    return f"{100 * value:.3g} %"

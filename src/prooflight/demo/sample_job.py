@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.atomic import whole_file
 from prooflight.demo import book, charts, invoices, office, plates, poster, prose, quay, tints
 from prooflight.demo.known import KnownPatch, KnownPicture
 from prooflight.demo.sheet import Sheet
@@ -47,17 +48,15 @@ def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
     ``seed`` sets names, amounts and prices in the commercial pages. Book and photographs stay the same.
     """
     rng = np.random.default_rng(seed)
-    partial_path = path.with_name(f".{path.name}.part")
-    sheet = Sheet(partial_path, prose.TITLE)
-    sections = _sections(rng)
-    for section in sections:
-        first = sheet.number
-        section.draw(sheet)
-        if sheet.number - first != section.pages:
-            message = f"a section drew {sheet.number - first} pages where {section.pages} were planned"
-            raise RuntimeError(message)
-    sheet.finish()
-    partial_path.replace(path)
+    with whole_file(path) as unfinished:
+        sheet = Sheet(unfinished, prose.TITLE)
+        for section in _sections(rng):
+            first = sheet.number
+            section.draw(sheet)
+            if sheet.number - first != section.pages:
+                message = f"a section drew {sheet.number - first} pages where {section.pages} were planned"
+                raise RuntimeError(message)
+        sheet.finish()
     return SampleJob(path=path, page_count=sheet.number, titles=tuple(sheet.titles), known=tuple(sheet.known))
 
 

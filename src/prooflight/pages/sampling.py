@@ -66,8 +66,8 @@ def taps(
 ) -> Taps:
     """Exact integrals of a footprint over raster pixels along one axis.
 
-    cumulative: one of the footprint's two functions; centres_mm (camera pixels,): where camera pixels' centres lie, from
-    the page's edge. Raster pixel k covers k .. k + 1 times raster_pixel_mm. Works for any ratio of pitches.
+    cumulative: one of the footprint's two functions; centres_mm (camera pixels,): where camera pixels' centres lie,
+    from the page's edge. Raster pixel k covers k .. k + 1 times raster_pixel_mm. Works for any ratio of pitches.
     """
     count = int(np.ceil(2 * reach_mm / raster_pixel_mm)) + 1
     first = np.floor((centres_mm - reach_mm) / raster_pixel_mm).astype(np.int64)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
+from prooflight.atomic import whole_file
 from prooflight.deciding.verdict import Region, Verdict
 from prooflight.inspecting.inspector import Inspection, not_inspected
 from prooflight.reporting import pictures, wording
@@ -161,9 +162,8 @@ def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) 
         scale=[(100 * i / (len(pictures.SCALE) - 1), colour) for i, (_, colour) in enumerate(pictures.SCALE)],
         version=__version__,
     )
-    temporary = path.with_name(path.name + ".partial")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def sentence(count: Counts) -> str:

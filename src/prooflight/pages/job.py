@@ -1,0 +1,182 @@
+"""A job: the pages of a PDF, of a CMYK TIFF or JPEG, or of a folder of them, behind one door."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from prooflight.errors import JobError, RequestError
+from prooflight.pages import files
+from prooflight.pages.raster import Page
+from prooflight.pages.rip import PdfJob
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobSource:
+    """What a job is made of; small and picklable, so that every worker process can open its own."""
+
+    path: Path
+    dpi: float
+    """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
+    profile: Path | None = None
+    """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
+
+    def open(self) -> Job:
+        """Open the job; errors as ``open_job``."""
+        return Job(self)
+
+
+class Job:
+    """An open job. Pages are numbered from 1; files in a folder follow one another in the order of their names."""
+
+    def __init__(self, source: JobSource) -> None:
+        """Errors as ``open_job``."""
+        self.source = source
+        self._pdfs: dict[Path, PdfJob] = {}
+        self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
+        for path in _files_of(source.path):
+            if _is_pdf(path):
+                self._pdfs[path] = PdfJob(path, profile=source.profile)
+                count = len(self._pdfs[path])
+            else:
+                count = files.page_count(path)
+            self._places += [(path, number) for number in range(1, count + 1)]
+
+    def __reduce__(self) -> tuple[type[Job], tuple[JobSource]]:
+        return Job, (self.source,)  # opened again on the other side: MuPDF's handles do not travel
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of all files."""
+        for pdf in self._pdfs.values():
+            pdf.close()
+
+    @property
+    def name(self) -> str:
+        """The job's name for people: that of its file without the suffix, or of its folder."""
+        path = self.source.path.resolve()
+        return path.name if path.is_dir() else path.stem
+
+    @property
+    def page_sizes_mm(self) -> tuple[tuple[float, float], ...]:
+        """Width and height of every page as printed. [mm]"""
+        of_pdfs = {path: pdf.page_sizes_mm for path, pdf in self._pdfs.items()}
+        sizes = []
+        for path, place in self._places:
+            if path in of_pdfs:
+                sizes.append(of_pdfs[path][place - 1])
+            else:
+                page = files.read_page(path, place)
+                sizes.append((page.width_mm, page.height_mm))
+        return tuple(sizes)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What MuPDF had to say about the PDFs so far."""
+        return tuple(line for pdf in self._pdfs.values() for line in pdf.warnings)
+
+    def page(self, number: int) -> Page:
+        """Page ``number`` of the job, from 1; RequestError: there is none; JobError: it cannot be used."""
+        if not 1 <= number <= len(self):
+            remedy = f"the job has {len(self)} page" + ("s" if len(self) > 1 else "")
+            raise RequestError(self.source.path, f"there is no page {number}", remedy=remedy)
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        page = files.read_page(path, place) if pdf is None else pdf.page(place, self.source.dpi)
+        return replace(page, name=files.page_name(number), number=number)
+
+
+def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:
+    """Open a PDF, a CMYK TIFF or JPEG, or a folder of them. dpi, profile: see ``JobSource``.
+
+    JobError: a file cannot be used, or a folder holds none. ProfileError: the profile cannot be used.
+    """
+    if not dpi > 0:
+        raise RequestError(path, f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
+    return JobSource(path=Path(path), dpi=dpi, profile=None if profile is None else Path(profile)).open()
+
+
+def opened(source: JobSource) -> Job:
+    """The job, opened once a process and again when its file or folder has changed."""
+    return _opened(source, source.path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _opened(source: JobSource, _changed_ns: int) -> Job:
+    return source.open()
+
+
+def _files_of(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    inside = [
+        file
+        for file in path.iterdir()
+        if file.is_file()
+        and not file.name.startswith(".")
+        and file.suffix.lower() in (".pdf", *files.SUFFIXES)
+    ]
+    if not inside:
+        raise JobError(
+            path, "the folder holds no job", remedy="put PDF, CMYK TIFF or CMYK JPEG files into it"
+        )
+    return sorted(inside, key=lambda file: natural_order(file.name))
+
+
+def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sort key by which numbers in file names count as numbers.
+
+    >>> sorted(["p10.tif", "p9.tif", "P1.tif"], key=natural_order)
+    ['P1.tif', 'p9.tif', 'p10.tif']
+    """
+    parts = re.findall(r"[0-9]+|[^0-9]+", name)
+    key = [(0, int(part), "") if part.isdecimal() else (1, 0, part.casefold()) for part in parts]
+    return (*key, (2, 0, name))
+
+
+def _is_pdf(path: Path) -> bool:
+    with path.open("rb") as file:  # OSError for what the system cannot open
+        head = file.read(1024)
+    return b"%PDF-" in head or (path.suffix.lower() == ".pdf")
+
+
+def turned(page: Page) -> Page:
+    """The page turned by 90 degrees clockwise, as seen: its left edge comes to lie on top, at row 0.
+
+    For pages wider than the camera's field that fit the other way round. Name and number stay.
+    """
+    return replace(page, cmyk=np.ascontiguousarray(np.rot90(page.cmyk, k=-1)))
+
+
+def parse_pages(text: str, count: int) -> tuple[int, ...]:
+    """Page numbers of a list like ``1,4-6``, in its order, each once; RequestError: not all are in 1..``count``.
+
+    >>> parse_pages("4-6, 1", 24)
+    (4, 5, 6, 1)
+    """
+    where, numbers = f"pages {text[:40]!r}", dict[int, None]()
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
+        if not match:
+            raise RequestError(where, f"{part.strip()!r} is not a page or a range", remedy="write 1,4-6")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if first > last:
+            raise RequestError(where, f"{part.strip()!r} runs backwards", remedy=f"write {last}-{first}")
+        if first < 1 or last > count:
+            what = f"there is no page {first if first < 1 or first > count else last}"
+            raise RequestError(where, what, remedy=f"the job has pages 1 to {count}")
+        numbers.update(dict.fromkeys(range(first, last + 1)))
+    return tuple(numbers)

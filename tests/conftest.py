@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
     from prooflight.press import Press
 
-# The same examples on every machine; `--hypothesis-profile=default` looks for new ones.
+# The same examples on every machine; `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("same everywhere", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=300)
 settings.load_profile("same everywhere")
 
 BLUE_SENSOR = """
@@ -33,7 +34,7 @@ tdi_stages = 96
 line_rate_hz = 2770.0
 conversion_gain_uv_per_e = 20.0
 voltage_swing_v = 2.0
-read_noise_e = 20.0
+read_noise_e = 60.0
 dark_current_e_per_s = 300.0
 dsnu_e = 10.0
 prnu_percent = 0.5

@@ -52,7 +52,9 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
 def test_press_build_reports_digest_and_table_accuracy(
     press: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    code, out, _ = call(capsys, "press", "build", press.with_suffix(".toml"), "-o", tmp_path / "x.press", "--json")
+    code, out, _ = call(
+        capsys, "press", "build", press.with_suffix(".toml"), "-o", tmp_path / "x.press", "--json"
+    )
     answer = json.loads(out)
     assert code == 0
     assert set(answer) == {"press", "digest", "seconds", "tables"}
@@ -107,7 +109,9 @@ def test_pages_without_scan_are_said_to_be_not_inspected(
     press: Path, job: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     call(capsys, "simulate", job, "--press", press, "-o", tmp_path, "--pages", "2", "--json")
-    code, out, _ = call(capsys, "inspect", job, tmp_path, "--press", press, "--json", "--report", tmp_path / "r")
+    code, out, _ = call(
+        capsys, "inspect", job, tmp_path, "--press", press, "--json", "--report", tmp_path / "r"
+    )
     assert code == 0
     words = [json.loads(line)["verdict"] for line in out.splitlines()]
     assert words == ["not-inspected", "good", "not-inspected"]
@@ -158,9 +162,15 @@ def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[obje
         "short scan": (["inspect", job, folder / "short.tif", "--press", press], "100 lines"),
         "no such page": (["simulate", job, "--press", press, "-o", out, "--pages", "9"], "1 to 3"),
         "no such kind": (["simulate", job, "--press", press, "-o", out, "--misprint", "smudge"], "streak"),
-        "no such severity": (["simulate", job, "--press", press, "-o", out, "--misprint", "streak:2"], "severity"),
+        "no such severity": (
+            ["simulate", job, "--press", press, "-o", out, "--misprint", "streak:2"],
+            "severity",
+        ),
         "no such world": (["simulate", job, "--press", press, "-o", out, "--world", "mars"], "ideal"),
-        "no such detector": (["inspect", job, job, "--press", press, "--detector", "crystal-ball"], "chi-square"),
+        "no such detector": (
+            ["inspect", job, job, "--press", press, "--detector", "crystal-ball"],
+            "chi-square",
+        ),
         "no such job": (["simulate", folder / "none.pdf", "--press", press, "-o", out], "none.pdf"),
         "unknown command": (["prnt"], "prnt"),
     }

@@ -87,11 +87,12 @@ class Press:
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
         except SafetensorError as error:
             raise PressError(path, "is damaged or not a press artefact", remedy=REBUILD) from error
-        if _digest(arrays, metadata["document"]) != metadata["digest"]:
+        document = metadata.get("document", "")
+        if _digest(arrays, document) != metadata.get("digest"):
             raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
         if any(arrays[name].shape != (NODES,) * 4 for name in arrays if name.endswith(TABLES)):
             raise PressError(path, f"has tables that are not of {NODES} nodes an ink", remedy=REBUILD)
-        return cls._from_parts(arrays, json.loads(metadata["document"]))
+        return cls._from_parts(arrays, json.loads(document))
 
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}

@@ -28,14 +28,17 @@ from prooflight.sensing.optics import Lens
 from prooflight.sensing.sensor import LineSensor
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from prooflight.printing.reflectance import ReflectanceModel
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(gt=0, le=1)]
-Count = Annotated[int, Field(gt=0)]
+# Strict: text and booleans are no numbers.
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(strict=True, gt=0, le=1)]
+Count = Annotated[int, Field(strict=True, gt=0)]
 
 
 class _Block(BaseModel):
@@ -70,7 +73,7 @@ class QuantumEfficiencyBlock(_Block):
     """``quantum_efficiency = { wave_nm, qe }`` or ``{ file }``."""
 
     wave_nm: tuple[Positive, ...] | None = None
-    qe: tuple[Annotated[float, Field(ge=0, le=1)], ...] | None = None
+    qe: tuple[Annotated[float, Field(strict=True, ge=0, le=1)], ...] | None = None
     file: str | None = None
 
     @model_validator(mode="after")
@@ -85,7 +88,7 @@ class SensorBlock(_Block):
     """One ``[[sensor]]``."""
 
     name: Annotated[str, Field(min_length=1)]
-    pixels: Annotated[int, Field(ge=16, le=65536)]
+    pixels: Annotated[int, Field(strict=True, ge=16, le=65536)]
     pixel_pitch_um: Positive
     fill_factor: Share
     tdi_stages: Count
@@ -96,7 +99,7 @@ class SensorBlock(_Block):
     dark_current_e_per_s: NotNegative
     dsnu_e: NotNegative
     prnu_percent: NotNegative
-    bits: Annotated[int, Field(ge=1, le=16)]
+    bits: Annotated[int, Field(strict=True, ge=1, le=16)]
     black_level_dn: NotNegative = 0
     quantum_efficiency: QuantumEfficiencyBlock
 
@@ -122,7 +125,7 @@ class InksBlock(_Block):
 class CostsBlock(_Block):
     """``[costs]``."""
 
-    misprint_rate: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    misprint_rate: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.01
     false_alarm_cents: Positive = 0.01
     missed_misprint_cents: Positive = 0.1
 
@@ -130,7 +133,7 @@ class CostsBlock(_Block):
 class DecisionBlock(_Block):
     """``[decision]``."""
 
-    good_pages_per_false_alarm: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 100_000.0
+    good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, allow_inf_nan=False)] = 100_000.0
     """assumed: a press of 100 pages a minute then stops for nothing about once in two shifts."""
 
 
@@ -191,10 +194,10 @@ class PressFile:
         """``[costs]``."""
         return RunningCosts(**self._document.costs.model_dump())
 
-    def inks(self) -> ReflectanceModel:
+    def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.
 
-        Fitting takes seconds, so the model is kept.
+        Fitting takes up to half a minute, so ``progress`` is told what is tried, and the model is kept.
         """
         if self._inks is None:
             block = self._document.inks
@@ -202,7 +205,7 @@ class PressFile:
                 self._inks = built_in_inks()
             else:
                 chart = read_chart(self.path.parent / block.chart)
-                self._inks = InkModel.fit(chart, block.model)
+                self._inks = InkModel.fit(chart, block.model, progress=progress)
         return self._inks
 
     def camera(self) -> Camera:
@@ -302,10 +305,14 @@ def _checked(path: Path, text: str) -> _Document:
 
 
 def _first_fault(path: Path, error: ValidationError) -> PressFileError:
-    fault = error.errors()[0]
+    faults = error.errors()
+    if len(faults) > 1:  # a list whose only member is faulty is also called too short
+        faults = [fault for fault in faults if fault["type"] != "too_short"]
+    # A misspelt field is missing as well: its wrong name says more.
+    fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     place = [str(part + 1) if isinstance(part, int) else part for part in fault["loc"]]
     field = ".".join(place) or "file"
-    others = len(error.errors()) - 1
+    others = len(faults) - 1
     more = f" (and {others} more)" if others else ""
     match fault["type"]:
         case "missing":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,9 +13,10 @@ import tifffile
 
 from prooflight.atomic import whole_file
 from prooflight.errors import ScanError
+from prooflight.pages.job import natural_order
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -38,10 +41,10 @@ class RecordedScan:
     def read(self) -> NDArray[np.uint16]:
         """The scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or of another form."""
         try:
-            with tifffile.TiffFile(self.path) as file:
+            with _opened(self.path) as file:
                 wanted = range(self.first_image, self.first_image + self.sensors)
                 images = [file.pages[index].asarray() for index in wanted]
-        except (tifffile.TiffFileError, ValueError, OSError, IndexError) as error:
+        except Exception as error:  # decoders raise whatever damage leads them to, MemoryError included
             raise ScanError(self.path, "is damaged or not a TIFF", remedy="scan the page again") from error
         shapes = {(image.dtype.name, image.shape) for image in images}
         if len(shapes) > 1 or images[0].dtype != np.uint16 or images[0].ndim != 2 or not images[0].size:
@@ -64,12 +67,19 @@ def write_scan(path: Path, dn: NDArray[np.uint16], *, facts: Mapping[str, object
 
 
 def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
-    """Scans in page order: a folder's TIFF files by name, or one multi-page file.
+    """Scans in page order: a folder's TIFF files in natural order of their names, or one multi-page file.
 
     A file holds one image for each of ``sensors`` sensors, page after page. ScanError if there is nothing to read.
     """
     if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+        files = sorted(
+            (
+                file
+                for file in path.iterdir()
+                if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+            ),
+            key=lambda file: natural_order(file.name),
+        )
         if not files:
             raise ScanError(
                 path, "holds no TIFF files", remedy="give the folder that `prooflight simulate` wrote"
@@ -82,11 +92,37 @@ def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
     return _scans_of(path, sensors)
 
 
-def _scans_of(path: Path, sensors: int) -> list[RecordedScan]:
+class _Complaints(logging.Handler):
+    """What tifffile would only log: tags or images that lie beyond the end of the file."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.first: str | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.first = self.first or record.getMessage()
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+    """A TIFF file; what tifffile complains of is an error, for a scan that is damaged is not to be judged."""
+    complaints = _Complaints()
+    tifffile.logger().addHandler(complaints)
     try:
         with tifffile.TiffFile(path) as file:
+            yield file
+            list(file.pages)
+    finally:
+        tifffile.logger().removeHandler(complaints)
+    if complaints.first:
+        raise ValueError(complaints.first)
+
+
+def _scans_of(path: Path, sensors: int) -> list[RecordedScan]:
+    try:
+        with _opened(path) as file:
             count = len(file.pages)
-    except (tifffile.TiffFileError, ValueError, OSError) as error:
+    except Exception as error:  # as above
         raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
     if not count or count % sensors:
         what = f"holds {count} images where the press has {sensors} sensors"

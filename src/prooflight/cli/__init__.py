@@ -7,7 +7,7 @@ import sys
 import typer
 
 from prooflight import __version__
-from prooflight.cli import chart, job, press, study
+from prooflight.cli import camera, chart, job, press, study
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
@@ -24,6 +24,7 @@ app = typer.Typer(
 job.register(app)
 app.add_typer(press.app, name="press")
 app.add_typer(chart.app, name="chart")
+app.add_typer(camera.app, name="camera")
 app.add_typer(study.app, name="study")
 
 

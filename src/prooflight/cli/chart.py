@@ -11,6 +11,8 @@ from rich.table import Table
 from prooflight.cli import show
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from prooflight.printing.selection import CrossValidation, Score
 
 app = typer.Typer(
@@ -37,9 +39,7 @@ def score(
     measured = read_chart(chart)
     scores: dict[str, Score] = {}
     if model == AUTO:
-        choice = choose(
-            measured, folds=folds, progress=None if json else lambda name: show.step(f"trying {name}")
-        )
+        choice = choose(measured, folds=folds, progress=_trying(quiet=json))
         trial, scores, why = choice.best, dict(choice.scores), choice.why
     else:
         trial = cross_validate(measured, model, folds=folds)
@@ -69,21 +69,20 @@ def predict(
     from prooflight import spectra
     from prooflight.printing.chart import read_chart
     from prooflight.printing.recipes import read_recipes
-    from prooflight.printing.selection import AUTO, choose, fit_model
+    from prooflight.printing.selection import learn
 
     recipes = read_recipes(cmyk)
-    measured = read_chart(chart)
-    if model == AUTO:
-        model = choose(
-            measured, progress=None if json else lambda name: show.step(f"trying {name}")
-        ).best.model
-    reflectance = fit_model(measured, model).reflectance(recipes)
+    learned = learn(read_chart(chart), model, progress=_trying(quiet=json))
+    reflectance = learned.reflectance(recipes)
     if json:
-        show.print_json(
-            {"wave_nm": spectra.WAVE_NM.tolist(), "reflectance": reflectance.tolist(), "model": model}
-        )
+        answer = {
+            "wave_nm": spectra.WAVE_NM.tolist(),
+            "reflectance": reflectance.tolist(),
+            "model": learned.name,
+        }
+        show.print_json(answer)
         return
-    table = Table(title=f"Predicted by {model}", title_justify="left")
+    table = Table(title=f"Predicted by {learned.name}", title_justify="left")
     for heading in ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm"):
         table.add_column(heading, justify="right")
     bands = [int((wave - spectra.WAVE_NM[0]) / spectra.STEP_NM) for wave in (450, 550, 650)]
@@ -119,6 +118,10 @@ def make(
         show.people.print(
             f"Print [bold]{files.pdf}[/bold] without colour management; its recipes: {files.recipes}"
         )
+
+
+def _trying(*, quiet: bool) -> Callable[[str], None]:
+    return lambda name: None if quiet else show.step(f"trying {name}")
 
 
 def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:

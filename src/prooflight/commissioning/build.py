@@ -12,6 +12,7 @@ from prooflight.commissioning.characterise import calibrate_columns, signal_dn, 
 from prooflight.errors import PressFileError
 from prooflight.predicting.tables import SensorModel
 from prooflight.press import Press
+from prooflight.printing.ink_model import InkModel
 from prooflight.sensing.camera import with_pixels
 from prooflight.sensing.sensor import draw_fixed_pattern
 from prooflight.spectra import BANDS
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 SUPERSAMPLING = 2
 """Raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from where it is printed."""
-FOOTPRINT_REACH_PIXELS = 2.5
-"""Nearer than the exact camera's 4: each tap costs time, and 0.4 % of an edge lies beyond."""
 CALIBRATION_LINES = 4096
 WHITE_TILE = 0.85
 """assumed: a ceramic white tile."""
@@ -45,7 +44,7 @@ def build_press(
     camera = press_file.camera()
     if pixels is not None:
         camera = with_pixels(camera, pixels)
-    inks = press_file.inks()
+    inks = press_file.inks(progress=lambda model: progress(f"trying ink model {model}"))
     rng = np.random.default_rng(seed)
     patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
     progress("calibrating columns")
@@ -59,18 +58,20 @@ def build_press(
     for sensor, calibration, (mean, variance) in zip(
         camera.sensors, columns, tables(camera, inks), strict=True
     ):
+        tile_dn = float(signal_dn(sensor, sensor.electrons(camera.irradiance_photons(white))))
         brightest = float((calibration.offset_dn + calibration.gain * mean.max()).max())
-        if brightest > sensor.top_code_dn:
-            what = f"sensor {sensor.name}: white paper would reach {brightest:.0f} DN of {sensor.top_code_dn}"
-            remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
-            raise PressFileError(press_file.path, what, remedy=remedy)
+        for what, level in (("the white tile", 1.05 * tile_dn), ("white paper", brightest)):
+            if level > sensor.top_code_dn:
+                fault = f"sensor {sensor.name}: {what} would reach {level:.0f} DN of {sensor.top_code_dn}"
+                remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
+                raise PressFileError(press_file.path, fault, remedy=remedy)
         backing_e = sensor.electrons(backing)
         sensors.append(
             SensorModel(
                 name=sensor.name,
                 mean_dn=mean,
                 variance_dn2=variance,
-                footprint=camera.footprint(sensor, reach_pixels=FOOTPRINT_REACH_PIXELS),
+                footprint=camera.footprint(sensor),
                 column_offset_dn=calibration.offset_dn,
                 column_gain=calibration.gain,
                 dark_variance_dn2=float(variance_dn2(sensor, np.zeros(()))),
@@ -92,6 +93,7 @@ def build_press(
             "press_file": press_file.text,
             "press_file_sha256": hashlib.sha256(press_file.text.encode()).hexdigest(),
             "inks": inks.name,
+            "chart_digest": inks.chart_digest if isinstance(inks, InkModel) else "",
             "seed": str(seed),
         },
     )

@@ -88,10 +88,23 @@ def repeated_moments(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ColumnCalibration:
-    """What a dark and a flat exposure say of each column."""
+    """What a dark and a white exposure say of each column."""
 
     offset_dn: NDArray[np.float32]
+    """(pixels,) digital number without light, as lit columns have it. [DN]"""
     gain: NDArray[np.float32]
+    """(pixels,) signal over that on the axis of the lens. [-]"""
+
+
+DARK_TILE = 0.05
+"""assumed: a black ceramic tile, for sensors whose noise without light is cut off at 0 DN."""
+
+
+def clips_in_the_dark(sensor: LineSensor) -> bool:
+    """Whether noise reaches 0 DN without light, four sigma from the mean: a dark exposure's mean is then too high."""
+    mean = sensor.dark_e * sensor.dn_per_e + sensor.black_level_dn
+    spread_e = np.sqrt(sensor.variance_temporal_e2(np.zeros(())) + sensor.dsnu_e**2)
+    return bool(mean < 4 * spread_e * sensor.dn_per_e)
 
 
 def calibrate_columns(
@@ -102,19 +115,30 @@ def calibrate_columns(
     lines: int,
     rng: np.random.Generator,
 ) -> list[ColumnCalibration]:
-    """Offset and gain of each column from a covered lens and a white tile of known reflectance (36,).
+    """Offset and gain of each column from a dark exposure and a white tile of known reflectance (36,).
 
-    The gain is relative to the closed-form signal of the tile on the axis, so it holds lamp, cos^4 and PRNU together.
-    Its standard error is the temporal sigma over sqrt(lines).
+    Dark is a covered lens, or a black tile where a covered lens would clip (``black_level_dn`` 0): a line through both
+    signals gives offset and gain. The gain is relative to the closed-form signal on the axis, so it holds lamp, cos^4
+    and PRNU together. Its standard error is the temporal sigma over sqrt(lines).
     """
-    dark = expose_flat(camera, np.zeros_like(white_reflectance), lines=lines, patterns=patterns, rng=rng)
-    flat = expose_flat(camera, white_reflectance, lines=lines, patterns=patterns, rng=rng)
-    on_axis = camera.irradiance_photons(white_reflectance)
+
+    def exposed(reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
+        frames = expose_flat(camera, reflectance, lines=lines, patterns=patterns, rng=rng)
+        return np.asarray(frames.mean(axis=1))
+
+    darkness = {False: np.zeros_like(white_reflectance), True: np.full_like(white_reflectance, DARK_TILE)}
+    needed = {clips_in_the_dark(sensor) for sensor in camera.sensors}
+    dark = {clips: exposed(darkness[clips]) for clips in sorted(needed)}
+    white = exposed(white_reflectance)
     calibrations = []
     for index, sensor in enumerate(camera.sensors):
-        offset = dark[index].mean(axis=0)
-        reference = float(signal_dn(sensor, sensor.electrons(on_axis)))
-        gain = (flat[index].mean(axis=0) - offset) / reference
+        clips = clips_in_the_dark(sensor)
+        low, high = (
+            float(signal_dn(sensor, sensor.electrons(camera.irradiance_photons(reflectance))))
+            for reflectance in (darkness[clips], white_reflectance)
+        )
+        gain = (white[index] - dark[clips][index]) / (high - low)
+        offset = dark[clips][index] - gain * low
         calibrations.append(
             ColumnCalibration(offset_dn=offset.astype(np.float32), gain=gain.astype(np.float32))
         )

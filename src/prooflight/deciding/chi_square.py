@@ -32,8 +32,8 @@ def posterior_bound(p_value: float, misprint_rate: float) -> float:
         return misprint_rate
     if p_value <= 0:
         return 1.0
-    odds = misprint_rate / (1 - misprint_rate) / (-math.e * p_value * math.log(p_value))
-    return odds / (1 + odds)
+    against = (1 - misprint_rate) / misprint_rate * (-math.e * p_value * math.log(p_value))
+    return 1 / (1 + against)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

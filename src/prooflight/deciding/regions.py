@@ -61,7 +61,11 @@ def findings(grid: BlockGrid) -> Findings:
         row, column = np.unravel_index(grid.tiles.argmax(), grid.tiles.shape)
         side = grid.blocks_per_tile
         place = np.zeros_like(strongest)
-        inside = (slice(row * side, (row + 1) * side), slice(column * side, (column + 1) * side))
+        last = np.equal((row + 1, column + 1), grid.tiles.shape)  # they are larger by what is left over
+        inside = tuple(
+            slice(at * side, None if ends else (at + 1) * side)
+            for at, ends in zip((row, column), last, strict=True)
+        )
         place[inside] = strongest[inside]
         return Findings(regions=(_region(place, grid, UNKNOWN),), kind=UNKNOWN)
     kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)

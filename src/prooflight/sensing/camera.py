@@ -109,8 +109,10 @@ class Camera:
         pitch_mm = self.pixel_pitch_mm
         travel_pixels = self.line_travel_mm / pitch_mm
         smear_pixels = sensor.tdi_stages * abs(travel_pixels - 1)
-        along_widths = (1.0, travel_pixels, smear_pixels, self.binning_along * travel_pixels - travel_pixels)
-        reach = reach_pixels + sum(along_widths) - 2
+        # Binned lines follow one another without a gap, so their motion is one box.
+        along_widths = (1.0, self.binning_along * travel_pixels, smear_pixels)
+        steps = np.ceil((reach_pixels + sum(along_widths) - 2) * FOOTPRINT_STEPS_PER_PIXEL)
+        reach = float(steps / FOOTPRINT_STEPS_PER_PIXEL)
         lens = self.lens
 
         def cumulative(widths: Sequence[float]) -> NDArray[np.float64]:

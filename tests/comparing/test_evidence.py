@@ -1,0 +1,204 @@
+"""One pass over a scan against plain NumPy, and what its statistics do on scans that are as predicted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import special, stats
+
+from prooflight.comparing.error_map import normalised_error
+from prooflight.comparing.evidence import BLOCK_PIXELS, INTERVALS, TILE_PIXELS, Evidence, gather
+
+TOP = 4095
+EXTREME = 1e-4
+"""A p-value nearer to 0 or 1 than this fails; 12 of them fail once in 400 sets of seeds, and these are fixed."""
+
+
+def scan_of(
+    expected: np.ndarray, sigma: np.ndarray | float, seed: int, *, top: int = TOP
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measured as predicted: Gaussian, rounded and clipped; expected; variance with rounding's 1/12."""
+    rng = np.random.default_rng(seed)
+    drawn = expected + sigma * rng.standard_normal(expected.shape)
+    measured = np.clip(np.floor(drawn + 0.5), 0, top).astype(np.uint16)
+    variance = np.broadcast_to(np.float64(sigma) ** 2 + 1 / 12, expected.shape)
+    return measured, expected.astype(np.float32), variance.astype(np.float32)
+
+
+def gathered(
+    images: tuple[np.ndarray, np.ndarray, np.ndarray], *, seed: int = 1, threads: int = 1, top: int = TOP
+) -> Evidence:
+    measured, expected, variance = images
+    return gather(
+        measured, expected, variance, top_codes_dn=[top] * len(measured), seed=seed, threads=threads
+    )
+
+
+def histogram_law(
+    measured: np.ndarray, expected: np.ndarray, variance: np.ndarray, top: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of the histogram's counts over the random numbers of the integral transform."""
+    sigma = np.sqrt(variance.astype(float) - 1 / 12).ravel()
+    error = (measured - expected.astype(float)).ravel()
+    low = np.where(measured.ravel() == 0, 0, special.ndtr((error - 0.5) / sigma))
+    high = np.where(measured.ravel() >= top, 1, special.ndtr((error + 0.5) / sigma))
+    edges = np.linspace(0, 1, INTERVALS + 1)
+    overlap = np.minimum(high[:, None], edges[1:]) - np.maximum(low[:, None], edges[:-1])
+    share = np.clip(overlap, 0, None) / np.maximum(high - low, 1e-300)[:, None]
+    return share.sum(axis=0), (share * (1 - share)).sum(axis=0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("off", [0.0, 0.7])  # as predicted, and a page that is not
+def test_the_histogram_is_the_randomised_integral_transform(seed: int, off: float) -> None:
+    rng = np.random.default_rng(seed)
+    expected = rng.uniform(0, 400, (1, 150, 200))
+    sigma = rng.uniform(0.6, 30, expected.shape)
+    measured, predicted, variance = scan_of(expected, sigma, seed + 10, top=380)
+    predicted = predicted + np.float32(off) * sigma.astype(np.float32)
+    got = gathered((measured, predicted, variance), top=380, seed=seed).histogram[0]
+    mean, spread = histogram_law(measured, predicted, variance, 380)
+    assert np.abs((got - mean) / np.sqrt(spread)).max() < 4.5  # of 32 normal deviates; P = 2e-4
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_naive_histogram_counts_phi_of_z(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    expected = rng.uniform(0, 400, (2, 60, 70))
+    images = scan_of(expected, rng.uniform(0.6, 30, expected.shape), seed)
+    got = gathered(images).naive_histogram
+    for sensor in range(2):
+        z = normalised_error(*(image[sensor] for image in images)).astype(float)
+        place = np.minimum((special.ndtr(z) * INTERVALS).astype(int), INTERVALS - 1)
+        want = np.bincount(place.ravel(), minlength=INTERVALS)
+        # the kernel's table of Phi is good to 4e-7: a value in 1e5 may change sides of an edge
+        assert np.abs(got[sensor] - want).max() <= 2
+
+
+@pytest.mark.parametrize("shape", [(1, 64, 80), (2, 67, 85), (1, 300, 40)])
+def test_block_z_is_the_mean_over_8_by_8_pixels_times_8(shape: tuple[int, int, int]) -> None:
+    rng = np.random.default_rng(5)
+    images = scan_of(rng.uniform(20, 3000, shape), rng.uniform(0.6, 30, shape), 5)
+    z = normalised_error(*images).astype(float)
+    rows, columns = shape[1] // 8, shape[2] // 8
+    blocks = z[:, : rows * 8, : columns * 8].reshape(shape[0], rows, 8, columns, 8)
+    got = gathered(images, threads=3).block_z
+    assert got.shape == (shape[0], rows, columns)
+    np.testing.assert_allclose(got, blocks.mean(axis=(2, 4)) * 8, atol=1e-4)
+
+
+def test_a_deviating_pixel_shows_in_its_own_block_with_its_sign() -> None:
+    flat = np.full((1, 40, 48), 100.0)
+    images = scan_of(flat, 1e-3, 1)
+    images[0][0, 17, 30] += 50  # lighter
+    block_z = gathered((images[0], images[1], np.ones_like(images[2]))).block_z[0]
+    assert block_z[2, 3] == pytest.approx(50 / 8)
+    block_z[2, 3] = 0
+    assert np.abs(block_z).max() == 0
+
+
+@pytest.mark.parametrize(("lines", "pixels"), [(64, 64), (150, 200), (255, 127), (30, 500), (7, 5)])
+def test_tiles_cut_the_page_into_squares_and_the_last_ones_take_the_rest(lines: int, pixels: int) -> None:
+    rng = np.random.default_rng(5)
+    images = scan_of(rng.uniform(20, 3000, (2, lines, pixels)), 3.0, 5)
+    whole = gathered(images, threads=3)
+    rows, columns = max(lines // TILE_PIXELS, 1), max(pixels // TILE_PIXELS, 1)
+    assert whole.tile_histogram.shape == (2, rows, columns, INTERVALS)
+    down = [*range(0, rows * TILE_PIXELS, TILE_PIXELS), lines]
+    right = [*range(0, columns * TILE_PIXELS, TILE_PIXELS), pixels]
+    areas = np.outer(np.diff(down), np.diff(right))
+    np.testing.assert_array_equal(whole.tile_histogram.sum(axis=-1), [areas, areas])
+    np.testing.assert_array_equal(whole.histogram, whole.tile_histogram.sum(axis=(1, 2)))
+
+
+def test_a_deviation_shows_in_its_own_tile() -> None:
+    measured, expected, variance = scan_of(np.full((1, 256, 320), 900.0), 3.0, 8)
+    before = gathered((measured, expected, variance)).tile_histogram
+    changed = measured.copy()
+    changed[0, 70:90, 200:220] += 9
+    after = gathered((changed, expected, variance)).tile_histogram
+    assert (before[0, 1, 3] != after[0, 1, 3]).any()
+    after[0, 1, 3] = before[0, 1, 3]
+    np.testing.assert_array_equal(after, before)
+
+
+@given(
+    sensors=st.integers(1, 3),
+    lines=st.integers(1, 300),
+    pixels=st.integers(1, 60),
+    seed=st.integers(0, 2**31),
+)
+def test_every_pixel_is_counted_once(sensors: int, lines: int, pixels: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = (sensors, lines, pixels)
+    measured = rng.integers(0, 4096, shape).astype(np.uint16)  # nothing like what was expected
+    expected = rng.uniform(0, 4095, shape).astype(np.float32)
+    variance = rng.uniform(0.09, 100, shape).astype(np.float32)
+    got = gathered((measured, expected, variance), seed=seed, threads=2)
+    assert (got.histogram.sum(axis=1) == lines * pixels).all()
+    assert (got.naive_histogram.sum(axis=1) == lines * pixels).all()
+    assert got.histogram.shape == got.naive_histogram.shape == (sensors, INTERVALS)
+    assert got.block_z.shape == (sensors, lines // BLOCK_PIXELS, pixels // BLOCK_PIXELS)
+    assert np.isfinite(got.block_z).all()
+
+
+def test_threads_do_not_change_a_bit_and_the_seed_changes_only_the_transform() -> None:
+    rng = np.random.default_rng(2)
+    images = scan_of(rng.uniform(20, 3000, (2, 500, 90)), 4.0, 2)
+    one, four = (gathered(images, seed=7, threads=n) for n in (1, 4))
+    other = gathered(images, seed=8)
+    for statistic in ("histogram", "naive_histogram", "block_z"):
+        np.testing.assert_array_equal(getattr(one, statistic), getattr(four, statistic))
+    assert (one.histogram != other.histogram).any()
+    np.testing.assert_array_equal(one.naive_histogram, other.naive_histogram)
+    np.testing.assert_array_equal(one.block_z, other.block_z)
+
+
+def test_sensors_with_the_same_numbers_draw_different_uniforms() -> None:
+    images = tuple(np.repeat(image, 2, axis=0) for image in scan_of(np.full((1, 80, 80), 99.3), 0.7, 3))
+    got = gathered((images[0], images[1], images[2])).histogram
+    assert (got[0] != got[1]).any()
+
+
+@pytest.mark.parametrize("sigma", [0.6, 8.0])
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_on_a_page_as_predicted_the_histogram_is_flat(sigma: float, seed: int) -> None:
+    expected = np.random.default_rng(seed).uniform(100, 3000, (1, 256, 400))
+    got = gathered(scan_of(expected, sigma, seed + 100), seed=seed).histogram[0]
+    p_value = stats.chisquare(got).pvalue
+    assert EXTREME < p_value < 1 - EXTREME
+
+
+@pytest.mark.parametrize("level", [0.2, 1.5, 4094.1])
+def test_it_is_flat_where_the_converter_clips_as_well(level: float) -> None:
+    got = gathered(scan_of(np.full((1, 256, 400), level), 2.0, 17), seed=3).histogram[0]
+    p_value = stats.chisquare(got).pvalue
+    assert EXTREME < p_value < 1 - EXTREME
+
+
+@pytest.mark.parametrize("sigma", [0.6, 8.0])
+def test_on_flat_paper_the_naive_histogram_rejects_a_good_page(sigma: float) -> None:
+    images = scan_of(np.full((1, 256, 400), 2856.3), sigma, 5)
+    got = gathered(images)
+    assert stats.chisquare(got.naive_histogram[0]).pvalue < 1e-100
+    assert EXTREME < stats.chisquare(got.histogram[0]).pvalue < 1 - EXTREME
+
+
+@pytest.mark.parametrize("sigma_error", [0.97, 1.03])
+def test_an_error_of_3_percent_in_sigma_shows(sigma_error: float) -> None:
+    measured, expected, variance = scan_of(
+        np.random.default_rng(1).uniform(100, 3000, (1, 256, 400)), 8.0 * sigma_error, 5
+    )
+    wrong = np.full_like(variance, 64 + 1 / 12)
+    assert stats.chisquare(gathered((measured, expected, wrong)).histogram[0]).pvalue < 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_block_z_is_standard_normal_on_a_page_as_predicted(seed: int) -> None:
+    expected = np.random.default_rng(seed).uniform(100, 3000, (1, 800, 800))
+    block_z = gathered(scan_of(expected, 3.0, seed)).block_z.ravel()
+    assert stats.kstest(block_z, "norm").pvalue > EXTREME
+    assert block_z.mean() == pytest.approx(0, abs=4 / np.sqrt(block_z.size))
+    assert block_z.var() == pytest.approx(1, abs=4 * np.sqrt(2 / block_z.size))

@@ -1,0 +1,287 @@
+"""Prediction against a plain NumPy reference: sixteen corners, dense weights, double precision."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prooflight.pages.raster import Page
+from prooflight.predicting.predict import predict
+from prooflight.predicting.tables import NODE_STEP, NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.predicting.tables import SensorModel
+    from prooflight.press import Press
+
+SINGLE_PRECISION_DN = 1e-3
+"""A few hundred additions of up to 4000 DN in single precision, each good to 2e-4 DN, rounded at random."""
+
+
+@pytest.fixture(scope="module")
+def odd_sensor(press: Press) -> SensorModel:
+    """A sensor whose tables, columns and backing are all different and random."""
+    rng = np.random.default_rng(3)
+    shape = (NODES,) * 4
+    return replace(
+        press.sensors[0],
+        mean_dn=rng.uniform(0, 3000, shape).astype(np.float32),
+        variance_dn2=rng.uniform(5, 60, shape).astype(np.float32),
+        column_offset_dn=rng.normal(3, 2, 400).astype(np.float32),
+        column_gain=rng.normal(1, 0.05, 400).astype(np.float32),
+        dark_variance_dn2=1.7,
+        backing_dn=222.0,
+        backing_variance_dn2=3.3,
+    )
+
+
+@pytest.fixture(scope="module")
+def even_sensor(press: Press) -> SensorModel:
+    """The press's sensor with all columns alike."""
+    return replace(
+        press.sensors[0],
+        column_offset_dn=np.zeros(400, np.float32),
+        column_gain=np.ones(400, np.float32),
+    )
+
+
+def page_of(cmyk: np.ndarray, dpi: float) -> Page:
+    return Page(cmyk=np.ascontiguousarray(cmyk, np.uint8), dpi=dpi, name="p0001", number=1)
+
+
+def flat_page(recipe: tuple[int, int, int, int], *, width_mm: float = 20.0, height_mm: float = 5.0) -> Page:
+    rows, columns = round(height_mm * 300 / 25.4), round(width_mm * 300 / 25.4)
+    return page_of(np.broadcast_to(np.array(recipe, np.uint8), (rows, columns, 4)), 300.0)
+
+
+def sixteen_corners(table: np.ndarray, cmyk: np.ndarray) -> np.ndarray:
+    cell, fraction = np.divmod(cmyk.astype(np.int64), NODE_STEP)
+    value = np.zeros(cmyk.shape[:-1])
+    for corner in product((0, 1), repeat=4):
+        weight = np.prod(
+            np.where(np.array(corner) == 1, fraction / NODE_STEP, 1 - fraction / NODE_STEP), axis=-1
+        )
+        place = tuple(np.moveaxis(cell + np.array(corner), -1, 0))
+        value += weight * table.astype(np.float64)[place]
+    return value
+
+
+def dense_weights(
+    cumulative: np.ndarray, reach_mm: float, centres_mm: np.ndarray, raster_mm: float, count: int
+) -> np.ndarray:
+    offsets = np.linspace(-reach_mm, reach_mm, cumulative.size)
+    edges = np.arange(count + 1) * raster_mm
+    return np.diff(np.interp(edges - centres_mm[:, None], offsets, cumulative), axis=1)
+
+
+def reference(
+    page: Page, sensor: SensorModel, geometry: ScanGeometry, shift_mm: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    lines = geometry.lines(page.height_mm)
+    rows, columns = page.cmyk.shape[:2]
+    seen = sensor.footprint
+    across = dense_weights(
+        seen.across, seen.reach_mm, geometry.centres_x_mm(page.width_mm) - shift_mm[0], page.pixel_mm, columns
+    )
+    along = dense_weights(
+        seen.along, seen.reach_mm, geometry.centres_y_mm(lines) - shift_mm[1], page.pixel_mm, rows
+    )
+    off_page = 1 - along.sum(axis=1)[:, None] * across.sum(axis=1)
+    light = along @ sixteen_corners(sensor.mean_dn, page.cmyk) @ across.T + off_page * sensor.backing_dn
+    variance = (
+        along @ sixteen_corners(sensor.variance_dn2, page.cmyk) @ across.T
+        + off_page * sensor.backing_variance_dn2
+    )
+    expected = np.clip(sensor.column_offset_dn + sensor.column_gain * light, 0, sensor.top_code_dn)
+    return expected, sensor.dark_variance_dn2 + sensor.column_gain * (variance - sensor.dark_variance_dn2)
+
+
+@pytest.mark.parametrize("dpi", [72.0, 240.9, 300.0, 481.8, 1000.0])
+@pytest.mark.parametrize("shift_mm", [(0.0, 0.0), (0.37, -1.31)])
+def test_against_the_reference(
+    press: Press, odd_sensor: SensorModel, dpi: float, shift_mm: tuple[float, float]
+) -> None:
+    rng = np.random.default_rng(4)
+    shape = (round(12 * dpi / 25.4), round(30 * dpi / 25.4), 4)
+    cmyk = rng.integers(0, 256, shape)
+    cmyk[: shape[0] // 2, : shape[1] // 2] = (0, 0, 0, 255)  # and runs of equal pixels
+    page = page_of(cmyk, dpi)
+    got = predict(page, sensors=[odd_sensor], geometry=press.geometry, shift_mm=shift_mm, threads=2)
+    expected, variance = reference(page, odd_sensor, press.geometry, shift_mm)
+    assert got.expected_dn.shape == (1, *expected.shape)
+    assert got.expected_dn.shape[1] > 128  # more than one band of lines
+    np.testing.assert_allclose(got.expected_dn[0], expected, atol=SINGLE_PRECISION_DN)
+    np.testing.assert_allclose(got.variance_dn2[0], variance, atol=SINGLE_PRECISION_DN)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    rows=st.integers(1, 40),
+    columns=st.integers(1, 40),
+    dpi=st.floats(30, 900),
+    shift_mm=st.tuples(st.floats(-5, 5), st.floats(-5, 5)),
+)
+def test_against_the_reference_on_any_page(
+    press: Press,
+    odd_sensor: SensorModel,
+    seed: int,
+    rows: int,
+    columns: int,
+    dpi: float,
+    shift_mm: tuple[float, float],
+) -> None:
+    cmyk = np.random.default_rng(seed).integers(0, 256, (rows, columns, 4))
+    page = page_of(cmyk, dpi)
+    got = predict(page, sensors=[odd_sensor], geometry=press.geometry, shift_mm=shift_mm, threads=1)
+    expected, variance = reference(page, odd_sensor, press.geometry, shift_mm)
+    np.testing.assert_allclose(got.expected_dn[0], expected, atol=SINGLE_PRECISION_DN)
+    np.testing.assert_allclose(got.variance_dn2[0], variance, atol=SINGLE_PRECISION_DN)
+
+
+def test_threads_do_not_change_a_bit(page: Page, two_sensor_press: Press) -> None:
+    one, three = (
+        predict(page, sensors=two_sensor_press.sensors, geometry=two_sensor_press.geometry, threads=n)
+        for n in (1, 3)
+    )
+    np.testing.assert_array_equal(one.expected_dn, three.expected_dn)
+    np.testing.assert_array_equal(one.variance_dn2, three.variance_dn2)
+
+
+def test_each_sensor_is_predicted_from_its_own_tables(page: Page, two_sensor_press: Press) -> None:
+    both = predict(page, sensors=two_sensor_press.sensors, geometry=two_sensor_press.geometry)
+    for index, sensor in enumerate(two_sensor_press.sensors):
+        alone = predict(page, sensors=[sensor], geometry=two_sensor_press.geometry)
+        np.testing.assert_array_equal(both.expected_dn[index], alone.expected_dn[0])
+    assert (both.expected_dn[0] != both.expected_dn[1]).any()
+
+
+@given(st.tuples(*[st.integers(0, NODES - 2)] * 4))
+def test_at_a_node_an_even_page_gives_the_table_itself(
+    press: Press, odd_sensor: SensorModel, node: tuple[int, int, int, int]
+) -> None:
+    cyan, magenta, yellow, black = (NODE_STEP * place for place in node)
+    page = flat_page((cyan, magenta, yellow, black))
+    got = predict(page, sensors=[odd_sensor], geometry=press.geometry)
+    inside = (slice(25, 60), slice(120, 280))
+    gain, offset = odd_sensor.column_gain[120:280], odd_sensor.column_offset_dn[120:280]
+    want = np.clip(offset + gain * odd_sensor.mean_dn[node], 0, 4095)
+    np.testing.assert_allclose(
+        got.expected_dn[0][inside], np.broadcast_to(want, (35, 160)), atol=SINGLE_PRECISION_DN
+    )
+    dark = odd_sensor.dark_variance_dn2
+    want = dark + gain * (odd_sensor.variance_dn2[node] - dark)
+    np.testing.assert_allclose(
+        got.variance_dn2[0][inside], np.broadcast_to(want, (35, 160)), atol=SINGLE_PRECISION_DN
+    )
+
+
+@pytest.mark.parametrize("ink", range(4))
+def test_every_ink_is_looked_up_on_its_own_axis(press: Press, even_sensor: SensorModel, ink: int) -> None:
+    # a table that depends on one ink only: 100 DN a node
+    axis = [1, 1, 1, 1]
+    axis[ink] = NODES
+    ramp = np.broadcast_to(np.arange(NODES).reshape(axis) * 100.0, (NODES,) * 4).astype(np.float32)
+    sensor = replace(even_sensor, mean_dn=ramp)
+    recipe = [7, 99, 201, 50]
+    recipe[ink] = 120
+    got = predict(
+        flat_page((recipe[0], recipe[1], recipe[2], recipe[3])), sensors=[sensor], geometry=press.geometry
+    )
+    assert got.expected_dn[0, 40, 200] == pytest.approx(120 / NODE_STEP * 100, abs=SINGLE_PRECISION_DN)
+
+
+def test_an_edge_is_a_mean_of_signals_and_not_the_signal_of_half_the_ink(
+    press: Press, even_sensor: SensorModel
+) -> None:
+    # 802 raster pixels of a quarter camera pixel, centred in 400: the page starts at 99.75 camera pixels,
+    # and black at 200.5, the centre of camera pixel 200
+    cmyk = np.zeros((200, 802, 4))
+    cmyk[:, 403:, 3] = 255
+    page = page_of(cmyk, 25.4 * 4 / press.geometry.pixel_pitch_mm)
+    row = predict(page, sensors=[even_sensor], geometry=press.geometry).expected_dn[0, 45]
+    white, black = row[150], row[250]
+    assert row[200] == pytest.approx((white + black) / 2, abs=SINGLE_PRECISION_DN)
+    assert row[199] + row[201] == pytest.approx(white + black, abs=SINGLE_PRECISION_DN)
+    half_ink = predict(flat_page((0, 0, 0, 128)), sensors=[even_sensor], geometry=press.geometry)
+    assert abs(row[200] - half_ink.expected_dn[0, 40, 200]) > 300  # far from each other in this press
+
+
+@pytest.mark.parametrize("steps", [(1, 0), (0, 1), (-3, 2), (5, -7)])
+def test_a_shift_by_whole_camera_pixels_shifts_the_prediction(
+    press: Press, even_sensor: SensorModel, page: Page, steps: tuple[int, int]
+) -> None:
+    geometry = press.geometry
+    shift_mm = (steps[0] * geometry.pixel_pitch_mm, steps[1] * geometry.line_pitch_mm)
+    still, moved = (
+        predict(page, sensors=[even_sensor], geometry=geometry, shift_mm=shift).expected_dn[0]
+        for shift in ((0.0, 0.0), shift_mm)
+    )
+    margin = 8
+    lines, pixels = still.shape
+    core = still[margin : lines - margin, margin : pixels - margin]
+    rows = slice(margin + steps[1], lines - margin + steps[1])
+    columns = slice(margin + steps[0], pixels - margin + steps[0])
+    # weights are differences of places on the page, good to 1e-7 of a pixel in single precision
+    np.testing.assert_allclose(moved[rows, columns], core, atol=0.01)
+
+
+def test_a_positive_shift_moves_the_page_right_and_down(press: Press, even_sensor: SensorModel) -> None:
+    page = flat_page((0, 0, 0, 0), width_mm=10.0, height_mm=5.0)
+    still, moved = (
+        predict(page, sensors=[even_sensor], geometry=press.geometry, shift_mm=shift).expected_dn[0]
+        for shift in ((0.0, 0.0), (1.0, 0.5))
+    )
+
+    def middle(image: np.ndarray) -> np.ndarray:
+        paper = np.argwhere(image > 1500)
+        return (paper.min(axis=0) + paper.max(axis=0)) / 2
+
+    down, right = (middle(moved) - middle(still)) * press.geometry.pixel_pitch_mm
+    assert right == pytest.approx(1.0, abs=0.06)  # half a camera pixel
+    assert down == pytest.approx(0.5, abs=0.06)
+
+
+def test_beyond_the_page_is_backing(press: Press, odd_sensor: SensorModel) -> None:
+    page = flat_page((200, 10, 30, 90), width_mm=10.0, height_mm=5.0)
+    got = predict(page, sensors=[odd_sensor], geometry=press.geometry)
+    geometry = press.geometry
+    x, y = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(got.expected_dn.shape[1])
+    reach = odd_sensor.footprint.reach_mm
+    beyond = (x < -reach) | (x > page.width_mm + reach)
+    above = (y < -reach) | (y > page.height_mm + reach)
+    assert beyond.any()
+    assert above.any()
+    backing = odd_sensor.column_offset_dn + odd_sensor.column_gain * np.float32(222.0)
+    np.testing.assert_allclose(
+        got.expected_dn[0][:, beyond],
+        np.broadcast_to(backing[beyond], (y.size, beyond.sum())),
+        atol=SINGLE_PRECISION_DN,
+    )
+    np.testing.assert_allclose(
+        got.expected_dn[0][above], np.broadcast_to(backing, (above.sum(), 400)), atol=SINGLE_PRECISION_DN
+    )
+
+
+def test_expected_numbers_stay_within_the_converters_codes(press: Press, odd_sensor: SensorModel) -> None:
+    bright = replace(odd_sensor, column_gain=np.linspace(0.2, 9, 400).astype(np.float32), top_code_dn=1023)
+    dark = replace(odd_sensor, column_offset_dn=np.full(400, -9000, np.float32))
+    for sensor, limit in ((bright, 1023), (dark, 0)):
+        got = predict(flat_page((40, 0, 0, 0)), sensors=[sensor], geometry=press.geometry)
+        assert got.expected_dn.min() >= 0
+        assert got.expected_dn.max() <= 1023
+        assert (got.expected_dn == limit).any()
+
+
+def test_the_page_is_not_changed(press: Press, make_page: Callable[..., Page]) -> None:
+    page = make_page(9, width_mm=10, height_mm=6)
+    kept = page.cmyk.copy()
+    predict(page, sensors=press.sensors, geometry=press.geometry)
+    np.testing.assert_array_equal(page.cmyk, kept)

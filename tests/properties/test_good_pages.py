@@ -1,0 +1,38 @@
+"""In the ideal world a page's p-value is uniform: what the detector promises rests on that."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from prooflight.deciding.chi_square import ChiSquare
+from prooflight.inspecting.inspector import inspect_page
+from prooflight.predicting.predict import predict
+from prooflight.simulating.scans import ideal_scan, page_rng
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.pages.raster import Page
+    from prooflight.press import Press
+
+SCANS = 120
+
+
+def test_p_values_of_good_pages_are_uniform(two_sensor_press: Press, make_page: Callable[..., Page]) -> None:
+    press = two_sensor_press
+    judge = ChiSquare(good_pages_per_false_alarm=1e5, misprint_rate=0.01, tiles=False)
+    p_values = []
+    for design in range(3):
+        page = make_page(20 + design, width_mm=20.0, height_mm=20.0)
+        good = predict(page, sensors=press.sensors, geometry=press.geometry)
+        for copy in range(SCANS // 3):
+            scan = ideal_scan(good, press, page_rng(design, copy))
+            verdict = inspect_page(page, scan, press=press, judge=judge, scan_name="scan", seed=copy).verdict
+            assert verdict.p_value is not None
+            p_values.append(verdict.p_value)
+    # fixed seeds; a true uniform would fail once in a thousand
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    assert 0.3 < np.mean(p_values) < 0.7

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.errors import JobError
-from prooflight.pages.job import turned
-from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.raster import MM_PER_INCH, turned
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-
 from prooflight.errors import JobError, RequestError
 from prooflight.pages import files
 from prooflight.pages.raster import Page
@@ -151,14 +149,6 @@ def _is_pdf(path: Path) -> bool:
     with path.open("rb") as file:  # OSError for what the system cannot open
         head = file.read(1024)
     return b"%PDF-" in head or (path.suffix.lower() == ".pdf")
-
-
-def turned(page: Page) -> Page:
-    """The page turned by 90 degrees clockwise, as seen: its left edge comes to lie on top, at row 0.
-
-    For pages wider than the camera's field that fit the other way round. Name and number stay.
-    """
-    return replace(page, cmyk=np.ascontiguousarray(np.rot90(page.cmyk, k=-1)))
 
 
 def parse_pages(text: str, count: int) -> tuple[int, ...]:

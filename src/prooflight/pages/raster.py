@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,3 +56,11 @@ class Page:
     def height_mm(self) -> float:
         """Extent along the travel. [mm]"""
         return self.cmyk.shape[0] * self.pixel_mm
+
+
+def turned(page: Page) -> Page:
+    """The page turned by 90 degrees clockwise, as seen: its left edge comes to lie on top, at row 0.
+
+    For pages wider than the camera's field that fit the other way round. Name and number stay.
+    """
+    return replace(page, cmyk=np.ascontiguousarray(np.rot90(page.cmyk, k=-1)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,13 +12,15 @@ from prooflight.commissioning.characterise import variance_dn2
 from prooflight.commissioning.exploring import PATCHES, Design, Variation, designs, varied
 from prooflight.errors import PressFileError, RequestError
 from prooflight.predicting.tables import node_fractions
+from prooflight.press_file import PressFile
+from prooflight.printing.built_in import built_in_inks
 from prooflight.sensing.camera import respond
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from prooflight.commissioning.exploring import SensorDesign
-    from prooflight.press_file import PressFile
+    from prooflight.printing.reflectance import LogLinear
 
 
 def explored(press_file: PressFile, *texts: str) -> list[Design]:
@@ -102,12 +105,44 @@ def test_paper_out_of_step_smears(prototype: PressFile) -> None:
     assert found[1].a4_pages_per_s == pytest.approx(1.002 * found[0].a4_pages_per_s)
 
 
+def test_binning_makes_lines_coarser_and_pages_no_faster(prototype: PressFile) -> None:
+    one, three = explored(prototype, "transport.binning_along=1,3")
+    assert three.line_pitch_mm == pytest.approx(3 * one.line_pitch_mm)
+    assert three.a4_pages_per_s == one.a4_pages_per_s
+    assert three.sensors[0].mtf_nyquist_along < one.sensors[0].mtf_nyquist_along
+
+
+def test_saturation_leaves_room_for_the_brightest_column(prototype: PressFile) -> None:
+    # White is 2857 DN at 100 cd/m2: it passes 4095 from 143.3 cd/m2, with 4 sigma of 1 % PRNU from 137.8 on.
+    found = explored(prototype, "light.luminance_cd_m2=136,140,143")
+    assert [design.sensors[0].saturates for design in found] == [False, True, True]
+    assert all(design.sensors[0].white_dn < 4095 for design in found)
+
+
 def test_several_fields_make_a_grid(prototype: PressFile) -> None:
     found = explored(prototype, "lens.f_number=2.8,4", "light.illuminant=D50,A,F11")
     assert [tuple(design.vary.values()) for design in found] == [
         (number, light) for number in (2.8, 4) for light in ("D50", "A", "F11")
     ]
     assert len({design.sensors[0].white_dn for design in found}) == 6
+
+
+def test_inks_are_fitted_once_for_each_choice_of_them(
+    prototype: PressFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def inks(press_file: PressFile) -> LogLinear:
+        asked.append("log-linear" if "log-linear" in press_file.text else "auto")
+        paper = built_in_inks()
+        return replace(paper, paper=paper.paper * (0.5 if asked[-1] == "log-linear" else 1.0))
+
+    monkeypatch.setattr(PressFile, "inks", inks)
+    found = explored(prototype, "inks.model=auto,log-linear", "lens.f_number=2.8,4")
+    assert asked == ["auto", "log-linear"]
+    # half the light: half the signal above dark
+    bright, dim = (design.sensors[0].white_snr * design.sensors[0].white_sigma_dn for design in found[::2])
+    assert dim == pytest.approx(bright / 2)
 
 
 def test_one_sensor_or_all(two_sensor_file: PressFile) -> None:

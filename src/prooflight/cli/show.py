@@ -69,7 +69,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     table = Table(title=title, title_justify="left")
     for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("kind", "left")):
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    table.add_column("where [mm]")
+    table.add_column(r"where \[mm]")
     table.add_column("score", justify="right", no_wrap=True)
     table.add_column("ms", justify="right")
     for verdict in verdicts:

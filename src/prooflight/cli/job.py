@@ -14,6 +14,7 @@ from prooflight.cli import show
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press import Press
+from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -133,7 +134,7 @@ def rip(
     if json:
         show.print_json(rows)
     else:
-        show.people.print(f"{len(rows)} pages in [bold]{out}[/bold]")
+        show.people.print(f"{count(len(rows), 'page')} in [bold]{out}[/bold]")
 
 
 def simulate(
@@ -163,15 +164,15 @@ def simulate(
     request = MisprintRequest.parse(misprint) if misprint else None
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
-        count = len(opened)
+        job_pages = len(opened)
     out.mkdir(parents=True, exist_ok=True)
-    work = ScanToFile(job=source, press=loaded, out=out, request=request, seed=seed, job_pages=count)
+    work = ScanToFile(job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages)
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
     write_truth(out / "truth.json", truths, world=world, seed=seed, press=loaded)
     if json:
         show.print_json(truths)
     else:
-        show.people.print(f"{len(truths)} scans and truth.json in [bold]{out}[/bold]")
+        show.people.print(f"{count(len(truths), 'scan')} and truth.json in [bold]{out}[/bold]")
 
 
 def inspect(
@@ -228,7 +229,7 @@ def inspect(
     alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
     if not json:
         show.people.print(show.verdict_table(verdicts, title=f"{name} on press {loaded.name}"))
-        show.people.print(f"{len(verdicts)} pages, {alarms} misprints")
+        show.people.print(f"{count(len(verdicts), 'page')}, {count(alarms, 'misprint')}")
         if report is not None:
             show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
     if alarms:

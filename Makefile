@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check format lock clean
+.PHONY: demo test check bench docs format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -18,6 +18,13 @@ check: $(VENV)/.installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell src tests docs README.md CHANGELOG.md
+
+bench: $(VENV)/.installed
+	$(BIN)/prooflight bench
+
+# The documents name files, functions and commands that exist, and their commands run.
+docs: $(VENV)/.installed-dev
+	$(BIN)/pytest tests/test_docs.py tests/test_cli_camera.py
 
 format: $(VENV)/.installed-dev
 	$(BIN)/ruff format src tests

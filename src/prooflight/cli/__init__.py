@@ -7,7 +7,7 @@ import sys
 import typer
 
 from prooflight import __version__
-from prooflight.cli import camera, chart, job, press, study
+from prooflight.cli import bench, camera, chart, job, press, study
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
@@ -22,6 +22,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 job.register(app)
+app.command()(bench.bench)
 app.add_typer(press.app, name="press")
 app.add_typer(chart.app, name="chart")
 app.add_typer(camera.app, name="camera")

@@ -55,7 +55,6 @@ def demo(
     from prooflight.reporting.report import RunSummary, write_report
 
     say = (lambda _text: None) if json else show.step
-    out.mkdir(parents=True, exist_ok=True)
     titles: tuple[str, ...] = ()
     if job is None:
         job = out / "sample-job.pdf"

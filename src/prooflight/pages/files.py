@@ -219,7 +219,7 @@ def _ratio(value: Any) -> float:
 
 def _one_resolution(where: object, x_dpi: float, y_dpi: float) -> float:
     if not (0 < x_dpi < np.inf and 0 < y_dpi < np.inf):
-        raise JobError(where, "the image states no resolution", remedy="save it with one, or give its dpi")
+        raise JobError(where, "the image states no resolution", remedy="save it with its resolution")
     if abs(x_dpi / y_dpi - 1) > ANISOTROPY_MAX:
         what = f"{x_dpi:g} dpi across and {y_dpi:g} along"
         raise JobError(where, what, remedy="give an image of the same resolution both ways")

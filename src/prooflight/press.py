@@ -2,6 +2,7 @@
 
 Schema history:
 1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
+2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
 """
 
 from __future__ import annotations
@@ -28,10 +29,21 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 1
+SCHEMA = 2
 KIND = "prooflight press"
 TABLES = ("mean_dn", "variance_dn2")
+INKS = "inks."
 REBUILD = "build it again with `prooflight press build`"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClippedShare:
+    """Shares of a sensor's table nodes whose noise is cut off, so that it is not Gaussian; 0..1 each."""
+
+    black: float
+    """Within four sigma of 0 DN."""
+    saturation: float
+    """Within four sigma of the top code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +62,12 @@ class Press:
     """The promise: one good page in so many may alarm."""
     origin: Mapping[str, str] = field(default_factory=dict)
     """What it was made from: texts, digests, seed."""
+    ink_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """Arrays of the ink model that the tables were made from; ``commissioning.inks`` makes the model again."""
+    ink_facts: Mapping[str, str] = field(default_factory=dict)
+    """Its name, its kind and what it is worth."""
+    clipped: tuple[ClippedShare, ...] = ()
+    """Of each sensor; empty where nobody looked."""
 
     @property
     def dpi(self) -> float:
@@ -96,6 +114,7 @@ class Press:
 
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
+        arrays |= {INKS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
             for name in (*TABLES, "column_offset_dn", "column_gain"):
@@ -120,6 +139,8 @@ class Press:
             "costs": asdict(self.costs),
             "good_pages_per_false_alarm": self.good_pages_per_false_alarm,
             "origin": dict(self.origin),
+            "ink_facts": dict(self.ink_facts),
+            "clipped": [asdict(share) for share in self.clipped],
         }
         return arrays, json.dumps(document, sort_keys=True)
 
@@ -146,6 +167,11 @@ class Press:
             costs=RunningCosts(**document["costs"]),
             good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
             origin=document["origin"],
+            ink_arrays={
+                name.removeprefix(INKS): array for name, array in arrays.items() if name.startswith(INKS)
+            },
+            ink_facts=document["ink_facts"],
+            clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
         )
 
 

@@ -54,10 +54,19 @@ def build(
 
 @app.command("show")
 def show_press(
-    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")], json: Json = False
+    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
+    picture: Annotated[
+        Path | None, typer.Option(metavar="F.png", help="Write tables, columns and footprint as a picture.")
+    ] = None,
+    json: Json = False,
 ) -> None:
     """Look inside a press artefact."""
-    facts = _facts(Press.load(artefact))
+    press = Press.load(artefact)
+    facts = _facts(press)
+    if picture is not None:
+        from prooflight.reporting.press_pictures import draw_press
+
+        draw_press(picture, press)
     if json:
         show.print_json(facts)
         return
@@ -67,11 +76,14 @@ def show_press(
         table.add_row(key.replace("_", " "), str(value))
     show.people.print(table)
     of_sensors = Table(title="Sensors", title_justify="left")
-    for key in sensors[0]:
-        of_sensors.add_column(key.replace("_", " "), justify="right")
+    of_sensors.add_column("")
     for sensor in sensors:
-        of_sensors.add_row(*(str(value) for value in sensor.values()))
+        of_sensors.add_column(sensor["name"], justify="right")
+    for key in list(sensors[0])[1:]:
+        of_sensors.add_row(key.replace("_", " "), *(str(sensor[key]) for sensor in sensors))
     show.people.print(of_sensors)
+    if picture is not None:
+        show.people.print(f"Written: [bold]{picture}[/bold]")
 
 
 def _facts(press: Press) -> dict[str, Any]:
@@ -104,8 +116,10 @@ def _facts(press: Press) -> dict[str, Any]:
                 "top_code_dn": sensor.top_code_dn,
                 "column_gain_min": round(float(sensor.column_gain.min()), 4),
                 "column_gain_max": round(float(sensor.column_gain.max()), 4),
+                "clipped_black_percent": round(100 * share.black, 3),
+                "clipped_saturation_percent": round(100 * share.saturation, 3),
             }
-            for sensor in press.sensors
+            for sensor, share in zip(press.sensors, press.clipped, strict=True)
         ],
     }
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from prooflight.commissioning.appearance import appearance_srgb
 from prooflight.commissioning.characterise import calibrate_columns, signal_dn, tables, variance_dn2
+from prooflight.commissioning.gaussianity import clipped_share
+from prooflight.commissioning.inks import packed
 from prooflight.errors import PressFileError
 from prooflight.predicting.tables import SensorModel
 from prooflight.press import Press
@@ -81,6 +83,7 @@ def build_press(
             )
         )
     progress("picturing colours")
+    ink_arrays, ink_facts = packed(inks)
     return Press(
         name=press_file.name,
         geometry=press_file.geometry(camera),
@@ -96,4 +99,10 @@ def build_press(
             "chart_digest": inks.chart_digest if isinstance(inks, InkModel) else "",
             "seed": str(seed),
         },
+        ink_arrays=ink_arrays,
+        ink_facts=ink_facts,
+        clipped=tuple(
+            clipped_share(sensor, model.mean_dn)
+            for sensor, model in zip(camera.sensors, sensors, strict=True)
+        ),
     )

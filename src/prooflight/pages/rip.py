@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 POINTS_PER_INCH = 72
 BYTES_PER_PIXEL = 40  # while drawing; measured: 8 for most pages, 36 with transparency groups five deep
+PIXELS_MAX = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES = 128  # ICC.1:2022, 7.2
 
 
@@ -158,6 +159,10 @@ class PdfJob:
             box, scale = self._printed_box(page), dpi / POINTS_PER_INCH
             shape = (max(1, round((box.y1 - box.y0) * scale)), max(1, round((box.x1 - box.x0) * scale)))
             refuse_oversize(f"{self.path}, page {number}", *shape, bytes_per_pixel=BYTES_PER_PIXEL)
+            if shape[0] * shape[1] > PIXELS_MAX:
+                what = f"page {number} at {dpi:g} dpi has {shape[0] * shape[1] / 1e6:.0f} megapixels"
+                remedy = f"lower the resolution: at most {PIXELS_MAX / 1e6:.0f} can be ripped"
+                raise JobError(self.path, what, remedy=remedy)
             ctm = self._mupdf.mupdf.FzMatrix(scale, 0, 0, scale, -box.x0 * scale, -box.y0 * scale)
             try:
                 cmyk, troubles = plates.draw(page, ctm, shape, self._profile)

@@ -1,0 +1,70 @@
+"""The inks that a press artefact carries: packed into plain arrays and words, and made again from them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+from prooflight.errors import PressError
+from prooflight.press import REBUILD
+from prooflight.printing.ink_model import InkModel, Spread
+from prooflight.printing.reflectance import LogLinear
+from prooflight.printing.selection import MODELS, Score
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.press import Press
+    from prooflight.printing.reflectance import ReflectanceModel
+
+SPREAD = ("cmyk", "squared", "reach")
+OF_MODEL, OF_SPREAD = "model.", "spread."
+
+
+def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Arrays and facts of inks, for ``Press.ink_arrays`` and ``Press.ink_facts``.
+
+    TypeError: inks that are neither log-linear (the built-in press) nor fitted to a chart.
+    """
+    match inks:
+        case InkModel():
+            arrays = {OF_MODEL + name: array for name, array in inks.model.arrays().items()}
+            arrays |= {OF_SPREAD + name: getattr(inks.spread, name) for name in SPREAD}
+            facts = {
+                "name": inks.name,
+                "model": inks.name,
+                "chart_digest": inks.chart_digest,
+                "score": json.dumps(asdict(inks.score), sort_keys=True),
+                "why": inks.why,
+            }
+        case LogLinear():
+            arrays = {OF_MODEL + name: array for name, array in inks.arrays().items()}
+            facts = {"name": inks.name, "model": "log-linear"}
+        case _:
+            message = f"inks of type {type(inks).__name__} cannot be packed"
+            raise TypeError(message)
+    return arrays, facts
+
+
+def inks_of(press: Press) -> ReflectanceModel:
+    """The inks that a press was made from, as they were; PressError if it carries none or unknown ones."""
+    facts = press.ink_facts
+    if facts.get("model") not in MODELS:
+        what = f"carries inks of the unknown model {facts['model']!r}" if facts else "carries no inks"
+        raise PressError(f"press {press.name}", what, remedy=REBUILD)
+
+    def under(prefix: str) -> dict[str, NDArray[Any]]:
+        named = press.ink_arrays.items()
+        return {name.removeprefix(prefix): array for name, array in named if name.startswith(prefix)}
+
+    model = MODELS[facts["model"]].from_arrays(under(OF_MODEL))
+    if "score" in facts:
+        return InkModel(
+            model=model,
+            spread=Spread(**under(OF_SPREAD)),
+            score=Score(**json.loads(facts["score"])),
+            why=facts["why"],
+            chart_digest=facts["chart_digest"],
+        )
+    return replace(model, name=facts["name"]) if isinstance(model, LogLinear) else model

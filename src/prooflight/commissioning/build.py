@@ -22,7 +22,12 @@ from prooflight.spectra import BANDS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.characterise import ColumnCalibration
     from prooflight.press_file import PressFile
+    from prooflight.sensing.camera import Camera
+    from prooflight.sensing.sensor import LineSensor
 
 SUPERSAMPLING = 2
 """Raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from where it is printed."""
@@ -55,33 +60,14 @@ def build_press(
         camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
     )
     progress("characterising colours")
-    backing = camera.irradiance_photons(np.full(BANDS, press_file.backing_reflectance))
-    sensors = []
-    for sensor, calibration, (mean, variance) in zip(
-        camera.sensors, columns, tables(camera, inks), strict=True
-    ):
-        tile_dn = float(signal_dn(sensor, sensor.electrons(camera.irradiance_photons(white))))
-        brightest = float((calibration.offset_dn + calibration.gain * mean.max()).max())
-        for what, level in (("the white tile", 1.05 * tile_dn), ("white paper", brightest)):
-            if level > sensor.top_code_dn:
-                fault = f"sensor {sensor.name}: {what} would reach {level:.0f} DN of {sensor.top_code_dn}"
-                remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
-                raise PressFileError(press_file.path, fault, remedy=remedy)
-        backing_e = sensor.electrons(backing)
-        sensors.append(
-            SensorModel(
-                name=sensor.name,
-                mean_dn=mean,
-                variance_dn2=variance,
-                footprint=camera.footprint(sensor),
-                column_offset_dn=calibration.offset_dn,
-                column_gain=calibration.gain,
-                dark_variance_dn2=float(variance_dn2(sensor, np.zeros(()))),
-                backing_dn=float(signal_dn(sensor, backing_e)),
-                backing_variance_dn2=float(variance_dn2(sensor, backing_e)),
-                top_code_dn=sensor.top_code_dn,
-            )
-        )
+    backing = np.full(BANDS, press_file.backing_reflectance)
+    sensors = [
+        _sensor_model(camera, sensor, calibration, of_colours, backing_reflectance=backing)
+        for sensor, calibration, of_colours in zip(camera.sensors, columns, tables(camera, inks), strict=True)
+    ]
+    tile = camera.irradiance_photons(white)
+    for sensor, model in zip(camera.sensors, sensors, strict=True):
+        _refuse_saturation(press_file, model, tile_dn=float(signal_dn(sensor, sensor.electrons(tile))))
     progress("picturing colours")
     ink_arrays, ink_facts = packed(inks)
     return Press(
@@ -106,3 +92,38 @@ def build_press(
             for sensor, model in zip(camera.sensors, sensors, strict=True)
         ),
     )
+
+
+def _sensor_model(
+    camera: Camera,
+    sensor: LineSensor,
+    calibration: ColumnCalibration,
+    of_colours: tuple[NDArray[np.float32], NDArray[np.float32]],
+    *,
+    backing_reflectance: NDArray[np.float64],
+) -> SensorModel:
+    """One sensor as prediction sees it, from its tables of mean and variance and its columns."""
+    mean, variance = of_colours
+    backing_e = sensor.electrons(camera.irradiance_photons(backing_reflectance))
+    return SensorModel(
+        name=sensor.name,
+        mean_dn=mean,
+        variance_dn2=variance,
+        footprint=camera.footprint(sensor),
+        column_offset_dn=calibration.offset_dn,
+        column_gain=calibration.gain,
+        dark_variance_dn2=float(variance_dn2(sensor, np.zeros(()))),
+        backing_dn=float(signal_dn(sensor, backing_e)),
+        backing_variance_dn2=float(variance_dn2(sensor, backing_e)),
+        top_code_dn=sensor.top_code_dn,
+    )
+
+
+def _refuse_saturation(press_file: PressFile, model: SensorModel, *, tile_dn: float) -> None:
+    """PressFileError if the white tile (5 % above its mean, for bright columns) or any column on paper saturates."""
+    paper_dn = float((model.column_offset_dn + model.column_gain * model.mean_dn.max()).max())
+    for what, level in (("the white tile", 1.05 * tile_dn), ("white paper", paper_dn)):
+        if level > model.top_code_dn:
+            fault = f"sensor {model.name}: {what} would reach {level:.0f} DN of {model.top_code_dn}"
+            remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
+            raise PressFileError(press_file.path, fault, remedy=remedy)

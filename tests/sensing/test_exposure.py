@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,17 +14,16 @@ from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.pages.sampling import page_taps
 from prooflight.sensing.camera import Camera, respond, with_pixels
 from prooflight.sensing.exposure import distinct_colours, expose_page, page_electrons
-from prooflight.sensing.light import Light
-from prooflight.sensing.optics import Lens
-from prooflight.sensing.sensor import FixedPattern, LineSensor, Noise
+from prooflight.sensing.sensor import FixedPattern, Noise
 from prooflight.sensing.spectral_blur import spectral_blur
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from prooflight.press_file import PressFile
 
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 PIXELS, BACKING = 60, 0.05
 BLUE_HALF = np.where(spectra.WAVE_NM < 500, 0.9, 0.05)
 RED_HALF = 0.95 - BLUE_HALF
@@ -257,13 +254,12 @@ def test_pitches_that_do_not_divide_are_refused_with_the_resolution_to_use(camer
         )
 
 
-def test_isetcams_edge() -> None:
-    path = SHARED / "oracle" / "isetcam_edges.json"
-    if not path.is_file():
-        pytest.skip("needs shared/oracle/isetcam_edges.json beside the repository")
-    edges = json.loads(path.read_text(encoding="utf-8"))
+def test_isetcams_edge(
+    oracle: Callable[[str], dict[str, Any]], isetcam_camera: Callable[[float], Camera]
+) -> None:
+    edges = oracle("edges")
     (scene,) = edges["scenes"]
-    camera = isetcam_camera(path.parent, edges["distance_m"])
+    camera = isetcam_camera(edges["distance_m"])
     light = np.array(scene["preOTF_electrons_equiv"])
     per_pixel = round(camera.sensors[0].pixel_pitch_um / scene["sample_pitch_um"])
     x_um = np.array(scene["pixel_x_um"])
@@ -285,38 +281,3 @@ def test_isetcams_edge() -> None:
     step = light.max() - light.min()
     assert np.abs(np.diff(got)).max() > 0.3 * step  # the edge lies within the profile
     np.testing.assert_allclose(got, scene["pixel_electrons_box"], atol=0.005 * step)
-
-
-def isetcam_camera(folder: Path, distance_m: float) -> Camera:
-    patches = json.loads((folder / "isetcam_patches.json").read_text(encoding="utf-8"))
-    p = patches["params"]
-    gain = p["conversionGain"]
-    sensor = LineSensor(
-        name="isetcam",
-        pixels=96,
-        pixel_pitch_um=p["pixelPitch"] * 1e6,
-        fill_factor=p["fillFactor"],
-        tdi_stages=p["nStages"],
-        line_rate_hz=p["lineRate"],
-        conversion_gain_uv_per_e=gain * 1e6,
-        voltage_swing_v=p["voltageSwing"],
-        read_noise_e=p["readNoise"] / gain,
-        dark_current_e_per_s=p["darkVoltage"] / gain,
-        dsnu_e=p["dsnu"] / gain,
-        prnu_percent=p["prnu"],
-        bits=12,
-        black_level_dn=0,
-        quantum_efficiency=np.array(p["QE"]),
-    )
-    lens = Lens(
-        focal_length_mm=p["focalLength"] * 1e3,
-        f_number=p["fNumber"],
-        transmittance=patches["lens_transmittance"],
-        object_distance_mm=distance_m * 1e3,
-    )
-    light = Light(
-        name="isetcam",
-        relative_power=np.array(patches["illuminant_energy"]),
-        luminance_cd_m2=p["Lwhite"],
-    )
-    return Camera(light=light, lens=lens, sensors=(sensor,))

@@ -51,12 +51,13 @@ def demo(
 ) -> None:
     """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
     from prooflight.demo import run as demonstration
-    from prooflight.demo.sample_job import make_sample_job
     from prooflight.reporting.report import RunSummary, write_report
 
-    say = (lambda _text: None) if json else show.step
+    say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
     if job is None:
+        from prooflight.demo.sample_job import make_sample_job  # needs the extra [demo]
+
         job = out / "sample-job.pdf"
         say("composing the sample job")
         titles = make_sample_job(job, seed=seed).titles

@@ -34,7 +34,7 @@ def build(
 
     started = time.perf_counter()
     settings = PressFile.read(press_file)
-    press = build_press(settings, seed=seed, progress=_step(quiet=json))
+    press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
     accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
@@ -122,7 +122,3 @@ def _facts(press: Press) -> dict[str, Any]:
             for sensor, share in zip(press.sensors, press.clipped, strict=True)
         ],
     }
-
-
-def _step(*, quiet: bool) -> Any:
-    return (lambda _text: None) if quiet else show.step

@@ -19,7 +19,7 @@ from rich.progress import (
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from prooflight.deciding.verdict import Verdict
 
@@ -62,6 +62,11 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
 def step(text: str) -> None:
     """One line on standard error about what is going on."""
     errors.print(f"[dim]{text} ...[/dim]")
+
+
+def steps(*, quiet: bool) -> Callable[[str], None]:
+    """``step``, or silence for programs."""
+    return (lambda _text: None) if quiet else step
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:

@@ -38,7 +38,7 @@ def ink(
     """All ink models on one chart: cross-validation, learning curves, speed; writes ink.md and its picture."""
     from prooflight.studies.ink_study import run_ink_study
 
-    tell = None if json else show.step
+    tell = show.steps(quiet=json)
     rows = run_ink_study(chart, out, folds=folds, seed=seed, quick=quick, progress=tell)
     if json:
         show.print_json(rows)
@@ -100,7 +100,7 @@ def tables(
 
     press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
     presses = [press] if chart is None else [press, with_chart(press, chart)]
-    tell = (lambda _text: None) if json else show.step
+    tell = show.steps(quiet=json)
     with _job_or_sample(job) as job_path:
         jobs = {"sample job" if job is None else job.stem: job_path}
         if pages is not None:
@@ -141,7 +141,7 @@ def figures(
 
     press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
     request = MisprintRequest.parse(misprint)
-    tell = (lambda _text: None) if json else show.step
+    tell = show.steps(quiet=json)
     with _job_or_sample(job) as job_path:
         exhibit = Exhibit(job=job_path, page=page, misprint=request)
         written = draw_figures(press, exhibit, out, seed=seed, progress=tell)

@@ -68,12 +68,9 @@ BLACK: Ink = (0, 0, 0, FULL)
 RICH_BLACK = percent(60, 40, 40, 100)
 NIGHT = percent(100, 76, 24, 46)
 """The house blue: headings on paper, flats behind light text."""
-DUSK = percent(72, 44, 14, 8)
 EMBER = percent(0, 72, 86, 2)
 """The accent; one a page."""
 STRAW = percent(2, 10, 40, 0)
 SAND = percent(2, 4, 10, 0)
-MIST = percent(10, 5, 4, 0)
 GREY = percent(0, 0, 0, 68)
 HAIRLINE = percent(0, 0, 0, 34)
-SILVER = percent(0, 0, 0, 9)

@@ -7,10 +7,7 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any, Literal
-
-World = Literal["ideal"]
-"""ideal: a good scan is the expected one plus temporal sensor noise, rounded (the paper's own world)."""
+from typing import Any
 
 
 def worlds_text() -> bytes:

@@ -1,0 +1,83 @@
+"""Where a page lies under the camera, which is never quite where it should.
+
+A camera pixel that would see the page point p, did the page lie in its place, sees the point q(p): ``Placement`` is
+that map. It is a turn and a stretch about the page's centre, a shift, and a small smooth warp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Warp:
+    """A smooth displacement of the page, bilinear between nodes; beyond the outer nodes it stays as it is there."""
+
+    nodes_mm: NDArray[np.float32]
+    """(rows, columns, 2) displacement x, y of the page at nodes ``pitch_mm`` apart. [mm]"""
+    pitch_mm: float
+    first_mm: tuple[float, float] = (0.0, 0.0)
+    """Where the first node lies (x, y), measured on a page in its place. [mm]"""
+
+    def at(
+        self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacement at points x_mm, y_mm of one shape, as two arrays of it. [mm]"""
+        rows, columns = self.nodes_mm.shape[:2]
+        across = np.clip((x_mm - self.first_mm[0]) / self.pitch_mm, 0, columns - 1)
+        along = np.clip((y_mm - self.first_mm[1]) / self.pitch_mm, 0, rows - 1)
+        j = np.minimum(across.astype(np.intp), max(columns - 2, 0))
+        i = np.minimum(along.astype(np.intp), max(rows - 2, 0))
+        u, v = (across - j)[..., None], (along - i)[..., None]
+        right, below = np.minimum(j + 1, columns - 1), np.minimum(i + 1, rows - 1)
+        nodes = self.nodes_mm.astype(np.float64)
+        above = nodes[i, j] * (1 - u) + nodes[i, right] * u
+        under = nodes[below, j] * (1 - u) + nodes[below, right] * u
+        displacement = above * (1 - v) + under * v
+        return displacement[..., 0], displacement[..., 1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """Where a page lies minus where it should."""
+
+    shift_mm: tuple[float, float] = (0.0, 0.0)
+    """How far the page's centre lies too far right and too far down (x, y). [mm]"""
+    skew_deg: float = 0.0
+    """How far the page is turned clockwise, as seen, about its centre. [degree]"""
+    stretch_percent: tuple[float, float] = (0.0, 0.0)
+    """How much longer the page is across the web and along the travel, from its centre. [%]"""
+    warp: Warp | None = None
+
+    def seen_mm(
+        self,
+        x_mm: NDArray[np.float64],
+        y_mm: NDArray[np.float64],
+        *,
+        page_width_mm: float,
+        page_height_mm: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The page points that are seen where x_mm, y_mm (arrays of one shape) would be, did the page lie in its place.
+
+        q = c + S^-1 R^-1 (p - c - shift - warp(p)), c the page's centre, R the turn, S the stretch. [mm]
+        """
+        centre_x, centre_y = page_width_mm / 2, page_height_mm / 2
+        x = x_mm - centre_x - self.shift_mm[0]
+        y = y_mm - centre_y - self.shift_mm[1]
+        if self.warp is not None:
+            warp_x, warp_y = self.warp.at(x_mm, y_mm)
+            x, y = x - warp_x, y - warp_y
+        turn = np.deg2rad(self.skew_deg)
+        back_x = x * np.cos(turn) + y * np.sin(turn)
+        back_y = y * np.cos(turn) - x * np.sin(turn)
+        across, along = (1 + percent / 100 for percent in self.stretch_percent)
+        return centre_x + back_x / across, centre_y + back_y / along
+
+
+IN_PLACE = Placement()

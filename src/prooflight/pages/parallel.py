@@ -6,7 +6,7 @@ import multiprocessing
 import os
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -24,8 +24,9 @@ def in_order(
 ) -> Iterator[Result]:
     """``work`` of each item, in the order of the items, in as many processes as there are cores.
 
-    Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable. The first
-    error is raised where its result would have come; work not begun by then is dropped.
+    Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it travels
+    once to each process, since it may hold a press. The first error is raised where its result would have come; work
+    not begun by then is dropped.
     """
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
@@ -33,15 +34,29 @@ def in_order(
         yield from map(work, waiting)
         return
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(processes, len(waiting)), mp_context=context)
+    pool = ProcessPoolExecutor(
+        min(processes, len(waiting)), mp_context=context, initializer=_hold, initargs=(work,)
+    )
     try:
         # No more is begun than is soon fetched: results hold pictures.
         begun: deque[Future[Result]] = deque()
         for item in waiting:
-            begun.append(pool.submit(work, item))
+            begun.append(pool.submit(_held_work, item))
             if len(begun) > 2 * processes:
                 yield begun.popleft().result()
         while begun:
             yield begun.popleft().result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+_held: list[Callable[[Any], Any]] = []
+"""In a worker process alone: the work that it was started for."""
+
+
+def _hold(work: Callable[[Any], Any]) -> None:
+    _held[:] = [work]
+
+
+def _held_work(item: Any) -> Any:
+    return _held[0](item)

@@ -3,6 +3,7 @@
 Schema history:
 1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
 2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
+3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from prooflight.acquiring.geometry import ScanGeometry
 from prooflight.atomic import whole_file
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressError
-from prooflight.pages.sampling import Footprint
+from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.predicting.tables import NODES, SensorModel
 
 if TYPE_CHECKING:
@@ -29,9 +30,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 2
+SCHEMA = 3
 KIND = "prooflight press"
 TABLES = ("mean_dn", "variance_dn2")
+CORRECTION = ("near", "far", "farther")
 INKS = "inks."
 REBUILD = "build it again with `prooflight press build`"
 
@@ -68,6 +70,8 @@ class Press:
     """Its name, its kind and what it is worth."""
     clipped: tuple[ClippedShare, ...] = ()
     """Of each sensor; empty where nobody looked."""
+    variation: Mapping[str, Any] = field(default_factory=dict)
+    """How much good prints of this press vary, as far as it is known: what JSON can hold."""
 
     @property
     def dpi(self) -> float:
@@ -121,6 +125,8 @@ class Press:
                 arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
             arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
             arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
+            for name in CORRECTION:
+                arrays[f"sensor{index}.correction_{name}"] = getattr(sensor.correction, name)
             sensors.append(
                 {
                     "name": sensor.name,
@@ -141,6 +147,7 @@ class Press:
             "origin": dict(self.origin),
             "ink_facts": dict(self.ink_facts),
             "clipped": [asdict(share) for share in self.clipped],
+            "variation": dict(self.variation),
         }
         return arrays, json.dumps(document, sort_keys=True)
 
@@ -157,7 +164,10 @@ class Press:
             tables: dict[str, Any] = {
                 name: arrays[of_sensor + name] for name in (*TABLES, "column_offset_dn", "column_gain")
             }
-            sensors.append(SensorModel(footprint=footprint, **tables, **scalars))
+            correction = LensCorrection(
+                **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
+            )
+            sensors.append(SensorModel(footprint=footprint, correction=correction, **tables, **scalars))
         return cls(
             name=document["name"],
             geometry=ScanGeometry(**document["geometry"]),
@@ -172,6 +182,7 @@ class Press:
             },
             ink_facts=document["ink_facts"],
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
+            variation=document["variation"],
         )
 
 

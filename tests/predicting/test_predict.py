@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from prooflight.acquiring.placement import IN_PLACE, Placement, Warp
 from prooflight.pages.raster import Page
+from prooflight.pages.sampling import LensCorrection
 from prooflight.predicting.predict import predict
 from prooflight.predicting.tables import NODE_STEP, NODES
 
@@ -22,8 +24,10 @@ if TYPE_CHECKING:
     from prooflight.predicting.tables import SensorModel
     from prooflight.press import Press
 
-SINGLE_PRECISION_DN = 1e-3
+SINGLE_PRECISION_DN = 3e-3
 """A few hundred additions of up to 4000 DN in single precision, each good to 2e-4 DN, rounded at random."""
+LINEAR_WEIGHTS_DN = 0.8
+"""Weights linear along a segment err by up to 0.025 % of a step of 3000 DN at its ends (``course.DRIFT_PIXELS``)."""
 
 
 @pytest.fixture(scope="module")
@@ -40,17 +44,25 @@ def odd_sensor(press: Press) -> SensorModel:
         dark_variance_dn2=1.7,
         backing_dn=222.0,
         backing_variance_dn2=3.3,
+        correction=LensCorrection.none(),
     )
 
 
 @pytest.fixture(scope="module")
 def even_sensor(press: Press) -> SensorModel:
-    """The press's sensor with all columns alike."""
+    """The press's sensor with all columns alike, and its footprint all there is."""
     return replace(
         press.sensors[0],
+        correction=LensCorrection.none(),
         column_offset_dn=np.zeros(400, np.float32),
         column_gain=np.ones(400, np.float32),
     )
+
+
+def straight_warp() -> Warp:
+    """A warp of the press world's size and slope, without a kink between its four nodes around the page."""
+    nodes = np.random.default_rng(8).normal(0, 0.035, (2, 2, 2)).astype(np.float32)
+    return Warp(nodes_mm=nodes, pitch_mm=40.0, first_mm=(-5.0, -15.0))
 
 
 def page_of(cmyk: np.ndarray, dpi: float) -> Page:
@@ -83,51 +95,103 @@ def dense_weights(
 
 
 def reference(
-    page: Page, sensor: SensorModel, geometry: ScanGeometry, shift_mm: tuple[float, float]
+    page: Page, sensor: SensorModel, geometry: ScanGeometry, placement: Placement
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Every raster row at the columns where it is seen, then these along, all weights in double precision."""
     lines = geometry.lines(page.height_mm)
     rows, columns = page.cmyk.shape[:2]
-    seen = sensor.footprint
-    across = dense_weights(
-        seen.across, seen.reach_mm, geometry.centres_x_mm(page.width_mm) - shift_mm[0], page.pixel_mm, columns
-    )
-    along = dense_weights(
-        seen.along, seen.reach_mm, geometry.centres_y_mm(lines) - shift_mm[1], page.pixel_mm, rows
-    )
-    off_page = 1 - along.sum(axis=1)[:, None] * across.sum(axis=1)
-    light = along @ sixteen_corners(sensor.mean_dn, page.cmyk) @ across.T + off_page * sensor.backing_dn
-    variance = (
-        along @ sixteen_corners(sensor.variance_dn2, page.cmyk) @ across.T
-        + off_page * sensor.backing_variance_dn2
-    )
-    expected = np.clip(sensor.column_offset_dn + sensor.column_gain * light, 0, sensor.top_code_dn)
+    size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
+    x = geometry.centres_x_mm(page.width_mm)
+    row_mm, x_rows = np.meshgrid((np.arange(rows) + 0.5) * page.pixel_mm, x, indexing="ij")
+    y = row_mm.copy()
+    for _ in range(6):
+        y += row_mm - placement.seen_mm(x_rows, y, **size)[1]
+    seen_x = placement.seen_mm(x_rows, y, **size)[0]
+    y_lines, x_lines = np.meshgrid(geometry.centres_y_mm(lines), x, indexing="ij")
+    seen_y = placement.seen_mm(x_lines, y_lines, **size)[1]
+    foot = sensor.footprint
+    light = sixteen_corners(sensor.mean_dn, page.cmyk) - sensor.backing_dn
+    noise = sixteen_corners(sensor.variance_dn2, page.cmyk) - sensor.backing_variance_dn2
+    filtered = np.empty((2, rows, x.size))
+    for row in range(rows):
+        across = dense_weights(foot.across, foot.reach_mm, seen_x[row], page.pixel_mm, columns)
+        filtered[:, row] = across @ light[row], across @ noise[row]
+    result = np.empty((2, lines, x.size))
+    for column in range(x.size):
+        along = dense_weights(foot.along, foot.reach_mm, seen_y[:, column], page.pixel_mm, rows)
+        result[:, :, column] = filtered[:, :, column] @ along.T
+    mean = result[0] + sensor.backing_dn
+    variance = result[1] + sensor.backing_variance_dn2
+    expected = np.clip(sensor.column_offset_dn + sensor.column_gain * mean, 0, sensor.top_code_dn)
     return expected, sensor.dark_variance_dn2 + sensor.column_gain * (variance - sensor.dark_variance_dn2)
 
 
-@pytest.mark.parametrize("dpi", [72.0, 240.9, 300.0, 481.8, 1000.0])
+def noise_page(dpi: float, *, width_mm: float = 30.0, height_mm: float = 12.0) -> Page:
+    """The hardest page: every raster pixel another colour, and a black corner."""
+    shape = (round(height_mm * dpi / 25.4), round(width_mm * dpi / 25.4), 4)
+    cmyk = np.random.default_rng(4).integers(0, 256, shape)
+    cmyk[: shape[0] // 2, : shape[1] // 2] = (0, 0, 0, 255)  # and runs of equal pixels
+    return page_of(cmyk, dpi)
+
+
+def assert_as_the_reference(
+    page: Page, press: Press, sensor: SensorModel, placement: Placement, *, threads: int = 2
+) -> None:
+    got = predict(page, sensors=[sensor], geometry=press.geometry, placement=placement, threads=threads)
+    expected, variance = reference(page, sensor, press.geometry, placement)
+    assert got.expected_dn.shape == (1, *expected.shape)
+    np.testing.assert_allclose(got.expected_dn[0], expected, atol=LINEAR_WEIGHTS_DN)
+    np.testing.assert_allclose(got.variance_dn2[0], variance, atol=LINEAR_WEIGHTS_DN / 50)
+
+
+@pytest.mark.parametrize("dpi", [72.0, 240.9, 300.0, 481.8, 700.0])
 @pytest.mark.parametrize("shift_mm", [(0.0, 0.0), (0.37, -1.31)])
 def test_against_the_reference(
     press: Press, odd_sensor: SensorModel, dpi: float, shift_mm: tuple[float, float]
 ) -> None:
-    rng = np.random.default_rng(4)
-    shape = (round(12 * dpi / 25.4), round(30 * dpi / 25.4), 4)
-    cmyk = rng.integers(0, 256, shape)
-    cmyk[: shape[0] // 2, : shape[1] // 2] = (0, 0, 0, 255)  # and runs of equal pixels
-    page = page_of(cmyk, dpi)
-    got = predict(page, sensors=[odd_sensor], geometry=press.geometry, shift_mm=shift_mm, threads=2)
-    expected, variance = reference(page, odd_sensor, press.geometry, shift_mm)
-    assert got.expected_dn.shape == (1, *expected.shape)
-    assert got.expected_dn.shape[1] > 128  # more than one band of lines
+    page = noise_page(dpi)
+    assert press.geometry.lines(page.height_mm) > 128  # more than one band of lines
+    assert_as_the_reference(page, press, odd_sensor, Placement(shift_mm=shift_mm))
+
+
+@pytest.mark.parametrize("supersampling", [1, 2, 3])
+def test_in_place_at_the_press_resolution_nothing_is_approximated(
+    press: Press, odd_sensor: SensorModel, supersampling: int
+) -> None:
+    page = noise_page(press.geometry.raster_dpi(supersampling))
+    expected, variance = reference(page, odd_sensor, press.geometry, IN_PLACE)
+    got = predict(page, sensors=[odd_sensor], geometry=press.geometry)
     np.testing.assert_allclose(got.expected_dn[0], expected, atol=SINGLE_PRECISION_DN)
     np.testing.assert_allclose(got.variance_dn2[0], variance, atol=SINGLE_PRECISION_DN)
 
 
+@pytest.mark.parametrize("dpi", [240.984, 300.0, 481.968])
+@pytest.mark.parametrize(
+    "placement",
+    [
+        Placement(skew_deg=0.1),
+        Placement(skew_deg=-1.0, shift_mm=(0.5, -0.8)),
+        Placement(stretch_percent=(0.05, -0.04), shift_mm=(-0.2, 0.1)),
+        Placement(skew_deg=0.05, stretch_percent=(-0.3, 0.2)),
+        Placement(skew_deg=0.03, warp=straight_warp()),
+    ],
+    ids=["skew", "a degree", "stretch", "skew and stretch", "warp"],
+)
+def test_a_page_off_its_place_against_the_reference(
+    press: Press, odd_sensor: SensorModel, dpi: float, placement: Placement
+) -> None:
+    assert_as_the_reference(noise_page(dpi), press, odd_sensor, placement)
+
+
+@settings(max_examples=15)
 @given(
     seed=st.integers(0, 10**6),
     rows=st.integers(1, 40),
     columns=st.integers(1, 40),
     dpi=st.floats(30, 900),
     shift_mm=st.tuples(st.floats(-5, 5), st.floats(-5, 5)),
+    skew_deg=st.sampled_from([0.0, 0.2, -1.5]),
+    stretch_percent=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
 )
 def test_against_the_reference_on_any_page(
     press: Press,
@@ -137,13 +201,58 @@ def test_against_the_reference_on_any_page(
     columns: int,
     dpi: float,
     shift_mm: tuple[float, float],
+    skew_deg: float,
+    stretch_percent: tuple[float, float],
 ) -> None:
     cmyk = np.random.default_rng(seed).integers(0, 256, (rows, columns, 4))
+    placement = Placement(shift_mm=shift_mm, skew_deg=skew_deg, stretch_percent=stretch_percent)
+    assert_as_the_reference(page_of(cmyk, dpi), press, odd_sensor, placement, threads=1)
+
+
+@pytest.mark.parametrize("moved", [(3, 0), (0, 5), (-7, 4)])
+def test_a_shift_by_raster_pixels_is_the_raster_moved(
+    press: Press, even_sensor: SensorModel, moved: tuple[int, int]
+) -> None:
+    dpi = press.geometry.raster_dpi(2)
+    cmyk = np.zeros((300, 500, 4), np.uint8)
+    cmyk[60:-60, 60:-60] = np.random.default_rng(5).integers(0, 256, (180, 380, 4))
     page = page_of(cmyk, dpi)
-    got = predict(page, sensors=[odd_sensor], geometry=press.geometry, shift_mm=shift_mm, threads=1)
-    expected, variance = reference(page, odd_sensor, press.geometry, shift_mm)
-    np.testing.assert_allclose(got.expected_dn[0], expected, atol=SINGLE_PRECISION_DN)
-    np.testing.assert_allclose(got.variance_dn2[0], variance, atol=SINGLE_PRECISION_DN)
+    there = page_of(np.roll(cmyk, (moved[1], moved[0]), axis=(0, 1)), dpi)
+    shift = Placement(shift_mm=(moved[0] * page.pixel_mm, moved[1] * page.pixel_mm))
+    by_placement = predict(page, sensors=[even_sensor], geometry=press.geometry, placement=shift)
+    by_raster = predict(there, sensors=[even_sensor], geometry=press.geometry)
+    lines, columns = press.geometry.on_page(page.width_mm, page.height_mm)
+    inside = (0, slice(lines.start + 12, lines.stop - 12), slice(columns.start + 12, columns.stop - 12))
+    np.testing.assert_allclose(
+        by_placement.expected_dn[inside], by_raster.expected_dn[inside], atol=SINGLE_PRECISION_DN
+    )
+
+
+def test_a_line_on_a_turned_page_is_seen_where_the_placement_says(
+    press: Press, even_sensor: SensorModel
+) -> None:
+    """A closed form apart from prediction's own two passes: the centre of gravity of a thin line, along the travel."""
+    page = flat_page((0, 0, 0, 0), width_mm=30.0, height_mm=20.0)
+    row = 100
+    ink = page.cmyk.copy()
+    ink[row] = (0, 0, 0, 255)
+    placement = Placement(skew_deg=0.7, shift_mm=(0.03, -0.21), stretch_percent=(0.02, -0.1))
+    bare, lined = (
+        predict(replace(page, cmyk=cmyk), sensors=[even_sensor], geometry=press.geometry, placement=placement)
+        for cmyk in (page.cmyk, ink)
+    )
+    missing = (bare.expected_dn - lined.expected_dn)[0].astype(np.float64)
+    y = press.geometry.centres_y_mm(missing.shape[0])
+    x = press.geometry.centres_x_mm(page.width_mm)
+    columns = np.flatnonzero((x > 2) & (x < page.width_mm - 2))
+    seen = (y @ missing)[columns] / missing.sum(axis=0)[columns]
+    on_page = placement.seen_mm(x[columns], seen, page_width_mm=page.width_mm, page_height_mm=page.height_mm)[
+        1
+    ]
+    # the raster's own pixels are 0.8 of the camera's: within its aperture a line's weight changes a little
+    np.testing.assert_allclose(
+        on_page, (row + 0.5) * page.pixel_mm, atol=0.02 * press.geometry.pixel_pitch_mm
+    )
 
 
 def test_threads_do_not_change_a_bit(page: Page, two_sensor_press: Press) -> None:
@@ -221,7 +330,9 @@ def test_a_shift_by_whole_camera_pixels_shifts_the_prediction(
     geometry = press.geometry
     shift_mm = (steps[0] * geometry.pixel_pitch_mm, steps[1] * geometry.line_pitch_mm)
     still, moved = (
-        predict(page, sensors=[even_sensor], geometry=geometry, shift_mm=shift).expected_dn[0]
+        predict(
+            page, sensors=[even_sensor], geometry=geometry, placement=Placement(shift_mm=shift)
+        ).expected_dn[0]
         for shift in ((0.0, 0.0), shift_mm)
     )
     margin = 8
@@ -236,7 +347,9 @@ def test_a_shift_by_whole_camera_pixels_shifts_the_prediction(
 def test_a_positive_shift_moves_the_page_right_and_down(press: Press, even_sensor: SensorModel) -> None:
     page = flat_page((0, 0, 0, 0), width_mm=10.0, height_mm=5.0)
     still, moved = (
-        predict(page, sensors=[even_sensor], geometry=press.geometry, shift_mm=shift).expected_dn[0]
+        predict(
+            page, sensors=[even_sensor], geometry=press.geometry, placement=Placement(shift_mm=shift)
+        ).expected_dn[0]
         for shift in ((0.0, 0.0), (1.0, 0.5))
     )
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import special
 
-from prooflight.pages.sampling import Footprint, Taps, page_taps, taps
+from prooflight.pages.sampling import Footprint, Taps, page_taps, taps, transfer
 
 PITCHES_MM = st.floats(0.01, 0.5)
 CENTRES_MM = st.lists(st.floats(-8, 30), min_size=1, max_size=12).map(np.array)
@@ -165,3 +165,9 @@ def test_page_taps_go_across_columns_and_along_rows() -> None:
     )
     np.testing.assert_allclose(as_matrix(x, 5), [[0, 0, 0, 1, 0]], atol=1e-6)
     np.testing.assert_allclose(as_matrix(y, 3), [[0.5, 0.5, 0], [0, 0.5, 0.5]], atol=1e-6)
+
+
+def test_transfer_of_a_box_is_a_sinc() -> None:
+    box = np.interp(np.linspace(-2, 2, 401), [-0.5, 0.5], [0.0, 1.0])
+    frequency = np.array([0.0, 0.3, 0.9])
+    np.testing.assert_allclose(transfer(box, 2.0, frequency), np.sinc(frequency), atol=1e-4)

@@ -55,6 +55,11 @@ class Placement:
     """How much longer the page is across the web and along the travel, from its centre. [%]"""
     warp: Warp | None = None
 
+    @property
+    def is_shift(self) -> bool:
+        """Whether every point of the page is displaced alike."""
+        return self.skew_deg == 0 and self.stretch_percent == (0.0, 0.0) and self.warp is None
+
     def seen_mm(
         self,
         x_mm: NDArray[np.float64],

@@ -16,6 +16,7 @@ from prooflight.predicting.tables import SensorModel
 from prooflight.press import Press
 from prooflight.printing.ink_model import InkModel
 from prooflight.sensing.camera import with_pixels
+from prooflight.sensing.lens_correction import SHORT_REACH_PIXELS, lens_correction
 from prooflight.sensing.sensor import draw_fixed_pattern
 from prooflight.spectra import BANDS
 
@@ -105,11 +106,13 @@ def _sensor_model(
     """One sensor as prediction sees it, from its tables of mean and variance and its columns."""
     mean, variance = of_colours
     backing_e = sensor.electrons(camera.irradiance_photons(backing_reflectance))
+    footprint = camera.footprint(sensor, reach_pixels=SHORT_REACH_PIXELS)
     return SensorModel(
         name=sensor.name,
         mean_dn=mean,
         variance_dn2=variance,
-        footprint=camera.footprint(sensor),
+        footprint=footprint,
+        correction=lens_correction(camera, sensor, footprint),
         column_offset_dn=calibration.offset_dn,
         column_gain=calibration.gain,
         dark_variance_dn2=float(variance_dn2(sensor, np.zeros(()))),

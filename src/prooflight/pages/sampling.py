@@ -1,20 +1,26 @@
 """What one camera pixel sees of a raster: footprints, and the weights they give to raster pixels.
 
 A footprint is the camera's blur laid on the page: lens, square pixel aperture, and along the travel the motion during
-one line. It is treated as separable (across x along), which is exact for the aperture and the motion; the lens, nearly
-round, is small against the pixel.
+one line. It is treated as separable (across x along), which is exact for the aperture and the motion. The lens is round
+and its light reaches far: what a short separable footprint misses of it is smooth, so camera pixels can be corrected
+from their neighbours (``LensCorrection``).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from scipy import sparse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+NEAR_REACH = 3
+"""Camera pixels to each side that a lens correction weighs one by one."""
+FAR_BLOCK, FARTHER_BLOCK = 4, 16
+"""Sides of the square blocks of camera pixels that it weighs beyond."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,6 +34,36 @@ class Footprint:
     reach_mm: float
     across: NDArray[np.float64]
     along: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LensCorrection:
+    """Light as a short separable footprint sees it -> light as the lens gives it, at the camera's own pixels.
+
+    A pixel is the sum of its neighbours by ``near``; plus block means by ``far`` and ``farther``, each bilinear between
+    the blocks' centres. All weights are symmetric and together sum to 1: even light stays as it is.
+    """
+
+    near: NDArray[np.float32]
+    """(7, 7) of lines and pixels around."""
+    far: NDArray[np.float32]
+    """(n, n) of means over 4 x 4 pixels."""
+    farther: NDArray[np.float32]
+    """(m, m) of means over 16 x 16 pixels."""
+
+    @classmethod
+    def none(cls) -> Self:
+        """For footprints that miss nothing, or of which nothing else is known."""
+        near = np.zeros((2 * NEAR_REACH + 1,) * 2, np.float32)
+        near[NEAR_REACH, NEAR_REACH] = 1
+        zero = np.zeros((1, 1), np.float32)
+        return cls(near=near, far=zero, farther=zero)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether it changes nothing."""
+        others = np.count_nonzero(self.near) + np.count_nonzero(self.far) + np.count_nonzero(self.farther)
+        return bool(others == 1 and self.near[NEAR_REACH, NEAR_REACH] == 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,6 +111,15 @@ def taps(
     offsets = np.linspace(-reach_mm, reach_mm, cumulative.size)
     weights = np.diff(np.interp(edges, offsets, cumulative, left=0.0, right=1.0), axis=1)
     return _kept_inside(first, weights, raster_pixels)
+
+
+def transfer(
+    cumulative: NDArray[np.float64], reach_pixels: float, frequency: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Transfer function of a symmetric footprint along one axis at frequencies (n,) [cycles/pixel] -> (n,)."""
+    weights = np.diff(cumulative)
+    offsets = (np.arange(weights.size) + 0.5 - weights.size / 2) * (2 * reach_pixels / weights.size)
+    return np.asarray(np.cos(2 * np.pi * frequency[:, None] * offsets) @ weights, dtype=np.float64)
 
 
 def page_taps(

@@ -5,21 +5,25 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.pages.sampling import page_taps
-from prooflight.predicting.kernels import predict_lines
+from prooflight.acquiring.placement import IN_PLACE
+from prooflight.predicting.correcting.correct import correct_light
+from prooflight.predicting.course import course
+from prooflight.predicting.kernels import filter_lines, to_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.acquiring.placement import Placement
     from prooflight.pages.raster import Page
+    from prooflight.predicting.course import Course
     from prooflight.predicting.tables import SensorModel
 
 LINES_PER_BAND = 128
@@ -40,49 +44,84 @@ def predict(
     *,
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
-    shift_mm: tuple[float, float] = (0.0, 0.0),
+    placement: Placement = IN_PLACE,
     threads: int | None = None,
 ) -> Prediction:
-    """Expected lines of a whole page.
+    """Expected lines of a whole page that lies as ``placement`` says.
 
     The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not the signal
-    of half-strength ink), then filtered and area-sampled at the camera's pixels. shift_mm (x, y): where the page lies
-    minus where it should. threads: bands of lines run at once, default one a core.
+    of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
+    it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
+    by its stretch. Displacements are linear between nodes 16 camera pixels apart (``course``).
+    threads: bands of lines run at once, default one a core.
     """
     lines = geometry.lines(page.height_mm)
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    where = course(page, geometry, placement)
+    workers = threads or os.cpu_count() or 1
+    with ThreadPoolExecutor(workers) as pool:
         for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
-            across, along = page_taps(
-                sensor.footprint,
-                centres_x_mm=geometry.centres_x_mm(page.width_mm, shift_mm=shift_mm[0]),
-                centres_y_mm=geometry.centres_y_mm(lines, shift_mm=shift_mm[1]),
-                raster_pixel_mm=page.pixel_mm,
-                raster_shape=page.cmyk.shape,
-            )
-            of_sensor = partial(
-                predict_lines,
-                page.cmyk,
-                sensor.interleaved(),
-                across.first,
-                across.weights,
-                along.first,
-                along.weights,
+            slope = shot_slope(sensor)
+            of_mean = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
+            _in_bands(pool, workers, lines, partial(of_mean, light=mean_out))
+            correct_light(mean_out, sensor.correction, threads=workers)
+            if slope == 0:
+                of_noise = _filtering(page, sensor, where, sensor.variance_dn2, sensor.backing_variance_dn2)
+                _in_bands(pool, workers, lines, partial(of_noise, light=variance_out))
+                correct_light(variance_out, sensor.correction, threads=workers)
+            levels = partial(
+                to_columns,
                 np.float32(sensor.backing_dn),
                 np.float32(sensor.backing_variance_dn2),
+                np.float32(slope),
                 sensor.column_offset_dn,
                 sensor.column_gain,
                 np.float32(sensor.dark_variance_dn2),
                 np.float32(sensor.top_code_dn),
-                expected=mean_out,
-                variance=variance_out,
             )
-            starts = range(0, lines, LINES_PER_BAND)
-            bands = [
-                pool.submit(of_sensor, line_from=start, line_to=min(start + LINES_PER_BAND, lines))
-                for start in starts
-            ]
-            for done in bands:
-                done.result()
+            _in_bands(pool, workers, lines, partial(levels, mean=mean_out, variance=variance_out))
     return Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+@lru_cache(maxsize=16)
+def shot_slope(sensor: SensorModel) -> float:
+    """``SensorModel.shot_slope``, found once: it looks through both tables."""
+    return sensor.shot_slope()
+
+
+def _in_bands(pool: ThreadPoolExecutor, workers: int, lines: int, work: Callable[..., None]) -> None:
+    """Run ``work`` for all lines, in bands on all workers; a band begins by filtering a few rows that others do too."""
+    band = lines if workers == 1 else LINES_PER_BAND
+    running = [
+        pool.submit(work, line_from=start, line_to=min(start + band, lines))
+        for start in range(0, lines, band)
+    ]
+    for done in running:
+        done.result()
+
+
+def _filtering(
+    page: Page, sensor: SensorModel, where: Course, table: NDArray[np.float32], backing: float
+) -> Callable[..., None]:
+    """The filtering kernel with everything set but the lines to do and where to put them."""
+    footprint = sensor.footprint
+    step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
+    crossed = np.ptp(where.along.places, axis=1).max()
+    return partial(
+        filter_lines,
+        np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0],
+        np.ascontiguousarray(table).reshape(-1),
+        np.float32(backing),
+        where.stride,
+        where.across.places,
+        where.across.pitch,
+        where.across.segment,
+        footprint.across,
+        where.along.places,
+        where.along.pitch,
+        where.along.segment,
+        footprint.along,
+        step,
+        int(np.ceil(2 * footprint.reach_mm / page.pixel_mm + crossed)) + 4,
+    )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from prooflight.pages.sampling import LensCorrection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
 NODE_STEP = 8
 NODES = 33
 """Nodes at byte values 0, 8, ..., 256 of each ink: cell and fraction are a byte's upper 5 and lower 3 bits."""
+
+STRAIGHT = 1e-3
+"""Share of a variance that it may lie off the line and still be taken from it: 0.05 % of sigma."""
 
 
 def node_fractions() -> NDArray[np.float64]:
@@ -47,12 +52,32 @@ class SensorModel:
     backing_variance_dn2: float
     top_code_dn: int
     """Greatest digital number. [DN]"""
+    correction: LensCorrection = field(default_factory=LensCorrection.none)
+    """What the footprint misses of the lens."""
 
     def interleaved(self) -> NDArray[np.float32]:
         """Both tables side by side, (33^4, 2): mean, variance; one look-up fetches both."""
         return np.ascontiguousarray(
             np.stack([self.mean_dn.ravel(), self.variance_dn2.ravel()], axis=1), dtype=np.float32
         )
+
+    def shot_slope(self) -> float:
+        """Slope of variance over mean [DN] if that is a straight line, as shot noise has it, backing included; else 0.
+
+        Then variance need not be filtered: it follows from the mean.
+        """
+        low, high = (
+            np.unravel_index(find(self.mean_dn), self.mean_dn.shape) for find in (np.argmin, np.argmax)
+        )
+        rise = float(self.mean_dn[high]) - float(self.mean_dn[low])
+        slope = (float(self.variance_dn2[high]) - float(self.variance_dn2[low])) / rise if rise > 0 else 0.0
+        start = self.variance_dn2[low] - slope * self.mean_dn[low]
+        nodes = np.abs(start + np.float32(slope) * self.mean_dn - self.variance_dn2)
+        backing = abs(start + slope * self.backing_dn - self.backing_variance_dn2)
+        straight = (
+            nodes <= STRAIGHT * self.variance_dn2
+        ).all() and backing <= STRAIGHT * self.backing_variance_dn2
+        return slope if straight and slope > 0 else 0.0
 
     @property
     def white_dn(self) -> float:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import fft, ndimage
 
+from prooflight.acquiring.placement import Placement
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.rip import POINTS_PER_INCH, PdfJob
-from prooflight.pages.sampling import page_taps
+from prooflight.pages.sampling import LensCorrection, page_taps, transfer
+from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.kernels import look_up_row
 from prooflight.predicting.predict import predict
 from prooflight.sensing.exposure import MARGIN_PIXELS, page_electrons
@@ -155,21 +157,23 @@ def truth(rig: Rig, sheet: Sheet, page: Page, band: slice, *, top_mm: float = 0.
     return Band.seen(rig, band, electrons[0])
 
 
-def predicted(rig: Rig, sheet: Sheet, page: Page, *, top_mm: float = 0.0) -> NDArray[np.float32]:
+def predicted(
+    rig: Rig, sheet: Sheet, page: Page, *, top_mm: float = 0.0, corrected: bool = True
+) -> NDArray[np.float32]:
     """What the press predicts of the first sensor, without its columns' gains and offsets, (lines, pixels) [DN].
 
-    The raster's width is the page's rounded to whole pixels: its left edge is laid where the page's is.
+    The raster's width is the page's rounded to whole pixels: its left edge is laid where the page's is. corrected:
+    False leaves out the lens correction.
     """
     geometry = rig.press.geometry
     shift_mm = geometry.left_mm(sheet.width_mm) - geometry.left_mm(page.width_mm)
     geometry = replace(geometry, lead_in_mm=geometry.lead_in_mm + top_mm)
     model = rig.press.sensors[0]
     pixels = np.ones(geometry.pixels, np.float32)
-    bare = replace(model, column_offset_dn=0 * pixels, column_gain=pixels)
-    whole = predict(page, sensors=[bare], geometry=geometry, shift_mm=(shift_mm, 0.0), threads=1).expected_dn[
-        0
-    ]
-    return whole
+    correction = model.correction if corrected else LensCorrection.none()
+    bare = replace(model, column_offset_dn=0 * pixels, column_gain=pixels, correction=correction)
+    moved = Placement(shift_mm=(shift_mm, 0.0))
+    return predict(page, sensors=[bare], geometry=geometry, placement=moved, threads=1).expected_dn[0]
 
 
 def in_columns(rig: Rig, signal_dn: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -179,9 +183,9 @@ def in_columns(rig: Rig, signal_dn: NDArray[np.floating]) -> NDArray[np.float64]
 
 
 def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A predicted signal (lines, pixels) as a round, endless footprint would give it.
+    """A signal predicted without lens correction (lines, pixels) as a round, endless footprint would give it.
 
-    The separable footprint's transfer function is divided out and the exact one put in its place, by FFT at the
+    The short separable footprint's transfer function is divided out and the exact one put in its place, by FFT at the
     camera's resolution: what they differ by is smooth, so that is fine enough. Padded with backing.
     """
     sensor, model = rig.camera.sensors[0], rig.press.sensors[0]
@@ -204,15 +208,6 @@ def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
     correction = (exact / ours).astype(np.float32)
     result = fft.irfft2(fft.rfft2(image) * correction, s=image.shape)[:lines, :pixels]
     return np.asarray(result + np.float32(model.backing_dn), dtype=np.float32)
-
-
-def transfer(
-    cumulative: NDArray[np.float64], reach_pixels: float, frequency: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Transfer function of a symmetric footprint along one axis at frequencies (n,) [cycles/pixel] -> (n,)."""
-    weights = np.diff(cumulative)
-    offsets = (np.arange(weights.size) + 0.5 - weights.size / 2) * (2 * reach_pixels / weights.size)
-    return np.asarray(np.cos(2 * np.pi * frequency[:, None] * offsets) @ weights, dtype=np.float64)
 
 
 def averaged(rig: Rig, page: Page, blocks: int) -> NDArray[np.float32]:
@@ -240,5 +235,6 @@ def sampled(
         raster_pixel_mm=raster_pixel_mm,
         raster_shape=signal_dn.shape,
     )
-    seen = across.apply(along.apply(signal_dn - np.float32(model.backing_dn)).T).T
+    seen = np.ascontiguousarray(across.apply(along.apply(signal_dn - np.float32(model.backing_dn)).T).T)
+    correct_light(seen, model.correction)
     return np.asarray(seen + np.float32(model.backing_dn), dtype=np.float32)

@@ -100,18 +100,24 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
             ripped = time.process_time()
             signal = predicted(rig, sheet, page)
             done = time.process_time()
-            rounded = made_round(rig, signal)
-            corrected = time.process_time()
+            short = predicted(rig, sheet, page, corrected=False)
+            short_done = time.process_time()
+            rounded = made_round(rig, short)
+            round_done = time.process_time()
             vector = gather(f"v{s}", f"s = {s}")
             vector.rip_cpu_s.append(ripped - started)
             vector.predict_cpu_s.append(done - ripped)
-            plain, round_ = gather(f"r{s}", f"s = {s}"), gather(f"r{s} round", f"s = {s}, round")
-            plain.predict_cpu_s.append(done - ripped)
-            round_.predict_cpu_s.append(corrected - ripped)
+            ours, short_, round_ = (
+                gather(f"r{s}{way}", f"s = {s}{way}") for way in ("", ", short footprint alone", ", FFT")
+            )
+            ours.predict_cpu_s.append(done - ripped)
+            short_.predict_cpu_s.append(short_done - done)
+            round_.predict_cpu_s.append(round_done - done)
             for band, of_vector in zip(sheet.bands, true, strict=True):
                 vector.add(in_columns(rig, signal)[band], of_vector)
                 own = truth(rig, sheet, page, band)
-                plain.add(in_columns(rig, signal)[band], own)
+                ours.add(in_columns(rig, signal)[band], own)
+                short_.add(in_columns(rig, short)[band], own)
                 round_.add(in_columns(rig, rounded)[band], own)
     for (band, page, top_mm), of_vector in zip(fine, true, strict=True):
         signal = predicted(rig, sheet, page, top_mm=top_mm)
@@ -119,8 +125,9 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
             in_columns(rig, signal)[band], of_vector
         )
         gather(f"r{TRUTH}", f"s = {TRUTH}").add(in_columns(rig, signal)[band], of_vector)
-        gather(f"r{TRUTH} round", f"s = {TRUTH}, round").add(
-            in_columns(rig, made_round(rig, signal))[band], of_vector
+        short = predicted(rig, sheet, page, top_mm=top_mm, corrected=False)
+        gather(f"r{TRUTH}, FFT", f"s = {TRUTH}, FFT").add(
+            in_columns(rig, made_round(rig, short))[band], of_vector
         )
         for s in AVERAGED_TO:
             blocks = TRUTH // s

@@ -10,10 +10,10 @@ import difflib
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from prooflight import spectra
 from prooflight.acquiring.geometry import ScanGeometry
@@ -39,6 +39,7 @@ Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(strict=True, gt=0, le=1)]
 Count = Annotated[int, Field(strict=True, gt=0)]
+Range = tuple[Positive, Positive]
 
 
 class _Block(BaseModel):
@@ -137,6 +138,61 @@ class DecisionBlock(_Block):
     """assumed: a press of 100 pages a minute then stops for nothing about once in two shifts."""
 
 
+class _Amounts(_Block):
+    """A block of amounts; those that are absent are ``worlds.toml``'s."""
+
+    @model_validator(mode="after")
+    def _ranges_rise(self) -> Self:
+        for name in type(self).model_fields:
+            given = getattr(self, name)
+            if isinstance(given, tuple) and given[0] > given[1]:
+                message = f"{name} must be [least, greatest]"
+                raise ValueError(message)
+        return self
+
+
+VARIATION = {
+    "page": ("shift_mm", "skew_deg", "scale_percent", "warp_across_um", "warp_along_um"),
+    "register": ("plane_um", "plane_clip_um"),
+    "ink": (
+        "gain_session_percent",
+        "gain_print_percent",
+        "gain_tilt_percent",
+        "dot_gain_percent",
+        "halftone_contrast",
+    ),
+    "paper": (
+        "white_percent",
+        "white_channel_percent",
+        "cloudiness_percent",
+        "specks_per_page",
+        "specks_ink_percent",
+        "specks_diameter_mm",
+    ),
+    "lamp": ("profile_percent", "profile_print_percent", "flicker_percent"),
+    "camera": ("column_gain_percent", "sigma_error", "table_gain_percent", "table_shape_percent"),
+}
+"""The amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may state anew."""
+VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
+"""Those of them that are [least, greatest]."""
+
+
+def _variation_block() -> type[_Block]:
+    """``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
+    blocks: dict[str, Any] = {"all_times": (NotNegative, 1.0)}
+    for block, names in VARIATION.items():
+        fields: dict[str, Any] = {
+            name: (Range if name in VARIATION_RANGES else NotNegative, None) for name in names
+        }
+        of_block = create_model(f"Variation{block.title()}Block", __base__=_Amounts, **fields)
+        # Under another name inside: ``register`` is also a method of every class of pydantic's.
+        blocks[f"of_{block}"] = (of_block, Field(of_block(), alias=block))
+    return create_model("VariationBlock", __base__=_Block, **blocks)
+
+
+VariationBlock = _variation_block()
+
+
 class _Document(_Block):
     light: LightBlock
     lens: LensBlock
@@ -145,6 +201,7 @@ class _Document(_Block):
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()
+    variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
 
 
 class PressFile:
@@ -193,6 +250,11 @@ class PressFile:
     def costs(self) -> RunningCosts:
         """``[costs]``."""
         return RunningCosts(**self._document.costs.model_dump())
+
+    def variation(self) -> dict[str, Any]:
+        """``[variation]`` as it stands in the file: only what is given, nested alike, ranges as lists."""
+        given: _Block = self._document.variation
+        return given.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.
@@ -332,16 +394,16 @@ def _first_fault(path: Path, error: ValidationError) -> PressFileError:
 
 def _names_beside(place: tuple[Any, ...]) -> list[str]:
     """Fields that are allowed where an unknown one stood."""
-    blocks: dict[str, type[BaseModel]] = {
-        "light": LightBlock,
-        "lens": LensBlock,
-        "sensor": SensorBlock,
-        "transport": TransportBlock,
-        "inks": InksBlock,
-        "costs": CostsBlock,
-        "decision": DecisionBlock,
-    }
-    if len(place) == 1:
-        return list(_Document.model_fields)
-    block = QuantumEfficiencyBlock if "quantum_efficiency" in place else blocks[str(place[0])]
-    return list(block.model_fields)
+    block: type[BaseModel] = _Document
+    for part in place[:-1]:
+        if isinstance(part, str):
+            fields = {field.alias or name: field for name, field in block.model_fields.items()}
+            block = _block_of(fields[part].annotation)
+    return [field.alias or name for name, field in block.model_fields.items()]
+
+
+def _block_of(annotation: Any) -> type[BaseModel]:
+    """The block that a field holds: itself, or each of several."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return _block_of(get_args(annotation)[0])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,3 +81,27 @@ def test_truth_names_world_seed_and_press(task: ScanToFile, tmp_path: Path) -> N
     assert read["worlds_sha256"] == worlds_digest()
     assert [scan["page"] for scan in read["scans"]] == ["p0001"]
     assert {file.name for file in tmp_path.iterdir()} == {"job", "scans", "truth.json"}
+
+
+def test_in_the_press_world_truth_tells_session_and_prints(task: ScanToFile, tmp_path: Path) -> None:
+    pressed = replace(task, world="press", request=None)
+    truths = [pressed(1), pickle.loads(pickle.dumps(pressed))(2)]
+    write_truth(tmp_path / "truth.json", truths, world="press", seed=9, press=task.press)
+    read = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert read["world"] == "press"
+    assert len(read["session"]["sensors"]) == 2
+    assert read["session"]["amounts"]["register"]["plane_um"] == 48.0
+    placed = [scan["print"]["shift_mm"] for scan in read["scans"]]
+    assert placed[0] != placed[1]
+    assert np.abs(placed).max() <= 0.76
+    before = [scan.read() for scan in recorded_scans(task.out, sensors=2)]
+    again = pressed(1)  # whatever came before
+    assert again == truths[0]
+    np.testing.assert_array_equal(recorded_scans(task.out, sensors=2)[0].read(), before[0])
+
+
+def test_in_the_ideal_world_truth_has_neither(task: ScanToFile, tmp_path: Path) -> None:
+    write_truth(tmp_path / "truth.json", [task(1)], world="ideal", seed=9, press=task.press)
+    read = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert read["session"] is None
+    assert read["scans"][0]["print"] is None

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -8,16 +9,19 @@ import pytest
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.predicting.predict import Prediction, predict
+from prooflight.simulating.misprints import Drawn, draw_misprint
 from prooflight.simulating.scans import (
     KINDS,
     TRIES,
     MisprintRequest,
+    SimulatedScan,
     ideal_scan,
     page_rng,
     passes_gate,
     scan_page,
 )
-from prooflight.simulating.worlds import gate
+from prooflight.simulating.session import Session, session_rng
+from prooflight.simulating.worlds import Amounts, gate
 
 if TYPE_CHECKING:
     from prooflight.press import Press
@@ -203,16 +207,75 @@ def test_a_page_on_which_nothing_can_go_wrong_is_refused_by_name(press: Press) -
             scan_page(blank, press=press, request=request, others=(), fetch=no_other, rng=page_rng(1, 6))
 
 
-def test_a_draw_that_changes_nothing_is_drawn_again(press: Press) -> None:
-    # black only: three of four missing planes change nothing
-    cmyk = np.zeros((200, 300, 4), np.uint8)
-    cmyk[20:180:8, 20:280, 3] = 255
-    text = Page(cmyk=cmyk, dpi=300.0, name="p0001", number=1)
-    request = MisprintRequest(kind="missing-plane", severity=1.0)
-    draws = []
-    for seed in range(8):
-        scan = scan_page(text, press=press, request=request, others=(), fetch=no_other, rng=page_rng(seed, 1))
-        assert scan.misprint is not None
-        assert "black" in scan.misprint.detail
-        draws.append(scan.draws)
-    assert max(draws) > 1
+def test_a_draw_that_changes_nothing_is_drawn_again(
+    press: Press, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def twice_in_vain(printed: Page, *args: Any, **more: Any) -> Drawn:
+        drawn = draw_misprint(printed, *args, **more)
+        calls.append(drawn)
+        return drawn if len(calls) > 2 else replace(drawn, page=printed)
+
+    monkeypatch.setattr("prooflight.simulating.scans.draw_misprint", twice_in_vain)
+    request = MisprintRequest(kind="missing-content", severity=1.0)
+    scan = scan_page(page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(1, 1))
+    assert scan.draws == 3
+    assert scan.misprint == calls[2].misprint
+
+
+# --- the press world ---
+
+
+def test_a_scan_in_the_press_world_does_not_depend_on_what_was_scanned_before(
+    press: Press, page: Page
+) -> None:
+    session = Session.draw(Amounts.stated(), press, session_rng(5))
+
+    def scan(number: int) -> SimulatedScan:
+        rng = page_rng(5, number)
+        return scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=rng, session=session)
+
+    first, second = scan(1), scan(2)
+    again = scan(1)
+    np.testing.assert_array_equal(first.dn, again.dn)
+    assert first.print_ is not None
+    assert second.print_ is not None
+    assert first.print_.placement.shift_mm != second.print_.placement.shift_mm
+    expected = predict(page, sensors=press.sensors, geometry=press.geometry).expected_dn
+    assert first.dn.shape == expected.shape
+    assert (first.misprint, first.draws) == (None, 0)
+
+
+def test_a_misprint_in_the_press_world_comes_on_top_of_what_a_good_print_does(
+    press: Press, page: Page
+) -> None:
+    session = Session.draw(Amounts.stated(), press, session_rng(5))
+    request = MisprintRequest(kind="missing-content", severity=0.8)
+    bad = scan_page(
+        page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(5, 1), session=session
+    )
+    good = scan_page(
+        page, press=press, request=None, others=(), fetch=no_other, rng=page_rng(5, 1), session=session
+    )
+    assert bad.misprint is not None
+    assert bad.print_ is not None
+    assert good.print_ is not None
+    assert bad.print_.plain() == good.print_.plain()
+    assert bad.draws >= 1
+    change = bad.dn.astype(float) - good.dn
+    x, y, width, height = bad.misprint.region_mm
+    geometry = press.geometry
+    beside = np.abs(geometry.centres_x_mm(page.width_mm) - x - width / 2) > width / 2 + 2
+    above = np.abs(geometry.centres_y_mm(change.shape[1]) - y - height / 2) > height / 2 + 2
+    outside = above[:, None] | beside
+    noise = np.sqrt(2) * 60  # halftone and sensor
+    assert np.abs(change[0][outside]).mean() < noise
+    assert change[0][~outside].mean() > 0  # ink is missing
+
+
+def test_the_ideal_world_has_no_print(press: Press, page: Page) -> None:
+    scan = scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=page_rng(5, 1))
+    assert scan.print_ is None
+    seen = predict(page, sensors=press.sensors, geometry=press.geometry)
+    np.testing.assert_array_equal(scan.dn, ideal_scan(seen, press, page_rng(5, 1)))

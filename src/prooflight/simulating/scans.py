@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
+from prooflight.acquiring.placement import IN_PLACE
 from prooflight.errors import RequestError
 from prooflight.predicting.predict import predict
-from prooflight.simulating import misprints
+from prooflight.simulating.fast import fast_scan
+from prooflight.simulating.misprints import KINDS, draw_misprint
+from prooflight.simulating.prints import Print, together
 from prooflight.simulating.worlds import Gate, gate
 
 if TYPE_CHECKING:
@@ -18,12 +21,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.acquiring.placement import Placement
     from prooflight.pages.raster import Page
     from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
     from prooflight.simulating.misprints import Misprint
+    from prooflight.simulating.session import Session
 
-KINDS = ("missing-plane", "streak", "missing-content", "wrong-page")
 TRIES = 9
 """A misprint that changes nothing visible on its page is drawn again at most 8 times (worlds.toml)."""
 GATE_BLUR_MM = 0.38
@@ -68,6 +72,8 @@ class SimulatedScan:
     """None: a good print."""
     draws: int
     """How many misprints were drawn until one changed the page; 0 for a good print."""
+    print_: Print | None = None
+    """What the print does as good ones do; None in the ideal world."""
 
 
 def page_rng(seed: int, page_number: int) -> np.random.Generator:
@@ -94,45 +100,38 @@ def scan_page(
     fetch: Callable[[int], Page],
     rng: np.random.Generator,
     least: Gate | None = None,
+    session: Session | None = None,
 ) -> SimulatedScan:
-    """Print and scan one page in the ideal world, with a misprint if one is requested.
+    """Print and scan one page, with a misprint if one is requested.
 
     others: numbers of the job's other pages, which ``fetch`` gives. least: the least change that counts, by default the
-    gate of ``worlds.toml``. RequestError if none of the draws of the misprint
+    gate of ``worlds.toml``; it compares predictions, whatever the world. session: the press today, in the press world;
+    None: the ideal world. RequestError if none of the draws of the misprint
     changes this page (a page of black text alone has no cyan to lose).
     """
-    good = predict(page, sensors=press.sensors, geometry=press.geometry)
+    print_ = None if session is None else Print.draw(session, press, page, rng)
+
+    def predicted(printed: Page, placement: Placement = IN_PLACE) -> Prediction:
+        return predict(printed, sensors=press.sensors, geometry=press.geometry, placement=placement)
+
+    def scan(printed: Page, placement: Placement, misprint: Misprint | None, draws: int) -> SimulatedScan:
+        if session is None or print_ is None:
+            dn = ideal_scan(predicted(printed, placement), press, rng)
+        else:
+            moved = replace(print_, placement=together(print_.placement, placement))
+            dn = fast_scan(printed, press, session, moved, rng=rng)
+        return SimulatedScan(dn=dn, misprint=misprint, draws=draws, print_=print_)
+
     if request is None:
-        return SimulatedScan(dn=ideal_scan(good, press, rng), misprint=None, draws=0)
+        return scan(page, IN_PLACE, None, 0)
+    good = predicted(page)
     for draw in range(1, TRIES + 1):
         severity = float(rng.random()) if request.severity is None else request.severity
-        printed, misprint = draw_misprint(page, request.kind, severity, others=others, fetch=fetch, rng=rng)
-        seen = predict(printed, sensors=press.sensors, geometry=press.geometry)
-        if passes_gate(good, seen, press, least or gate()):
-            return SimulatedScan(dn=ideal_scan(seen, press, rng), misprint=misprint, draws=draw)
+        drawn = draw_misprint(page, request.kind, severity, others=others, fetch=fetch, rng=rng)
+        if passes_gate(good, predicted(drawn.page, drawn.placement), press, least or gate()):
+            return scan(drawn.page, drawn.placement, drawn.misprint, draw)
     what = f"{TRIES} draws of {request.kind} changed nothing visible"
     raise RequestError(f"page {page.number}", what, remedy="ask for another kind, severity or seed")
-
-
-def draw_misprint(
-    page: Page,
-    kind: str,
-    severity: float,
-    *,
-    others: tuple[int, ...],
-    fetch: Callable[[int], Page],
-    rng: np.random.Generator,
-) -> tuple[Page, Misprint]:
-    """One misprint of ``kind`` on ``page``; the page given is not changed."""
-    match kind:
-        case "missing-plane":
-            return misprints.missing_plane(page, severity, rng)
-        case "streak":
-            return misprints.streak(page, severity, rng)
-        case "missing-content":
-            return misprints.missing_content(page, severity, rng)
-        case _:
-            return misprints.wrong_page(page, severity, rng, others=others, fetch=fetch)
 
 
 def passes_gate(good: Prediction, misprinted: Prediction, press: Press, limits: Gate) -> bool:

@@ -1,0 +1,399 @@
+"""Compiled loops of the fast path: inks as they came out, looked up, filtered as prediction does, lit, and noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from prooflight.predicting.kernels import place_row, weigh
+from prooflight.predicting.tables import NODE_STEP
+from prooflight.simulating.session import NOISE_STEPS, TRUE_NODES
+
+STRIDES = (TRUE_NODES**3, TRUE_NODES**2, TRUE_NODES)
+LAST_PLACE = np.float32(TRUE_NODES - 1.001)
+ALIKE = 4
+"""Four neighbours whose bytes differ by no more are looked up once, at their mean: for the steepest ink, black near its
+solid, that errs by less than 5 x (4 / 255 / 2)^2 / 2 of white, 0.02 %."""
+PHASES = 1024
+"""Places within a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel at
+s = 2, which is less than a thousandth of an edge."""
+RUNS = 128
+"""A row of one colour is looked up so often, because inks' gain tilts over the page: to half a per cent of the tilt."""
+
+
+@njit(cache=True, nogil=True)
+def compose_row(words, row, planes, out):  # type: ignore[no-untyped-def]
+    """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane of words displaced.
+
+    planes (4, 2): how many pixels each lies too far right and too far down.
+    """
+    rows, columns = words.shape
+    out[:] = 0
+    for ink in range(4):
+        right = planes[ink, 0]
+        source_row = row - planes[ink, 1]
+        if 0 <= source_row < rows and abs(right) < columns:
+            mask = np.uint32(255 << (8 * ink))
+            first = max(right, 0)
+            stop = min(columns + right, columns)
+            source = words[source_row, first - right : stop - right]
+            target = out[first:stop]
+            for i in range(target.size):
+                target[i] |= source[i] & mask
+
+
+@njit(cache=True, nogil=True)
+def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
+    """Where in the true tables an ink of a raster's byte value (a float32) lies, given its gain. [nodes]"""
+    area = byte * np.float32(1 / 255)
+    printed = area * (np.float32(1) + gain + np.float32(4) * dot_gain * (np.float32(1) - area))
+    return min(max(printed * np.float32(255 / NODE_STEP), np.float32(0)), LAST_PLACE)
+
+
+@njit(cache=True, nogil=True)
+def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
+    """Light and texture, a halftone's variance at unit contrast, at four places [nodes]; nodes (37^4, 2).
+
+    Light is bent between nodes as it is along each ink alone (bends (4, 36), see ``TrueSensor``); relative variance is
+    linear in the innermost ink, black.
+    """
+    c, m, y, k = int(places[0]), int(places[1]), int(places[2]), int(places[3])
+    base = c * STRIDES[0] + m * STRIDES[1] + y * STRIDES[2] + k
+    one = np.float32(1)
+    fc = places[0] - np.float32(c)
+    fm = places[1] - np.float32(m)
+    fy = places[2] - np.float32(y)
+    straight = places[3] - np.float32(k)
+    fc += bends[0, c] * fc * (one - fc)
+    fm += bends[1, m] * fm * (one - fm)
+    fy += bends[2, y] * fy * (one - fy)
+    fk = straight + bends[3, k] * straight * (one - straight)
+    light = np.float32(0)
+    texture = np.float32(0)
+    for i in range(2):
+        wc = fc if i else one - fc
+        if wc == 0:
+            continue
+        for j in range(2):
+            wm = wc * (fm if j else one - fm)
+            if wm == 0:
+                continue
+            for h in range(2):
+                wy = wm * (fy if h else one - fy)
+                if wy == 0:
+                    continue
+                node = base + i * STRIDES[0] + j * STRIDES[1] + h * STRIDES[2]
+                light += wy * (nodes[node, 0] + fk * (nodes[node + 1, 0] - nodes[node, 0]))
+                texture += wy * (nodes[node, 1] + straight * (nodes[node + 1, 1] - nodes[node, 1]))
+    return light, light * light * max(texture, np.float32(0))
+
+
+@njit(cache=True, nogil=True)
+def alike(one, two, three, four):  # type: ignore[no-untyped-def]
+    """Whether four recipes differ by at most ``ALIKE`` in every ink."""
+    for ink in range(4):
+        shift = np.uint32(8 * ink)
+        a = int((one >> shift) & np.uint32(255))
+        b = int((two >> shift) & np.uint32(255))
+        c = int((three >> shift) & np.uint32(255))
+        d = int((four >> shift) & np.uint32(255))
+        if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) > ALIKE:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, texture):  # type: ignore[no-untyped-def]
+    """Two printed raster rows looked up in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
+
+    v: where the rows lie on the page, -1 top .. 1 bottom. gains (4, 3): at the centre, and added at the right and lower
+    edges. paper: reflectance over what it should be. Squares of one colour are looked up once, and so are runs of them.
+    """
+    columns = upper.size
+    places = np.empty(4, np.float32)
+    last = np.uint32(0)
+    longest = max(columns // (2 * RUNS), 1)
+    run = longest
+    square_light = np.float32(0)
+    square_texture = np.float32(0)
+    for left in range(0, columns, 2):
+        right = min(left + 1, columns - 1)
+        one, two, three, four = upper[left], upper[right], lower[left], lower[right]
+        same = one == two and one == three and one == four
+        if same and one == last and run < longest:
+            run += 1
+        elif same or alike(one, two, three, four):
+            u = np.float32((2 * left + 2) / columns - 1)
+            for ink in range(4):
+                s = np.uint32(8 * ink)
+                total = ((one >> s) & np.uint32(255)) + ((two >> s) & np.uint32(255))
+                total += ((three >> s) & np.uint32(255)) + ((four >> s) & np.uint32(255))
+                gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+                places[ink] = node_place(np.float32(total) * np.float32(0.25), gain, dot_gains[ink])
+            square_light, square_texture = look_up(nodes, bends, places)
+            square_light *= paper
+            square_texture *= paper * paper
+            last = one
+            run = 1 if same else longest
+        else:
+            run = longest
+            u = np.float32((2 * left + 2) / columns - 1)
+            for corner in range(4):
+                word = (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
+                at = right if corner & 1 else left
+                # A square at a letter's edge has two colours: often the last but one is this one again.
+                for ink in range(4):
+                    byte = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
+                    gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+                    places[ink] = node_place(byte, gain, dot_gains[ink])
+                found_light, found_texture = look_up(nodes, bends, places)
+                light[corner >> 1, at] = found_light * paper
+                texture[corner >> 1, at] = found_texture * paper * paper
+            continue
+        for row in range(2):
+            light[row, left] = square_light
+            light[row, right] = square_light
+            texture[row, left] = square_texture
+            texture[row, right] = square_texture
+
+
+@njit(cache=True, nogil=True)
+def weights_at_phases(cumulative, step, taps):  # type: ignore[no-untyped-def]
+    """Weights of raster pixels in a footprint that begins 0, 1/1024, ..., 1 of one into the first: (1025, taps)."""
+    table = np.empty((PHASES + 1, taps), np.float32)
+    unused = np.empty(taps, np.float32)
+    for phase in range(PHASES + 1):
+        weigh(-phase / PHASES * step, step, cumulative, 0.0, table[phase], unused)
+    return table
+
+
+@njit(cache=True, nogil=True)
+def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-def]
+    """Where every camera pixel's footprint begins: raster pixel and phase, (pixels,) each; nodes: of ``place_row``."""
+    for k in range(nodes.size - 1):
+        start = k * segment
+        advance = (nodes[k + 1] - nodes[k]) / segment
+        for i in range(start, min(start + segment, first.size)):
+            at = nodes[k] + (i - start) * advance - reach
+            whole = np.floor(at)
+            first[i] = int(whole)
+            phase[i] = int((at - whole) * PHASES + 0.5)
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def sample_across(light, texture, pad, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
+    """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps."""
+    taps = table.shape[1]
+    last = light.size - pad
+    for i in range(first.size):
+        begin = min(max(first[i] + pad, 0), last)
+        weights = table[phase[i]]
+        light_sum = np.float32(0)
+        texture_sum = np.float32(0)
+        for t in range(taps):
+            light_sum += weights[t] * light[begin + t]
+            texture_sum += weights[t] * texture[begin + t]
+        light_out[i] = light_sum
+        texture_out[i] = texture_sum
+
+
+@njit(cache=True, nogil=True)
+def sample_along(light_ring, texture_ring, rows, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
+    """One line from rings of filtered rows, row r at r % depth; rows off the page count as 0. table (taps, 1025)."""
+    depth = light_ring.shape[0]
+    light_out[:] = 0
+    texture_out[:] = 0
+    start = 0
+    while start < first.size:
+        stop = start + 1
+        while stop < first.size and first[stop] == first[start]:
+            stop += 1
+        for t in range(max(-first[start], 0), min(table.shape[0], rows - first[start])):
+            slot = (first[start] + t) % depth
+            light, texture, weights = light_ring[slot], texture_ring[slot], table[t]
+            for i in range(start, stop):
+                weight = weights[phase[i]]
+                light_out[i] += weight * light[i]
+                texture_out[i] += weight * texture[i]
+        start = stop
+
+
+@njit(cache=True, nogil=True)
+def scan_lines(  # type: ignore[no-untyped-def]
+    words,
+    planes,
+    gains,
+    dot_gains,
+    speck_places,
+    speck_words,
+    nodes,
+    bends,
+    paper,
+    across_places,
+    across_pitch,
+    across_segment,
+    across_cumulative,
+    along_places,
+    along_pitch,
+    along_segment,
+    along_cumulative,
+    step,
+    depth,
+    above_backing,
+    texture_variance,
+):
+    """Light above the backing's and texture of every line of one sensor, before lamp and columns.
+
+    words (rows, columns) uint32: the raster; speck_places (n, 2), speck_words (n,) as ``speck_pixels``; paper: the
+    white's factor and, [1], the backing's light; arguments from across_places to depth as in ``predicting.course``.
+    Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
+    """
+    rows, columns = words.shape
+    lines, pixels = above_backing.shape
+    taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    reach = (across_cumulative.size - 1) / (2 * step)
+    across_table = weights_at_phases(across_cumulative, step, taps)
+    along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, taps).T)
+    upper = np.empty(columns, np.uint32)
+    lower = np.empty(columns, np.uint32)
+    light = np.zeros((2, columns + 2 * taps), np.float32)
+    texture = np.zeros((2, columns + 2 * taps), np.float32)
+    light_ring = np.empty((depth, pixels), np.float32)
+    texture_ring = np.empty((depth, pixels), np.float32)
+    x_places = np.empty(across_places.shape[1])
+    y_places = np.empty(along_places.shape[1])
+    x_first = np.empty(pixels, np.int32)
+    x_phase = np.empty(pixels, np.int32)
+    y_first = np.empty(pixels, np.int32)
+    y_phase = np.empty(pixels, np.int32)
+    speck_place = np.empty(4, np.float32)
+    next_row = -1
+    pair = -1
+    for line in range(lines):
+        place_row(along_places, along_pitch, line, y_places)
+        begin_at(y_places, along_segment, reach, y_first, y_phase)
+        if next_row < 0:
+            next_row = max(y_first.min(), 0)
+        while next_row < min(y_first.max() + taps, rows):
+            if pair != next_row // 2:
+                pair = next_row // 2
+                top = 2 * pair
+                v = np.float32((2 * top + 2) / rows - 1)
+                compose_row(words, top, planes, upper)
+                if top + 1 < rows:
+                    compose_row(words, top + 1, planes, lower)
+                else:
+                    lower[:] = upper
+                lights = light[:, taps : taps + columns]
+                textures = texture[:, taps : taps + columns]
+                look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
+                for n in range(speck_words.size):
+                    row = speck_places[n, 0] - top
+                    if row == 0 or row == 1:
+                        u = np.float32((2 * speck_places[n, 1] + 1) / columns - 1)
+                        for ink in range(4):
+                            byte = np.float32((speck_words[n] >> np.uint32(8 * ink)) & np.uint32(255))
+                            gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+                            speck_place[ink] = node_place(byte, gain, dot_gains[ink])
+                        found_light, found_texture = look_up(nodes, bends, speck_place)
+                        lights[row, speck_places[n, 1]] = found_light * paper[0]
+                        textures[row, speck_places[n, 1]] = found_texture * paper[0] * paper[0]
+                lights -= paper[1]
+            place_row(across_places, across_pitch, next_row, x_places)
+            begin_at(x_places, across_segment, reach, x_first, x_phase)
+            slot = next_row % depth
+            sample_across(
+                light[next_row & 1],
+                texture[next_row & 1],
+                taps,
+                x_first,
+                x_phase,
+                across_table,
+                light_ring[slot],
+                texture_ring[slot],
+            )
+            next_row += 1
+        sample_along(
+            light_ring,
+            texture_ring,
+            rows,
+            y_first,
+            y_phase,
+            along_table,
+            above_backing[line],
+            texture_variance[line],
+        )
+
+
+@njit(cache=True, nogil=True)
+def light_lines(  # type: ignore[no-untyped-def]
+    mean,
+    variance,
+    backing,
+    columns,
+    flicker,
+    cloud,
+    cloud_down,
+    cloud_across,
+    column_offset,
+    column_gain,
+    contrast,
+    noise,
+    noise_top,
+    top_code,
+):
+    """Light above the backing's and texture -> expected DN and its variance, in place, (lines, pixels) each.
+
+    columns (pixels,): lamps, table gain and what flat-fielding left. cloud: its nodes; cloud_down (lines,),
+    cloud_across (pixels,): where lines and pixels lie among them, below 0 off the page. contrast: of the halftone.
+    noise (1024,): variance before rounding at light 0 .. noise_top.
+    """
+    lines, pixels = mean.shape
+    to_step = np.float32((NOISE_STEPS - 1) / noise_top)
+    row = np.empty(cloud.shape[1], np.float32)
+    for i in range(lines):
+        on_page = cloud_down[i] >= 0
+        if on_page:
+            cell = int(cloud_down[i])
+            share = np.float32(cloud_down[i] - cell)
+            for j in range(row.size):
+                row[j] = cloud[cell, j] + share * (cloud[cell + 1, j] - cloud[cell, j])
+        for j in range(pixels):
+            factor = columns[j] * flicker[i]
+            if on_page and cloud_across[j] >= 0:
+                cell = int(cloud_across[j])
+                share = cloud_across[j] - np.float32(cell)
+                factor *= np.float32(1) + row[cell] + share * (row[cell + 1] - row[cell])
+            factor *= column_gain[j]
+            light = factor * (mean[i, j] + backing)
+            place = min(max(light, np.float32(0)) * to_step, np.float32(NOISE_STEPS - 1.001))
+            at = int(place)
+            sensor = noise[at] + (place - np.float32(at)) * (noise[at + 1] - noise[at])
+            halftone = factor * contrast
+            variance[i, j] = (
+                sensor + halftone * halftone * max(variance[i, j], np.float32(0)) + np.float32(1 / 12)
+            )
+            mean[i, j] = min(max(column_offset[j] + light, np.float32(0)), top_code)
+
+
+@njit(cache=True, nogil=True)
+def add_noise(mean, variance, top_code, normal, key, dn):  # type: ignore[no-untyped-def]
+    """Expected DN and its variance, rounding included -> digital numbers; all (n,), dn uint16.
+
+    Noise is the sum of two draws from ``normal``, 2^16 even quantiles of a normal distribution of variance 1/2, at 16
+    bits each of a counter's hash (splitmix64: Steele, Lea and Flood 2014), two pixels a hash.
+    """
+    mask = np.uint64(0xFFFF)
+    bits = np.uint64(0)
+    for i in range(mean.size):
+        if i & 1 == 0:
+            bits = key + np.uint64(i // 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
+            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            bits = bits ^ (bits >> np.uint64(31))
+        else:
+            bits = bits >> np.uint64(32)
+        noise = normal[bits & mask] + normal[(bits >> np.uint64(16)) & mask]
+        spread = np.sqrt(max(variance[i] - np.float32(1 / 12), np.float32(0)))
+        value = np.rint(mean[i] + spread * noise)
+        dn[i] = np.uint16(min(max(value, np.float32(0)), top_code))

@@ -129,11 +129,12 @@ def test_the_strongest_region_of_a_local_misprint_lies_where_it_is(
     along = min(y + height, found.y_mm + found.height_mm) - max(y, found.y_mm)
     assert across > 0
     assert along > 0
-    # the box leaves the misprint by no more than the block that it shares
-    assert found.x_mm >= x - block - 0.3  # 0.3 mm: how far the footprint reaches
-    assert found.x_mm + found.width_mm <= x + width + block + 0.3
-    assert found.y_mm >= y - block - 0.3
-    assert found.y_mm + found.height_mm <= y + height + block + 0.3
+    # the box leaves the misprint by no more than the block that it shares and the next, which its light reaches
+    reach = press.sensors[0].footprint.reach_mm + block
+    assert found.x_mm >= x - block - reach
+    assert found.x_mm + found.width_mm <= x + width + block + reach
+    assert found.y_mm >= y - block - reach
+    assert found.y_mm + found.height_mm <= y + height + block + reach
 
 
 def test_a_misprint_that_only_the_second_sensor_sees(two_sensor_press: Press, page: Page) -> None:

@@ -14,12 +14,14 @@ from prooflight.deciding.chi_square import ChiSquare, tile_statistics
 from prooflight.deciding.regions import BlockGrid, Findings, findings
 from prooflight.deciding.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.predicting.predict import Prediction, predict
+from prooflight.inspecting.finding import find_page
+from prooflight.predicting.predict import Prediction
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.deciding.verdict import Detector
+    from prooflight.inspecting.finding import FoundPage
     from prooflight.pages.raster import Page
     from prooflight.press import Press
 
@@ -61,15 +63,17 @@ def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) ->
 def inspect_page(
     page: Page, scan: NDArray[np.uint16], *, press: Press, judge: Detector, scan_name: str, seed: int = 0
 ) -> Inspection:
-    """Predict, compare, decide; the page as it lies in the press (``ScanGeometry.lay``).
+    """Find the page, predict it where it lies, compare, decide; ``page`` as it enters the press (``ScanGeometry.lay``).
 
+    A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``.
     scan (sensors, lines, pixels) [DN], named ``scan_name`` in errors. seed: of the randomised integral transform.
     ScanError: the scan does not fit press or page.
     """
     started = time.perf_counter()
     check_scan(scan_name, scan, page, press)
-    prediction = predict(page, sensors=press.sensors, geometry=press.geometry)
-    area = (slice(None), *press.geometry.on_page(page.width_mm, page.height_mm))
+    found_page = find_page(page, scan, press)
+    area = (slice(None), *found_page.area)
+    prediction = found_page.prediction
     seen = Prediction(expected_dn=prediction.expected_dn[area], variance_dn2=prediction.variance_dn2[area])
     evidence = gather(
         scan[area],
@@ -79,18 +83,22 @@ def inspect_page(
         seed=seed + page.number,
     )
     judgement = judge.judge(evidence)
-    found = findings(_grid(page, press, evidence)) if judgement.misprint else Findings(regions=(), kind=None)
-    stop = judgement.misprint and press.costs.stopping_pays(judgement.probability)
+    misprint = judgement.misprint or found_page.wrong_page
+    found = Findings(regions=(), kind=None)
+    if misprint:
+        found = findings(_grid(page, press, evidence, found_page))
+    stop = misprint and (found_page.wrong_page or press.costs.stopping_pays(judgement.probability))
     verdict = Verdict(
         page=page.name,
-        verdict="misprint" if judgement.misprint else "good",
+        verdict="misprint" if misprint else "good",
         action="stop" if stop else "accept",
         probability=judgement.probability,
         score=judgement.score,
         threshold=judgement.threshold,
         p_value=judgement.p_value,
-        kind=found.kind,
+        kind="wrong-page" if found_page.wrong_page else found.kind,
         regions=found.regions,
+        shift_mm=found_page.shift_mm,
         milliseconds=round((time.perf_counter() - started) * 1e3, 1),
     )
     return Inspection(verdict=verdict, prediction=seen, measured_dn=scan[area], evidence=evidence)
@@ -101,9 +109,11 @@ def not_inspected(page_name: str) -> Verdict:
     return Verdict(page=page_name, verdict="not-inspected", action="accept")
 
 
-def _grid(page: Page, press: Press, evidence: Evidence) -> BlockGrid:
+def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> BlockGrid:
+    """Blocks in millimetres on the page as printed, its shift taken off."""
     geometry = press.geometry
-    lines, columns = geometry.on_page(page.width_mm, page.height_mm)
+    lines, columns = found.area
+    shift_x_mm, shift_y_mm = found.placement.shift_mm
     _, rows, across = evidence.block_z.shape
     width_mm = BLOCK_PIXELS * geometry.pixel_pitch_mm
     height_mm = BLOCK_PIXELS * geometry.line_pitch_mm
@@ -113,8 +123,8 @@ def _grid(page: Page, press: Press, evidence: Evidence) -> BlockGrid:
         tiles=tile_statistics(evidence),
         blocks_per_tile=TILE_PIXELS // BLOCK_PIXELS,
         ink=ink,
-        left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm),
-        top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm,
+        left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm) - shift_x_mm,
+        top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm - shift_y_mm,
         width_mm=width_mm,
         height_mm=height_mm,
     )

@@ -1,0 +1,237 @@
+"""What of a page's design tells where the page lies; found once a design, ahead of its scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.comparing.registering.coarse import CoarsePage, coarse_page
+from prooflight.comparing.registering.kernels import edge_shares, tile_signals
+from prooflight.predicting.tables import NODE_STEP, NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.comparing.registering.pose import Pose
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
+    from prooflight.predicting.tables import SensorModel
+
+TILE_PIXELS: Final = 32
+"""Side of the tiles that are measured: 3.4 mm, a word or two, over which a warp smooth over 25 mm is constant."""
+CELL_TILES: Final = 4
+"""One tile for each direction of edges is taken from every cell of 4 x 4 tiles, 13 mm, so that they lie spread out; on
+small pages from smaller ones."""
+LEAST_CELLS: Final = 150
+REACH_PIXELS: Final = 1.5
+"""How much of a footprint is rendered; it holds 99 % of the light (prototype camera)."""
+PHASES: Final = 256
+GRADIENT_NOISE: Final = 0.02
+"""Variance by the squared gradient: as if every edge were 0.14 pixels off (register of planes, jitter)."""
+SIGNAL_NOISE: Final = 0.015
+"""Standard deviation of a print's signal, as a share of it (ink gain, lamp)."""
+LEAST_INFORMATION: Final = 100.0
+"""Of a tile in one direction, for it to be chosen: it then tells its place to 0.1 pixels. [1/pixel^2]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorTaps:
+    """A footprint as weights of raster pixels, by the phase at which it begins; (phases, taps) each."""
+
+    across: NDArray[np.float32]
+    across_slope: NDArray[np.float32]
+    """By the page's displacement. [1/pixel]"""
+    along: NDArray[np.float32]
+    along_slope: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Landmarks:
+    """Tiles of one design to measure in every scan of it, and its coarse picture."""
+
+    geometry: ScanGeometry
+    sensors: tuple[SensorModel, ...]
+    page_width_mm: float
+    page_height_mm: float
+    ratio: tuple[float, float]
+    """Raster pixels in a camera pixel, across and along."""
+    lines: NDArray[np.int64]
+    """(tiles,) first line of each tile, the page in its place."""
+    columns: NDArray[np.int64]
+    """(tiles,) first column."""
+    centres_mm: NDArray[np.float64]
+    """(tiles, 2) x, y of their centres on the page. [mm]"""
+    information: NDArray[np.float32]
+    """(tiles, 2) about what displacement across and along each tells. [1/pixel^2]"""
+    shares: NDArray[np.float64]
+    """(tiles, 2, 4) how far each tile seems to go across and along where an ink plane goes by 1: that ink's part of its
+    edges. What is missing to 1 is the part of the page's own edge. [-]"""
+    windows: NDArray[np.float32]
+    """(sensors, tiles, height, width) signal of the raster under each tile. [DN]"""
+    origins: NDArray[np.float64]
+    """(tiles, 2) x, y of each tile's first footprint's beginning in its window. [raster pixels]"""
+    taps: tuple[SensorTaps, ...]
+    coarse: CoarsePage
+
+    @property
+    def pitch_mm(self) -> NDArray[np.float64]:
+        """(2,) pixel and line pitch. [mm]"""
+        return np.array([self.geometry.pixel_pitch_mm, self.geometry.line_pitch_mm])
+
+    @property
+    def from_centre_mm(self) -> NDArray[np.float64]:
+        """(tiles, 2) tiles' centres from the page's centre. [mm]"""
+        return self.centres_mm - np.array([self.page_width_mm, self.page_height_mm]) / 2
+
+    def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
+        """How far a page that lies so displaces ``tiles`` (n,): (n, 2) [pixels]."""
+        points = self.from_centre_mm[tiles]
+        return np.stack(pose.displacement_mm(points[:, 0], points[:, 1]), axis=1) / self.pitch_mm
+
+
+def prepare(
+    page: Page, prediction: Prediction, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> Landmarks:
+    """Landmarks of a page from its ``prediction`` in its place.
+
+    Tiles are chosen where edges tell most, by ``GRADIENT_NOISE`` and the like; page edges count as any others.
+    """
+    size = TILE_PIXELS
+    information = _information(prediction, sensors)
+    rows, columns = _chosen(information)
+    lines, left = rows * size, columns * size
+    pitch = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
+    ratio = pitch / page.pixel_mm
+    x_mm = geometry.centres_x_mm(page.width_mm)
+    y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    first = np.stack([x_mm[left], y_mm[lines]], axis=1)
+    begin = first / page.pixel_mm - REACH_PIXELS * ratio
+    corners = np.floor(begin - ratio).astype(np.int64)
+    taps = tuple(_sensor_taps(sensor, ratio, page.pixel_mm, pitch) for sensor in sensors)
+    width, height = (
+        int(np.ceil((size + 2) * ratio[axis])) + tap.shape[1] + 2
+        for axis, tap in enumerate((taps[0].across, taps[0].along))
+    )
+    windows = np.empty((len(sensors), rows.size, height, width), np.float32)
+    for sensor, window in zip(sensors, windows, strict=True):
+        tile_signals(
+            page.cmyk,
+            corners[:, 1],
+            corners[:, 0],
+            sensor.interleaved(),
+            np.float32(sensor.backing_dn),
+            window,
+        )
+    return Landmarks(
+        geometry=geometry,
+        sensors=tuple(sensors),
+        page_width_mm=page.width_mm,
+        page_height_mm=page.height_mm,
+        ratio=(float(ratio[0]), float(ratio[1])),
+        lines=lines,
+        columns=left,
+        centres_mm=first + (size - 1) / 2 * pitch,
+        information=information[rows, columns],
+        shares=_shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio),
+        windows=windows,
+        origins=begin - corners,
+        taps=taps,
+        coarse=coarse_page(prediction, sensors, geometry, page.width_mm, page.height_mm),
+    )
+
+
+def _information(prediction: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
+    """What tiles tell of a displacement across and along, (tile rows, tile columns, 2) [1/pixel^2], sensors added."""
+    size = TILE_PIXELS
+    rows, columns = (extent // size for extent in prediction.expected_dn.shape[1:])
+    total = np.zeros((rows, columns, 2), np.float32)
+    for index, sensor in enumerate(sensors):
+        seen = slice(None, columns * size)
+        image = prediction.expected_dn[index, : rows * size, seen] - sensor.column_offset_dn[seen]
+        image /= sensor.column_gain[seen]
+        across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
+        along = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+        variance = prediction.variance_dn2[index, : rows * size, : columns * size]
+        squares = (across * across, along * along)
+        weight = 1 / (2 * variance + GRADIENT_NOISE * (squares[0] + squares[1]) + (SIGNAL_NOISE * image) ** 2)
+        for axis, square in enumerate(squares):
+            total[..., axis] += (
+                cv2.resize(square * weight, (columns, rows), interpolation=cv2.INTER_AREA) * size**2
+            )
+    return total
+
+
+def _shares(
+    page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    sums = np.zeros((len(corners), 2, 6))
+    stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
+    for sensor in sensors:
+        mean = sensor.mean_dn
+        solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
+        ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
+        logs = np.log(np.maximum(ramps / sensor.white_dn, 1e-3))
+        edge_shares(
+            page.cmyk,
+            corners[:, 1],
+            corners[:, 0],
+            TILE_PIXELS,
+            stride_x,
+            stride_y,
+            logs,
+            sensor.backing_dn / sensor.white_dn,
+            sums,
+        )
+    return sums[..., :4] / np.maximum(sums[..., 5:], 1e-9)
+
+
+def _chosen(information: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the best tile of each cell for either direction, where it tells enough."""
+    chosen = np.zeros(information.shape[:2], bool)
+    side = int(np.clip(np.sqrt(chosen.size / LEAST_CELLS), 1, CELL_TILES))
+    for top in range(0, information.shape[0], side):
+        for left in range(0, information.shape[1], side):
+            cell = information[top : top + side, left : left + side]
+            for axis in range(2):
+                row, column = np.unravel_index(np.argmax(cell[..., axis]), cell.shape[:2])
+                if cell[row, column, axis] >= LEAST_INFORMATION:
+                    chosen[top + row, left + column] = True
+    rows, columns = np.nonzero(chosen)
+    return rows, columns
+
+
+def _sensor_taps(
+    sensor: SensorModel, ratio: NDArray[np.float64], pixel_mm: float, pitch_mm: NDArray[np.float64]
+) -> SensorTaps:
+    footprint = sensor.footprint
+    offsets = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
+    found = []
+    for cumulative, per_pixel, pitch in zip(
+        (footprint.across, footprint.along), ratio, pitch_mm, strict=True
+    ):
+        reach_mm = REACH_PIXELS * pitch
+        low, high = np.interp([-reach_mm, reach_mm], offsets, cumulative)
+        count = int(np.ceil(2 * REACH_PIXELS * per_pixel)) + 1
+        edges = np.arange(count + 1) - REACH_PIXELS * per_pixel
+
+        def weights(
+            phase: NDArray[np.float64],
+            edges: NDArray[np.float64] = edges,
+            cumulative: NDArray[np.float64] = cumulative,
+            bounds: tuple[float, float] = (low, high),
+        ) -> NDArray[np.float64]:
+            at = np.interp((edges - phase[:, None]) * pixel_mm, offsets, cumulative)
+            return np.diff((np.clip(at, *bounds) - bounds[0]) / (bounds[1] - bounds[0]), axis=1)
+
+        phase = (np.arange(PHASES) + 0.5) / PHASES
+        step = 0.05
+        slope = (weights(phase + step) - weights(phase - step)) / (2 * step)
+        found += [weights(phase), -per_pixel * slope]
+    across, across_slope, along, along_slope = (np.ascontiguousarray(array, np.float32) for array in found)
+    return SensorTaps(across=across, across_slope=across_slope, along=along, along_slope=along_slope)

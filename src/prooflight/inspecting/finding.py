@@ -1,0 +1,103 @@
+"""Where the page of a scan lies, and what that means for the inspection: the prediction moves, never the scan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.acquiring.placement import IN_PLACE
+from prooflight.comparing.register import prepare, register
+from prooflight.predicting.predict import predict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.placement import Placement
+    from prooflight.comparing.register import Registration
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
+    from prooflight.press import Press
+
+MOVED_SIGMAS: Final = 4.0
+"""A page is moved for no less: to follow an estimate that is only noise would blur every edge by it."""
+MOVED_PIXELS: Final = 0.02
+"""Nor for less than this, which no edge shows above its noise. [camera pixels]"""
+FOREIGN_SHARE: Final = 0.5
+"""From this share of tiles on that show something else, it is another page. [-]"""
+EDGE_PIXELS: Final = 1.0
+"""What is left out inside the edges of a page that was moved: sheet and print do not move as one. [camera pixels]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundPage:
+    """A page where its scan shows it."""
+
+    placement: Placement
+    """``IN_PLACE`` where the scan does not tell otherwise."""
+    prediction: Prediction
+    """Of the page as it lies."""
+    area: tuple[slice, slice]
+    """Lines and columns of the scan that are judged."""
+    wrong_page: bool
+    """The scan shows another page, or this one where no good print lies."""
+    shift_mm: tuple[float, float] | None
+    """None: the page could not be found in the scan."""
+
+
+def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
+    """Look for ``page`` in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies."""
+    nominal = predict(page, sensors=press.sensors, geometry=press.geometry)
+    landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
+    where = register(landmarks, scan)
+    wrong_page = where.off_place or (not where.found and where.tiles_foreign > FOREIGN_SHARE)
+    placement = where.placement if where.found and _moved(where, page, press) else IN_PLACE
+    moved = placement is not IN_PLACE
+    prediction = (
+        predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement)
+        if moved
+        else nominal
+    )
+    shift_mm = (round(placement.shift_mm[0], 4), round(placement.shift_mm[1], 4)) if where.found else None
+    return FoundPage(
+        placement=placement,
+        prediction=prediction,
+        area=_inside(page, press, placement)
+        if moved
+        else press.geometry.on_page(page.width_mm, page.height_mm),
+        wrong_page=wrong_page,
+        shift_mm=shift_mm,
+    )
+
+
+def _moved(where: Registration, page: Page, press: Press) -> bool:
+    """Whether the page lies off its place by more than the estimate's own doubt."""
+    reach_mm = np.array([page.height_mm, page.width_mm]) / 2
+    turn_mm = np.deg2rad(abs(where.placement.skew_deg)) * reach_mm
+    turn_sd_mm = np.deg2rad(where.skew_sd_deg) * reach_mm
+    shift_mm, sd_mm = np.abs(where.placement.shift_mm), np.array(where.shift_sd_mm)
+    pitch_mm = np.array([press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm])
+    told = (shift_mm > MOVED_SIGMAS * sd_mm) & (shift_mm > MOVED_PIXELS * pitch_mm)
+    turned = (turn_mm > MOVED_SIGMAS * turn_sd_mm) & (turn_mm > MOVED_PIXELS * pitch_mm)
+    return bool(told.any() or turned.any())
+
+
+def _inside(page: Page, press: Press, placement: Placement) -> tuple[slice, slice]:
+    """Lines and columns whose pixels all lie on the page as it lies, a pixel away from its edges."""
+    geometry = press.geometry
+    across_mm = geometry.centres_x_mm(page.width_mm)
+    down_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    seen = partial(placement.seen_mm, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
+    margin_x, margin_y = EDGE_PIXELS * geometry.pixel_pitch_mm, EDGE_PIXELS * geometry.line_pitch_mm
+    on_columns, on_lines = np.ones(across_mm.size, bool), np.ones(down_mm.size, bool)
+    for part in (0.0, 0.5, 1.0):
+        x_mm, _ = seen(across_mm, np.full_like(across_mm, part * page.height_mm))
+        on_columns &= (x_mm >= margin_x) & (x_mm <= page.width_mm - margin_x)
+        _, y_mm = seen(np.full_like(down_mm, part * page.width_mm), down_mm)
+        on_lines &= (y_mm >= margin_y) & (y_mm <= page.height_mm - margin_y)
+    columns, rows = np.flatnonzero(on_columns), np.flatnonzero(on_lines)
+    if not columns.size or not rows.size:
+        return geometry.on_page(page.width_mm, page.height_mm)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

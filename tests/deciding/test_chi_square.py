@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from prooflight.comparing.evidence import INTERVALS, Evidence
+from prooflight.comparing.evidence import INTERVALS, Evidence, interval_shares
 from prooflight.deciding.chi_square import ChiSquare, pearson, posterior_bound, tile_statistics
 
-FLAT_TILE = 128
+FLAT_TILE = 256
 
 
 def evidence(tiles: np.ndarray) -> Evidence:
@@ -22,50 +22,59 @@ def evidence(tiles: np.ndarray) -> Evidence:
 
 
 def flat(sensors: int = 1, rows: int = 4, columns: int = 5, count: int = FLAT_TILE) -> np.ndarray:
-    return np.full((sensors, rows, columns, INTERVALS), count, np.int64)
+    """As expected, to fractions of a pixel; count of them in a mean interval."""
+    return np.tile(interval_shares() * INTERVALS * count, (sensors, rows, columns, 1))
+
+
+MOVED_FROM_4_TO_9 = float((1 / interval_shares()[[4, 9]]).sum()) / INTERVALS
+"""Pearson's statistic of one tile, times a mean interval's count, when one pixel is moved between these two."""
 
 
 def off_by(moved: int, count: int = 10_000) -> Evidence:
-    """One tile of which two intervals are off: Pearson's statistic is 2 moved^2 / count."""
+    """One tile of which two intervals are off: Pearson's statistic is about 2 moved^2 / count."""
     tiles = flat(1, 1, 1, count)
     tiles[..., 4] += moved
     tiles[..., 9] -= moved
     return evidence(tiles)
 
 
+QUARTERS = np.full(4, 0.25)
 COUNTS = np.array([[12, 8, 10, 10], [25, 15, 20, 20]])
 
 
 def test_pearson_in_closed_form() -> None:
     # (4 + 4) / 10 and (25 + 25) / 20
-    np.testing.assert_allclose(pearson(COUNTS), [0.8, 2.5])
-    assert pearson(np.full(32, 7)) == 0
+    np.testing.assert_allclose(pearson(COUNTS, QUARTERS), [0.8, 2.5])
+    assert pearson(np.full(32, 7), np.full(32, 1 / 32)) == 0
 
 
 def test_against_scipy() -> None:
     counts = np.random.default_rng(1).integers(50, 200, 32)
-    assert pearson(counts) == pytest.approx(stats.chisquare(counts).statistic, rel=1e-12)
+    shares = np.random.default_rng(2).dirichlet(np.full(32, 9.0))
+    want = stats.chisquare(counts, shares * counts.sum()).statistic
+    assert pearson(counts, shares) == pytest.approx(want, rel=1e-12)
 
 
 @given(st.lists(st.integers(0, 500), min_size=4, max_size=4).filter(any), st.integers(2, 9))
 def test_pearson_grows_with_the_number_of_pixels_and_ignores_the_order(counts: list[int], times: int) -> None:
-    one = pearson(np.array(counts))
+    one = pearson(np.array(counts), QUARTERS)
     assert one >= 0
-    assert pearson(np.array(counts) * times) == pytest.approx(one * times, rel=1e-9)
-    assert pearson(np.array(counts[::-1])) == pytest.approx(one, rel=1e-9)
+    assert pearson(np.array(counts) * times, QUARTERS) == pytest.approx(one * times, rel=1e-9)
+    assert pearson(np.array(counts[::-1]), QUARTERS) == pytest.approx(one, rel=1e-9)
 
 
 def test_a_billion_pixels_do_not_overflow() -> None:
     counts = np.zeros(32, np.int64)
     counts[3] = 10**9
-    assert pearson(counts) == pytest.approx(31e9)  # all in one of n intervals: (n - 1) N
+    assert pearson(counts, np.full(32, 1 / 32)) == pytest.approx(31e9)  # all in one of n intervals: (n - 1) N
 
 
 def test_a_tiles_statistic_adds_the_sensors_up() -> None:
     tiles = np.random.default_rng(1).integers(90, 160, (2, 3, 4, INTERVALS))
     got = tile_statistics(evidence(tiles))
     assert got.shape == (3, 4)
-    want = stats.chisquare(tiles[0, 2, 1]).statistic + stats.chisquare(tiles[1, 2, 1]).statistic
+    expected = tiles[:, 2, 1].sum(axis=-1, keepdims=True) * interval_shares()
+    want = sum(stats.chisquare(tiles[s, 2, 1], expected[s]).statistic for s in range(2))
     assert got[2, 1] == pytest.approx(want, rel=1e-12)
 
 
@@ -75,18 +84,18 @@ def test_as_in_the_paper_it_alarms_beyond_what_one_good_page_in_so_many_exceeds(
     promise: float, sensors: int
 ) -> None:
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=False)
-    threshold = stats.chi2.isf(1 / promise, 31 * sensors)
-    just_below = int(np.sqrt(threshold * 5000))
+    threshold = stats.chi2.isf(1 / promise, 15 * sensors)
+    just_below = int(np.sqrt(threshold * 10_000 / MOVED_FROM_4_TO_9))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(sensors, 1, 1, 10_000)
         tiles[0, ..., 4] += moved
         tiles[0, ..., 9] -= moved
         judgement = judge.judge(evidence(tiles))
-        statistic = 2 * moved**2 / 10_000
+        statistic = MOVED_FROM_4_TO_9 * moved**2 / 10_000
         assert judgement.misprint is alarm
         assert (judgement.score > judgement.threshold) is alarm
         assert judgement.score / judgement.threshold == pytest.approx(statistic / threshold, rel=1e-9)
-        assert judgement.p_value == pytest.approx(stats.chi2.sf(statistic, 31 * sensors), rel=1e-9)
+        assert judgement.p_value == pytest.approx(stats.chi2.sf(statistic, 15 * sensors), rel=1e-9)
         assert judgement.probability == posterior_bound(judgement.p_value or 0.0, 0.01)
 
 
@@ -101,9 +110,9 @@ def test_in_the_papers_form_a_page_is_its_histogram_however_it_is_cut() -> None:
 def test_page_and_tiles_share_the_allowed_false_alarms(rows: int) -> None:
     promise = 1000.0
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01)
-    # one tile off among flat ones: 2 moved^2 / 128 against the quantile of 1 / (2 promise tiles)
-    of_tile = stats.chi2.isf(1 / promise / 2 / (rows * 5), 31)
-    just_below = int(np.sqrt(of_tile * FLAT_TILE / 2))
+    # one tile off among flat ones: about 2 moved^2 / 256 against the quantile of 1 / (2 promise tiles)
+    of_tile = stats.chi2.isf(1 / promise / 2 / (rows * 5), 15)
+    just_below = int(np.sqrt(of_tile * FLAT_TILE / MOVED_FROM_4_TO_9))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(1, rows, 5)
         tiles[0, 0, 3, 4] += moved
@@ -114,8 +123,8 @@ def test_page_and_tiles_share_the_allowed_false_alarms(rows: int) -> None:
 def test_what_is_nothing_in_a_tile_may_be_much_on_the_page() -> None:
     promise, count = 1000.0, 100
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01)
-    # all of 100 tiles off by the same: the page's statistic is 100 times a tile's, 2 moved^2 / 128
-    just_below = int(np.sqrt(stats.chi2.isf(1 / promise / 2, 31) * FLAT_TILE / 2 / count))
+    # all of 100 tiles off by the same: the page's statistic is 100 times a tile's
+    just_below = int(np.sqrt(stats.chi2.isf(1 / promise / 2, 15) * FLAT_TILE / MOVED_FROM_4_TO_9 / count))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(1, 10, 10)
         tiles[..., 4] += moved
@@ -126,7 +135,7 @@ def test_what_is_nothing_in_a_tile_may_be_much_on_the_page() -> None:
 @given(st.integers(0, 10**6), st.floats(0, 0.5), st.sampled_from([20.0, 1e3, 1e6]), st.booleans())
 def test_the_p_value_tells_the_same_as_the_alarm(seed: int, off: float, promise: float, tiles: bool) -> None:
     rng = np.random.default_rng(seed)
-    share = np.full(INTERVALS, 1 / INTERVALS)
+    share = interval_shares().copy()
     share[: INTERVALS // 2] *= 1 + off * rng.random()
     counts = rng.multinomial(4096, share / share.sum(), (1, 3, 4))
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=tiles)
@@ -141,7 +150,7 @@ def test_good_pages_alarm_as_often_as_promised(tiles: bool) -> None:
     pages, promise = 1500, 20.0
     rng = np.random.default_rng(11)
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=tiles)
-    share = np.full(INTERVALS, 1 / INTERVALS)
+    share = interval_shares().copy()
     alarms = sum(
         judge.judge(evidence(rng.multinomial(4096, share, (1, 4, 5)))).misprint for _ in range(pages)
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from prooflight.comparing.evidence import interval_shares
 from prooflight.deciding.verdict import Judgement
 
 if TYPE_CHECKING:
@@ -17,9 +18,12 @@ if TYPE_CHECKING:
     from prooflight.comparing.evidence import Evidence
 
 
-def pearson(histogram: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Pearson's statistic of counts (..., intervals) against equally likely intervals (paper, equation 3). (...)"""
-    expected = histogram.sum(axis=-1, keepdims=True) / histogram.shape[-1]
+def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pearson's statistic of counts (..., intervals) against those of a good page (paper, equation 3). (...)
+
+    shares (intervals,): the intervals' probabilities, ``comparing.evidence.interval_shares``.
+    """
+    expected = histogram.sum(axis=-1, keepdims=True) * shares
     return np.asarray(((histogram - expected) ** 2 / expected).sum(axis=-1))
 
 
@@ -38,7 +42,7 @@ def posterior_bound(p_value: float, misprint_rate: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChiSquare:
-    """Pearson's chi-square over equally likely intervals, digital numbers taken as the integers they are.
+    """Pearson's chi-square over nearly equally likely intervals, digital numbers taken as the integers they are.
 
     Tested are the page's histogram, as in the paper, and that of each tile of 64 x 64 pixels: a missing word is lost
     among six million pixels, but not among four thousand. Page and tiles have half of the allowed false alarms each,
@@ -58,7 +62,7 @@ class ChiSquare:
 
     def judge(self, evidence: Evidence) -> Judgement:
         """Weigh one page; the p-value is for people, the decision compares statistics."""
-        of_page = float(pearson(evidence.histogram).sum())
+        of_page = float(pearson(evidence.histogram, interval_shares()).sum())
         law = stats.chi2(evidence.histogram.shape[0] * (evidence.histogram.shape[1] - 1))
         allowed = 1 / self.good_pages_per_false_alarm
         if not self.tiles:
@@ -81,4 +85,4 @@ class ChiSquare:
 
 def tile_statistics(evidence: Evidence) -> NDArray[np.float64]:
     """Pearson's statistic of each tile, sensors added up. (tile rows, tile columns)"""
-    return pearson(evidence.tile_histogram).sum(axis=0)
+    return np.asarray(pearson(evidence.tile_histogram, interval_shares()).sum(axis=0))

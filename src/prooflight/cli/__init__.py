@@ -7,7 +7,7 @@ import sys
 import typer
 
 from prooflight import __version__
-from prooflight.cli import bench, camera, chart, job, press, study
+from prooflight.cli import bench, calibrate, camera, chart, job, press, study, study_paper, study_world
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
@@ -26,7 +26,10 @@ app.command()(bench.bench)
 app.add_typer(press.app, name="press")
 app.add_typer(chart.app, name="chart")
 app.add_typer(camera.app, name="camera")
+study_world.register(study.app)
+study_paper.register(study.app)
 app.add_typer(study.app, name="study")
+app.command()(calibrate.calibrate)
 
 
 def _version(asked: bool) -> None:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from prooflight.cli import show
-from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press import Press
 from prooflight.reporting.wording import count
@@ -142,7 +141,10 @@ def simulate(
     press: PressArtefact,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
     world: Annotated[
-        str, typer.Option(help="ideal: a good scan is the expected one plus sensor noise.")
+        str,
+        typer.Option(
+            help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift."
+        ),
     ] = "ideal",
     misprint: Annotated[
         str | None, typer.Option(metavar="KIND[:SEVERITY]", help="Misprint on every page.")
@@ -156,9 +158,9 @@ def simulate(
     from prooflight.pages.parallel import in_order
     from prooflight.simulating.files import ScanToFile, write_truth
     from prooflight.simulating.scans import MisprintRequest
+    from prooflight.simulating.worlds import known_world
 
-    if world != "ideal":
-        raise RequestError("world", f"there is no {world!r}", remedy="choose ideal")
+    known_world(world)
     loaded = Press.load(press)
     source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
     request = MisprintRequest.parse(misprint) if misprint else None
@@ -166,7 +168,9 @@ def simulate(
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         job_pages = len(opened)
     out.mkdir(parents=True, exist_ok=True)
-    work = ScanToFile(job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages)
+    work = ScanToFile(
+        job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
+    )
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
     write_truth(out / "truth.json", truths, world=world, seed=seed, press=loaded)
     if json:

@@ -101,7 +101,7 @@ def tables(
     press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
     presses = [press] if chart is None else [press, with_chart(press, chart)]
     tell = show.steps(quiet=json)
-    with _job_or_sample(job) as job_path:
+    with job_or_sample(job) as job_path:
         jobs = {"sample job" if job is None else job.stem: job_path}
         if pages is not None:
             jobs["real pages"] = pages
@@ -142,7 +142,7 @@ def figures(
     press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
     request = MisprintRequest.parse(misprint)
     tell = show.steps(quiet=json)
-    with _job_or_sample(job) as job_path:
+    with job_or_sample(job) as job_path:
         exhibit = Exhibit(job=job_path, page=page, misprint=request)
         written = draw_figures(press, exhibit, out, seed=seed, progress=tell)
     if json:
@@ -153,7 +153,7 @@ def figures(
 
 
 @contextlib.contextmanager
-def _job_or_sample(job: Path | None) -> Iterator[Path]:
+def job_or_sample(job: Path | None) -> Iterator[Path]:
     """The job's path, or that of the sample job, which is there as long as the context lasts."""
     if job is not None:
         yield job

@@ -1,0 +1,115 @@
+"""``prooflight calibrate``: a press from scans of a printed chart."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+
+if TYPE_CHECKING:
+    from prooflight.commissioning.calibrate import Calibration
+
+
+def calibrate(
+    chart: Annotated[
+        Path, typer.Argument(metavar="CHART", help="Recipe file that `chart make` wrote beside the chart.")
+    ],
+    scans: Annotated[
+        list[Path],
+        typer.Argument(metavar="SCAN...", help="Scans of its pages: line camera TIFF, or TIFF, PNG, JPEG."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the artefact.")],
+    encoding: Annotated[
+        str, typer.Option(help="What a picture's numbers are: auto, linear or srgb.")
+    ] = "auto",
+    picture: Annotated[
+        Path | None, typer.Option(metavar="F.png", help="Draw residuals, noise and edges.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Tables from scans of a printed chart: no spectrometer, no data sheet."""
+    from prooflight.commissioning.calibrate import calibrate as calibrated
+
+    found = calibrated(chart, scans, name=out.stem, encoding=encoding, progress=show.steps(quiet=json))
+    digest = found.press.save(out)
+    if picture is not None:
+        from prooflight.reporting.calibration_picture import draw_calibration
+
+        draw_calibration(picture, found)
+    if json:
+        show.print_json({"press": str(out), "digest": digest, **_facts(found)})
+        return
+    for scan in found.learned.scans:
+        chart_there = scan.chart
+        show.people.print(
+            f"{scan.name}: page {chart_there.page}, turned {chart_there.turn_deg:.2f} degrees, "
+            f"{chart_there.marks} marks within {chart_there.residual_px:.2f} pixels"
+        )
+    show.people.print(_table(found))
+    show.people.print(f"[bold]{out}[/bold] written, digest {digest[:16]}")
+    if picture is not None:
+        show.people.print(f"Written: [bold]{picture}[/bold]")
+
+
+def _facts(found: Calibration) -> dict[str, Any]:
+    """The JSON object: a summary of each sensor, where each scan's chart lies, and every patch's residual."""
+    return {
+        "sensors": _sensors(found),
+        "scans": [
+            {
+                "scan": scan.name,
+                "page": scan.chart.page,
+                "turn_deg": round(scan.chart.turn_deg, 4),
+                "pitch_mm": [round(pitch, 6) for pitch in scan.chart.pitch_mm],
+                "marks": scan.chart.marks,
+                "marks_residual_px": round(scan.chart.residual_px, 4),
+                "encoding": scan.encoding,
+            }
+            for scan in found.learned.scans
+        ],
+        "patches_set_aside": sum(not patch.used for patch in found.patches),
+        "patches": [asdict(patch) for patch in found.patches],
+    }
+
+
+def _sensors(found: Calibration) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": sensor.name,
+            "white_dn": round(sensor.white_dn, 2),
+            "black_dn": round(float(sensor.column_offset_dn.mean()), 2),
+            "residual_sigma": round(found.residual_sigma[index], 4),
+            "left_out_sigma": round(found.left_out_sigma[index], 4),
+            "white_sigma_dn": round(float(sensor.variance_dn2[0, 0, 0, 0]) ** 0.5, 3),
+            "noise_constant_dn2": round(found.learned.noise[index].constant_dn2, 4),
+            "noise_dn2_per_dn": round(found.learned.noise[index].gain_dn, 6),
+            "grain": round(found.learned.noise[index].grain, 6),
+        }
+        for index, sensor in enumerate(found.press.sensors)
+    ]
+
+
+def _table(found: Calibration) -> Table:
+    aside = sum(not patch.used for patch in found.patches)
+    table = Table(
+        title=f"{len(found.patches)} patches read, {aside} set aside; residuals in a pixel's sigma",
+        title_justify="left",
+    )
+    headings = ("sensor", "white [DN]", "black [DN]", "sigma [DN]", "residual", "left out")
+    for heading in headings:
+        table.add_column(heading.replace("[", r"\["), justify="left" if heading == "sensor" else "right")
+    for row in _sensors(found):
+        table.add_row(
+            row["name"],
+            f"{row['white_dn']:.1f}",
+            f"{row['black_dn']:.1f}",
+            f"{row['white_sigma_dn']:.2f}",
+            f"{row['residual_sigma']:.2f}",
+            f"{row['left_out_sigma']:.2f}",
+        )
+    return table

@@ -1,0 +1,109 @@
+"""Work in pieces whose results are kept: a study that is interrupted goes on where it was.
+
+A study is a list of pieces, each small and picklable, and work that makes arrays of rows of a piece. Results lie in
+``folder/<digest>/``, one file a piece; the digest is of everything that the results depend on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+
+from prooflight.atomic import whole_file
+from prooflight.pages.parallel import in_order
+from prooflight.studies.cluster import on_cluster
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+Rows = dict[str, "NDArray[Any]"]
+"""Columns by name; the first axis of each counts rows (columns of counts may have another length)."""
+Piece = TypeVar("Piece")
+PieceIn = TypeVar("PieceIn", contravariant=True)
+
+
+class Work(Protocol[PieceIn]):
+    """Makes the rows of a piece; picklable."""
+
+    def __call__(self, piece: PieceIn, /) -> Rows:
+        """Rows of one piece: the same whoever makes them, and when."""
+        ...
+
+
+def digest_of(facts: Mapping[str, Any]) -> str:
+    """SHA-256 of what results depend on: values fit for JSON."""
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def run_pieces(
+    work: Work[Piece],
+    pieces: Sequence[Piece],
+    folder: Path,
+    *,
+    digest: str,
+    processes: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _all: None,
+) -> Rows:
+    """Rows of all pieces, in the order of the pieces; those that ``folder`` has are not made again.
+
+    cluster: address of a Dask scheduler (``studies.cluster``); None: processes on this machine. progress is told how
+    many pieces are done, of how many.
+    """
+    folder = folder / digest[:16]
+    paths = [folder / f"{number:05}.npz" for number in range(len(pieces))]
+    missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
+    done = len(pieces) - len(missing)
+    progress(done, len(pieces))
+    made = (
+        _fetched(work, missing, cluster) if cluster else in_order(_Kept(work), missing, processes=processes)
+    )
+    for _ in made:
+        done += 1
+        progress(done, len(pieces))
+    columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
+    for path in paths:
+        with np.load(path, allow_pickle=False) as arrays:
+            for name in arrays.files:
+                columns[name].append(arrays[name])
+    return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """Makes a piece's rows and writes them, whole or not at all."""
+
+    work: Work[Any]
+
+    def __call__(self, place: tuple[Path, Any]) -> None:
+        path, piece = place
+        _keep(path, self.work(piece))
+
+
+def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
+    """Rows come back from the cluster and are written here: its workers need not see this folder."""
+    for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
+        _keep(missing[place][0], rows)
+        yield
+
+
+def _keep(path: Path, rows: Rows) -> None:
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **rows)
+
+
+def _whole(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as file:
+            return file.testzip() is None
+    except (OSError, zipfile.BadZipFile):
+        return False

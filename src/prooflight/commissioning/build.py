@@ -76,6 +76,7 @@ def build_press(
         geometry=press_file.geometry(camera),
         sensors=tuple(sensors),
         supersampling=SUPERSAMPLING,
+        variation=press_file.variation(),
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,

@@ -33,7 +33,7 @@ WIDTH_MM, HEIGHT_MM = 14.0, 12.0
 
 @pytest.fixture(scope="module")
 def rig(prototype: PressFile) -> Rig:
-    return Rig.build(prototype, pixels=160)
+    return Rig.build(prototype, pixels=190)
 
 
 @pytest.fixture(scope="module")
@@ -298,7 +298,7 @@ def test_both_paths_agree_in_the_press_world(rig: Rig, specimen: Specimen, small
     fast = fast_mean_variance(small, rig.press, session, print_)
     full = exact_mean_variance(small, specimen, session, print_)
     z = (fast.expected_dn - full.expected_dn) / np.sqrt(full.variance_dn2)
-    assert np.sqrt(np.mean(z**2)) < 0.2
+    assert np.sqrt(np.mean(z**2)) < 0.2  # 0.16; 0.15 over the study's pages
     relative = fast.variance_dn2 / full.variance_dn2 - 1
     assert np.sqrt(np.mean(relative**2)) < 0.03
 
@@ -334,10 +334,12 @@ def test_printed_inks_change_what_is_printed(specimen: Specimen) -> None:
         dot_gain=np.zeros(4),
         white=1.1,
         day=session.sensors[0],
+        weight=np.ones(36),
     )
     recipe = np.array([[0.5, 0.2, 0.0, 0.7]])
     expected = 1.1 * specimen.inks.reflectance(np.array([[0.55, 0.2, 0.0, 0.0]]))
     np.testing.assert_allclose(inks.reflectance(recipe), expected)
-    # beyond a solid: a film thicker by a tenth of the last step's density
-    solid = np.array([[1.0, 0, 0, 0]])
-    assert (inks.reflectance(solid) < 1.1 * specimen.inks.reflectance(solid)).all()
+    # beyond a solid, at 110 %: on as over the last step, which ends at 256/255
+    last, before = (specimen.inks.reflectance(np.array([[c / 255, 0, 0, 0]])) for c in (256, 248))
+    factor = (last.sum() / before.sum()) ** ((1.1 - 256 / 255) * 255 / 8)
+    np.testing.assert_allclose(inks.reflectance(np.array([[1.0, 0, 0, 0]])), 1.1 * last * factor)

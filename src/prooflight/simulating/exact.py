@@ -62,6 +62,8 @@ class PrintedInks:
     white: float
     """Reflectance of the paper over what it should be. [-]"""
     day: SensorDay
+    weight: NDArray[np.float64]
+    """(36,) light times quantum efficiency of the sensor that looks. [any unit]"""
 
     @property
     def name(self) -> str:
@@ -78,18 +80,20 @@ class PrintedInks:
         return self.of_area(self.area(cmyk))
 
     def of_area(self, area: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same of printed areas. Beyond a solid an ink's spectral density goes on as over its last step."""
+        """The same of printed areas.
+
+        Beyond a solid light falls on by the same factor at all wavelengths, the sensor's own over the ink's last step;
+        assumed: no chart tells how the spectrum of more than a solid changes.
+        """
         within = np.minimum(area, _LAST)
         result = self.inks.reflectance(within)
         for ink in range(4):
             beyond = np.maximum(area[..., ink] - _LAST, 0)
             if beyond.any():
-                thinner = within.copy()
-                thinner[..., ink] = _LAST - _STEP
-                solid = within.copy()
-                solid[..., ink] = _LAST
-                density = np.log(self.inks.reflectance(thinner) / self.inks.reflectance(solid)) / _STEP
-                result = result * np.exp(-density * beyond[..., None])
+                thinner, solid = within.copy(), within.copy()
+                thinner[..., ink], solid[..., ink] = _LAST - _STEP, _LAST
+                light = [self.inks.reflectance(recipe) @ self.weight for recipe in (solid, thinner)]
+                result = result * ((light[0] / light[1]) ** (beyond / _STEP))[..., None]
         factor = self.white * self.day.shape_at(area)
         return np.asarray(result * factor[..., None])
 
@@ -202,6 +206,7 @@ def _places(
     specimen: Specimen, session: Session, print_: Print, sensor: int
 ) -> Iterator[tuple[PrintedInks, float, float]]:
     """The inks at nine places of the page (down, across), or nan, at its centre alone, where nothing tilts."""
+    camera_sensor = specimen.camera.sensors[sensor]
     knots = TILT_KNOTS if print_.ink_tilt.any() else (0.0,)
     for down in knots:
         for across in knots:
@@ -212,6 +217,7 @@ def _places(
                 dot_gain=print_.dot_gain,
                 white=float(print_.white[sensor]),
                 day=session.sensors[sensor],
+                weight=specimen.camera.light.radiance_photons * camera_sensor.quantum_efficiency,
             )
             alone = len(knots) == 1
             yield inks, np.nan if alone else down, np.nan if alone else across

@@ -182,24 +182,33 @@ def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def sample_across(light, texture, pad, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
-    """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps."""
+    """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps.
+
+    Sums may be taken in any order, so that taps run in vectors; taking them from slices is what makes them do so.
+    """
     taps = table.shape[1]
     last = light.size - pad
     for i in range(first.size):
         begin = min(max(first[i] + pad, 0), last)
         weights = table[phase[i]]
+        lights, textures = light[begin : begin + taps], texture[begin : begin + taps]
         light_sum = np.float32(0)
         texture_sum = np.float32(0)
         for t in range(taps):
-            light_sum += weights[t] * light[begin + t]
-            texture_sum += weights[t] * texture[begin + t]
+            light_sum += weights[t] * lights[t]
+            texture_sum += weights[t] * textures[t]
         light_out[i] = light_sum
         texture_out[i] = texture_sum
 
 
 @njit(cache=True, nogil=True)
-def sample_along(light_ring, texture_ring, rows, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
-    """One line from rings of filtered rows, row r at r % depth; rows off the page count as 0. table (taps, 1025)."""
+def sample_along(  # type: ignore[no-untyped-def]
+    light_ring, texture_ring, rows, first, phase, table, weights, light_out, texture_out
+):
+    """One line from rings of filtered rows, row r at r % depth; rows off the page count as 0.
+
+    table (taps, 1025); weights (pixels,) is working space: small loops run in vectors, one large one would not.
+    """
     depth = light_ring.shape[0]
     light_out[:] = 0
     texture_out[:] = 0
@@ -208,13 +217,18 @@ def sample_along(light_ring, texture_ring, rows, first, phase, table, light_out,
         stop = start + 1
         while stop < first.size and first[stop] == first[start]:
             stop += 1
+        count = stop - start
+        phases = phase[start:stop]
+        light_sum, texture_sum = light_out[start:stop], texture_out[start:stop]
         for t in range(max(-first[start], 0), min(table.shape[0], rows - first[start])):
             slot = (first[start] + t) % depth
-            light, texture, weights = light_ring[slot], texture_ring[slot], table[t]
-            for i in range(start, stop):
-                weight = weights[phase[i]]
-                light_out[i] += weight * light[i]
-                texture_out[i] += weight * texture[i]
+            light, texture, of_tap = light_ring[slot, start:stop], texture_ring[slot, start:stop], table[t]
+            for i in range(count):
+                weights[i] = of_tap[np.uint32(phases[i])]
+            for i in range(count):
+                light_sum[i] += weights[i] * light[i]
+            for i in range(count):
+                texture_sum[i] += weights[i] * texture[i]
         start = stop
 
 
@@ -266,6 +280,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
     x_phase = np.empty(pixels, np.int32)
     y_first = np.empty(pixels, np.int32)
     y_phase = np.empty(pixels, np.int32)
+    weights = np.empty(pixels, np.float32)
     speck_place = np.empty(4, np.float32)
     next_row = -1
     pair = -1
@@ -320,6 +335,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
             y_first,
             y_phase,
             along_table,
+            weights,
             above_backing[line],
             texture_variance[line],
         )

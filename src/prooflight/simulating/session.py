@@ -194,7 +194,7 @@ def bends_of(light: NDArray[np.float64]) -> NDArray[np.float32]:
 def beyond_solid(table: NDArray[np.float64]) -> NDArray[np.float64]:
     """A table (33, 33, 33, 33) carried on to 37 nodes an ink: its logarithm goes on as over its last step.
 
-    More ink than a full solid makes a thicker film, whose density grows in proportion (as ``PrintedInks`` does it).
+    More ink than a full solid makes a thicker film, whose density grows in proportion; ``PrintedInks`` does the same.
     """
     for ink in range(4):
         last, before = np.take(table, [-1], axis=ink), np.take(table, [-2], axis=ink)

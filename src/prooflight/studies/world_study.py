@@ -29,7 +29,8 @@ DESIGNS: Final = 20
 QUICK_DESIGNS: Final = 3
 PIECE_MM: Final = (24.0, 32.0)
 """Width and height of the piece of each page that is compared, as a page of its own: the full path takes seconds."""
-MARGIN_PIXELS: Final = 12
+MARGIN_PIXELS: Final = 28
+"""Backing at both sides of a piece, as beside A4 in the prototype's field."""
 LEAST_INKED: Final = 0.05
 """A piece is drawn again until so much of it has ink: paper alone tells nothing."""
 TRIES: Final = 200

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from prooflight.acquiring.placement import IN_PLACE, Placement
-from prooflight.comparing.register import Prior, prepare, register
-from prooflight.comparing.registering.field import Waves
+from prooflight.comparing.register import Prior, prepare, printed_shares, register
+from prooflight.comparing.registering.field import Basis, Waves, fitted
 from prooflight.comparing.registering.kernels import SUMS, solved
 from prooflight.comparing.registering.pose import Pose, slopes
-from prooflight.comparing.registering.tiles import measured
+from prooflight.comparing.registering.tiles import TileMoves, measured
 from prooflight.pages.raster import Page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.prints import draw_placement
@@ -240,6 +240,52 @@ def test_sums_are_solved_for_what_made_them() -> None:
     sums = np.zeros(SUMS + 1)
     sums[:10], sums[10:14] = normal[np.triu_indices(4)], asked
     assert solved(sums) == pytest.approx(truth, rel=1e-2)
+
+
+def test_a_fit_is_the_most_likely_one_written_out() -> None:
+    """Compiled normal equations, from sums of cosines, beside the dense ones: the same solution and uncertainty."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-1, 1, (30, 2)) * [30, 45]
+    basis = Basis.of(points, 60.0, 90.0, Prior())
+    shares = rng.dirichlet(np.ones(5), (30, 2))[..., :4]
+    root = rng.normal(0, 20, (30, 2, 2))
+    precision, moves = root @ root.transpose(0, 2, 1), rng.normal(0, 0.05, (30, 2))
+    found = fitted(basis, np.arange(30), moves, precision, shares, weight=np.ones(30))
+    count = basis.waves.variance.size
+    rows = np.zeros((30, 2, 13 + 2 * count))
+    rows[..., :5] = basis.fixed.transpose(1, 0, 2)
+    for axis in range(2):
+        rows[:, axis, 5 + axis : 13 : 2] = shares[:, axis]
+        rows[:, axis, 13 + axis * count : 13 + (axis + 1) * count] = basis.at
+    normal = np.einsum("tak,tab,tbl->kl", rows, precision, rows) + np.diag(1 / basis.scale**2)
+    expected = np.linalg.solve(normal, np.einsum("tak,tab,tb->k", rows, precision, moves))
+    assert found.solution / basis.scale == pytest.approx(expected / basis.scale, abs=1e-6)
+    covariance = np.linalg.inv(normal)
+    sd = np.sqrt(np.einsum("tak,kl,tal->ta", rows[:5], covariance, rows[:5]))
+    assert found.sd_mm(np.arange(5), shares[:5]) == pytest.approx(sd, rel=1e-6)
+    assert found.left_mm == pytest.approx(moves - rows @ expected, abs=1e-7)
+
+
+def test_a_plane_without_contrast_does_not_count() -> None:
+    """Black missing: tiles of black alone are empty, those half black have half their contrast."""
+    shares = np.zeros((400, 2, 4))
+    shares[:100, :, 3], shares[100:200, :, 0], shares[200:300, :, [0, 3]] = 1, 1, 0.5
+    gain = np.repeat([0.0, 1.0, 0.5, 1.0], 100)
+    yes = np.ones(400, bool)
+    said = TileMoves(
+        moves=np.zeros((400, 2)),
+        precision=np.zeros((400, 2, 2)),
+        seen=yes,
+        good=yes,
+        foreign=~yes,
+        gain=gain,
+        gain_sd=np.full(400, 0.01),
+    )
+    kept = printed_shares(shares, said)
+    assert (kept[..., 3] == 0).all()
+    assert kept[100:300, :, 0] == pytest.approx(1)
+    assert (kept[300:] == 0).all()
+    assert printed_shares(shares, replace(said, gain=np.ones(400))) == pytest.approx(shares)
 
 
 def test_prior_is_the_press_worlds() -> None:

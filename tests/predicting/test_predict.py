@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from prooflight.acquiring.placement import IN_PLACE, Placement, Warp
 from prooflight.pages.raster import Page
 from prooflight.pages.sampling import LensCorrection
+from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.predict import predict
 from prooflight.predicting.tables import NODE_STEP, NODES
 
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 
 SINGLE_PRECISION_DN = 3e-3
 """A few hundred additions of up to 4000 DN in single precision, each good to 2e-4 DN, rounded at random."""
-LINEAR_WEIGHTS_DN = 0.8
-"""Weights linear along a segment err by up to 0.025 % of a step of 3000 DN at its ends (``course.DRIFT_PIXELS``)."""
+LINEAR_WEIGHTS_DN = 1.2
+"""Weights linear along a segment err by up to 0.025 % of a step at its ends, 4500 DN in bricks of random
+tables (``course.DRIFT_PIXELS``)."""
 
 
 @pytest.fixture(scope="module")
@@ -75,15 +77,19 @@ def flat_page(recipe: tuple[int, int, int, int], *, width_mm: float = 20.0, heig
 
 
 def sixteen_corners(table: np.ndarray, cmyk: np.ndarray) -> np.ndarray:
-    cell, fraction = np.divmod(cmyk.astype(np.int64), NODE_STEP)
-    value = np.zeros(cmyk.shape[:-1])
+    """What the table's bricks say of each recipe, in whole numbers but for the last step."""
+    bricks = bricks_of(table)
+    bits = bricks.bits.astype(np.int64)
+    cell, fraction = np.divmod(cmyk.astype(np.int64), 256 >> bits)
+    place = np.zeros(cmyk.shape[:-1], np.int64)
+    for ink in (3, 2, 1, 0):
+        place = (place << bits[ink]) + cell[..., ink]
+    total = np.zeros_like(place)
     for corner in product((0, 1), repeat=4):
-        weight = np.prod(
-            np.where(np.array(corner) == 1, fraction / NODE_STEP, 1 - fraction / NODE_STEP), axis=-1
-        )
-        place = tuple(np.moveaxis(cell + np.array(corner), -1, 0))
-        value += weight * table.astype(np.float64)[place]
-    return value
+        weight = np.prod(np.where(np.array(corner) == 1, fraction, (256 >> bits) - fraction), axis=-1)
+        c, m, y, k = corner
+        total += weight * bricks.bricks[place, 8 * k + 4 * y + 2 * m + c]
+    return float(bricks.unit) * total.astype(np.float64) ** 2 - float(bricks.offset)
 
 
 def dense_weights(
@@ -272,24 +278,28 @@ def test_each_sensor_is_predicted_from_its_own_tables(page: Page, two_sensor_pre
     assert (both.expected_dn[0] != both.expected_dn[1]).any()
 
 
-@given(st.tuples(*[st.integers(0, NODES - 2)] * 4))
-def test_at_a_node_an_even_page_gives_the_table_itself(
-    press: Press, odd_sensor: SensorModel, node: tuple[int, int, int, int]
+def at_solids(table: np.ndarray, solid: tuple[bool, ...]) -> float:
+    """The table where each ink is bare or solid, 255, which lies an eighth before its last node."""
+    for one in solid:
+        table = table[-1] + (table[-2] - table[-1]) / 8 if one else table[0]
+    return float(table)
+
+
+@given(st.tuples(*[st.booleans()] * 4))
+def test_bare_and_solid_inks_give_the_table_itself(
+    press: Press, odd_sensor: SensorModel, solid: tuple[bool, bool, bool, bool]
 ) -> None:
-    cyan, magenta, yellow, black = (NODE_STEP * place for place in node)
+    """To half a code of a root: 3000 DN 1.5 / 32767, if fitted nodes reach 1.5 times as high as the table."""
+    cyan, magenta, yellow, black = (255 * ink for ink in solid)
     page = flat_page((cyan, magenta, yellow, black))
     got = predict(page, sensors=[odd_sensor], geometry=press.geometry)
     inside = (slice(25, 60), slice(120, 280))
     gain, offset = odd_sensor.column_gain[120:280], odd_sensor.column_offset_dn[120:280]
-    want = np.clip(offset + gain * odd_sensor.mean_dn[node], 0, 4095)
-    np.testing.assert_allclose(
-        got.expected_dn[0][inside], np.broadcast_to(want, (35, 160)), atol=SINGLE_PRECISION_DN
-    )
+    want = np.clip(offset + gain * at_solids(odd_sensor.mean_dn, solid), 0, 4095)
+    np.testing.assert_allclose(got.expected_dn[0][inside], np.broadcast_to(want, (35, 160)), atol=0.15)
     dark = odd_sensor.dark_variance_dn2
-    want = dark + gain * (odd_sensor.variance_dn2[node] - dark)
-    np.testing.assert_allclose(
-        got.variance_dn2[0][inside], np.broadcast_to(want, (35, 160)), atol=SINGLE_PRECISION_DN
-    )
+    want = dark + gain * (at_solids(odd_sensor.variance_dn2, solid) - dark)
+    np.testing.assert_allclose(got.variance_dn2[0][inside], np.broadcast_to(want, (35, 160)), atol=0.01)
 
 
 @pytest.mark.parametrize("ink", range(4))
@@ -304,7 +314,8 @@ def test_every_ink_is_looked_up_on_its_own_axis(press: Press, even_sensor: Senso
     got = predict(
         flat_page((recipe[0], recipe[1], recipe[2], recipe[3])), sensors=[sensor], geometry=press.geometry
     )
-    assert got.expected_dn[0, 40, 200] == pytest.approx(120 / NODE_STEP * 100, abs=SINGLE_PRECISION_DN)
+    # its root is not straight: within a cell of 8 to 32 bytes it errs by a few DN
+    assert got.expected_dn[0, 40, 200] == pytest.approx(120 / NODE_STEP * 100, abs=5)
 
 
 def test_an_edge_is_a_mean_of_signals_and_not_the_signal_of_half_the_ink(

@@ -85,8 +85,10 @@ def test_pictures_are_never_enlarged(press: Press) -> None:
 def test_bare_paper_has_signal_one_in_every_column(press: Press) -> None:
     page = flat((0, 0, 0, 0), rows=600, columns=400)
     expected, measured = pictures.signals(page, inspected(page, press), press)
-    inner = expected[8:-8, 8:-8]  # the backing shines in from beyond the edges
-    assert np.abs(inner - 1).max() < 1e-3
+    inner = expected[8:-8, 8:-8]
+    assert (
+        np.abs(inner - 1).max() < 2e-3
+    )  # the backing beyond the edges: 0.2 % of an edge lies beyond 4 pixels
     assert abs(measured[8:-8, 8:-8].mean() - 1) < 1e-3
     # 12 bits and some thousand electrons: noise below 2 % a pixel, and no column stands out
     assert np.abs(measured[8:-8, 8:-8].mean(axis=0) - 1).max() < 0.005

@@ -86,7 +86,10 @@ def test_the_error_map_shows_the_misprint_and_nothing_else(press: Press, job: Pa
     rows, columns = shown.block_z.shape
     x = shown.frame.x_mm + (np.arange(columns) + 0.5) * shown.frame.width_mm / columns
     y = shown.frame.y_mm + (np.arange(rows) + 0.5) * shown.frame.height_mm / rows
-    inside = np.outer((y > y_mm - 1) & (y < y_mm + height_mm + 1), (x > x_mm - 1) & (x < x_mm + width_mm + 1))
+    # blocks of which any part is within a millimetre of the misprint
+    off_x, off_y = 1 + shown.frame.width_mm / columns / 2, 1 + shown.frame.height_mm / rows / 2
+    in_y = (y > y_mm - off_y) & (y < y_mm + height_mm + off_y)
+    inside = np.outer(in_y, (x > x_mm - off_x) & (x < x_mm + width_mm + off_x))
     assert np.abs(shown.block_z[inside]).max() > 20
     assert np.abs(shown.block_z[~inside]).max() < 6  # 2,000 blocks of N(0, 1)
 

@@ -4,15 +4,46 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from prooflight.studies.speed import bench
+import numpy as np
+import pytest
+from PIL import Image
+
+from prooflight.predicting.predict import looked_up
+from prooflight.studies import speed
+from prooflight.studies.device_profile import LAB_WHITE, cmyk_to_lab
+from prooflight.studies.speed_page import PICTURE, write_speed_page
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from prooflight.press import Press
 
 
-def test_every_step_stands_beside_its_peer(press: Press) -> None:
-    rows = bench(press, quick=True)
-    assert len(rows) == 8
-    assert [row.ratio for row in rows[1::2]] == [1.0] * 4
-    assert all(row.mpx_per_cpu_s > 0 for row in rows)
-    assert {row.name.split(", ")[1] for row in rows} == {"text", "photo"}
+def test_every_step_stands_beside_its_peers(
+    press: Press, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(speed, "REPEATS", 1)
+    monkeypatch.setattr(speed, "QUICK_MM", 20.0)
+    rows = speed.bench(press, quick=True)
+    assert all(row.lowest_mpx_per_cpu_s <= row.mpx_per_cpu_s <= row.highest_mpx_per_cpu_s for row in rows)
+    names = {row.name: row for row in rows}
+    assert len(names) == len(rows)
+    for page in ("text", "mixed", "photo"):
+        assert names[f"look-up, {page}"].ratio == names[f"predict, {page}"].ratio == 1
+        assert f"lcms2, {page}" in names
+    write_speed_page(rows, tmp_path)
+    assert (tmp_path / "images" / PICTURE).stat().st_size > 10_000
+    assert f"| lcms2, photo | {names['lcms2, photo'].mpx_per_cpu_s:,.1f} |" in (
+        tmp_path / "performance.md"
+    ).read_text(encoding="utf-8")
+
+
+def test_lcms2_looks_up_the_table_that_prediction_does(press: Press) -> None:
+    """To L*'s 8 bits, 100 / 255, and lcms2's simplexes, which err a few times as much as sixteen corners."""
+    table = press.sensors[0].mean_dn
+    cmyk = np.random.default_rng(4).integers(0, 256, (1, 500, 4)).astype(np.uint8)
+    transform = cmyk_to_lab(table[::2, ::2, ::2, ::2] / table.max())
+    image = Image.frombuffer("CMYK", (500, 1), cmyk.tobytes(), "raw", "CMYK", 0, 1)
+    lightness = np.asarray(transform.apply(image))[0, :, 0] / 255
+    assert LAB_WHITE == 0xFF00
+    np.testing.assert_allclose(lightness, looked_up(cmyk[0], press.sensors[0])[0] / table.max(), atol=0.03)

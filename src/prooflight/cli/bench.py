@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,8 +14,11 @@ from prooflight.cli import show
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Small pages.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    docs: Annotated[
+        Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
+    ] = None,
 ) -> None:
-    """Speed of prediction and comparison as ratios to peers measured in the same run, one core."""
+    """Speed of prediction, comparison and whole pages as ratios to peers measured in the same run, one core."""
     from prooflight.commissioning.build import build_press
     from prooflight.press_file import PressFile
     from prooflight.studies.speed import bench as timed
@@ -22,13 +26,18 @@ def bench(
     if not json:
         show.step("building the prototype and timing")
     rows = timed(build_press(PressFile.prototype(), seed=1), quick=quick)
+    if docs is not None:
+        from prooflight.studies.speed_page import write_speed_page
+
+        write_speed_page(rows, docs)
     if json:
         show.print_json(rows)
         return
-    table = Table(title="Camera megapixels a second of processor time, one core", title_justify="left")
+    table = Table(title="Megapixels a second of processor time, one core", title_justify="left")
     table.add_column("step")
-    table.add_column("Mpx/s", justify="right")
-    table.add_column("ratio to its peer", justify="right")
+    for name in ("Mpx/s", "range", "ratio"):
+        table.add_column(name, justify="right")
     for row in rows:
-        table.add_row(row.name, f"{row.mpx_per_cpu_s:,.1f}", f"{row.ratio:.2f}")
+        spread = f"{row.lowest_mpx_per_cpu_s:,.0f} .. {row.highest_mpx_per_cpu_s:,.0f}"
+        table.add_row(row.name, f"{row.mpx_per_cpu_s:,.1f}", spread, f"{row.ratio:.2f}")
     show.people.print(table)

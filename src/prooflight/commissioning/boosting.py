@@ -35,7 +35,8 @@ def boosted(
     """Trees that rank pages: columns (pages, columns), weight (pages,) of each."""
     cuts = np.quantile(columns, np.arange(1, BINS) / BINS, axis=0).T.astype(np.float32)  # (columns, BINS - 1)
     binned = np.stack(
-        [np.searchsorted(cut, column, side="left") for cut, column in zip(cuts, columns.T, strict=True)], axis=1
+        [np.searchsorted(cut, column, side="left") for cut, column in zip(cuts, columns.T, strict=True)],
+        axis=1,
     ).astype(np.int64)
     count, width = binned.shape
     start = float(np.log((weight * bad).sum() / (weight * ~bad).sum()))
@@ -79,7 +80,9 @@ def _best(few: NDArray[np.int64], push: NDArray[np.float64], pull: NDArray[np.fl
     g = np.bincount(flat, np.repeat(push, width), minlength=width * BINS).reshape(width, BINS).cumsum(axis=1)
     h = np.bincount(flat, np.repeat(pull, width), minlength=width * BINS).reshape(width, BINS).cumsum(axis=1)
     g_all, h_all = g[:, -1:], h[:, -1:]
-    gain = g**2 / (h + SHRINKAGE) + (g_all - g) ** 2 / (h_all - h + SHRINKAGE) - g_all**2 / (h_all + SHRINKAGE)
+    gain = (
+        g**2 / (h + SHRINKAGE) + (g_all - g) ** 2 / (h_all - h + SHRINKAGE) - g_all**2 / (h_all + SHRINKAGE)
+    )
     gain[(h < LEAST_HESSIAN) | (h_all - h < LEAST_HESSIAN)] = 0
     gain[:, -1] = 0
     best = int(np.argmax(gain))

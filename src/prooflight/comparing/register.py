@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE, Placement, Warp
-from prooflight.comparing.registering.field import Field, Prior, fitted
+from prooflight.comparing.registering.field import Field, Prior, fitted, trust
+from prooflight.comparing.registering.judging_kernels import MOST_GAIN_SD
 from prooflight.comparing.registering.landmarks import Landmarks, prepare
-from prooflight.comparing.registering.search import candidates
+from prooflight.comparing.registering.search import candidates, spread
 from prooflight.comparing.registering.tiles import TileMoves, measured
 
 if TYPE_CHECKING:
@@ -23,13 +24,25 @@ __all__ = ["Landmarks", "Prior", "Registration", "prepare", "register"]
 
 NODE_PITCH_MM: Final = 6.0
 """Between nodes of the warp found: a field smooth over 25 mm is linear between them to 0.01 pixels."""
-STEPS: Final = ((0.6, 0.1, 2), (0.3, 0.01, 1), (0.1, 0.01, 2))
-"""The three steps of the field: how far off tiles may lie [pixels], which waves are negligible, rounds of weighing."""
-SHIFT_SD_MM: Final = 1.0
-"""Of the pose's last steps: no bound."""
+ROUGH: Final = 0.1
+"""Waves with less than this share are left out until the last fit."""
+FIELD_TILES: Final = 120
+"""Tiles that a first field is made of; it is smooth over 25 mm, and these lie 23 mm apart on A4."""
+UNSURE_PIXELS: Final = (0.6, 0.2, 0.1)
+"""How far off tiles may lie: at the pose found, at the first field, at the field of all tiles."""
+AGAIN_PIXELS: Final = 0.2
+"""Tiles that lie so far from where they were rendered are measured again: one linear step leaves a tenth."""
+PRESENT: Final = 0.4
+"""Share of its contrast from which an ink plane counts as printed."""
+PRESENCE_SD: Final = (0.2, 0.1)
+"""Of a tile's contrast about its inks' presence, and of a plane's presence before it is seen. [-]"""
 LEAST_TILES: Final = 8
 LEAST_PART: Final = 0.5
 """Tiles' worth of ink below which a page counts as blank."""
+LEAST_SHARE: Final = 0.05
+"""Of a tile's edges, for planes to make up for others."""
+SD_TILES: Final = 12
+"""Tiles whose standard deviations stand for all."""
 LEAST_AGREEING: Final = 0.15
 """Share of tiles that must agree: a page whose content is missing altogether still has its own edges."""
 RIVAL: Final = 0.9
@@ -79,10 +92,11 @@ class Registration:
         return self.found and (far or abs(self.placement.skew_deg) >= WRONG_SKEW_DEG)
 
 
-def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, prior: Prior | None = None) -> Registration:
+def register(landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
     """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN].
 
-    A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles.
+    A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
+    ink plane that is not printed is left out of where the print lies.
     """
     tried = candidates(landmarks, scan)
     best = tried[0]
@@ -92,7 +106,7 @@ def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, prior: Prior | N
         return Registration(
             placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
         )
-    return _fielded(landmarks, scan, best.pose, prior or Prior(), reason)
+    return _fielded(landmarks, scan, best.pose, reason)
 
 
 def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
@@ -109,43 +123,71 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
     return ""
 
 
-def _fielded(
-    landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, prior: Prior, reason: str
-) -> Registration:
-    tiles = np.arange(landmarks.lines.size)
-    pitch, points = landmarks.pitch_mm, landmarks.from_centre_mm
-    found: Field | None = None
-    for unsure, negligible, rounds in STEPS:
-        base = landmarks.moves(pose, tiles) * pitch
-        now = base if found is None else base + found.moves_mm(points + base, landmarks.shares)
-        said = measured(landmarks, scan, tiles, now / pitch, unsure_pixels=unsure)
-        found = fitted(
-            points + base,
-            now + said.moves * pitch - base,
-            said.precision / np.outer(pitch, pitch),
-            landmarks.shares,
-            page_width_mm=landmarks.page_width_mm,
-            page_height_mm=landmarks.page_height_mm,
-            prior=prior,
-            shift_sd_mm=SHIFT_SD_MM,
-            negligible=negligible,
-            rounds=rounds,
-        )
-        pose = pose.moved(found.step)
-    assert found is not None
-    return _registration(landmarks, pose, found, said, reason)
+def _fielded(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason: str) -> Registration:
+    pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
+    every = np.arange(landmarks.lines.size)
+
+    def fit(
+        tiles: NDArray[np.intp], said: TileMoves, places: NDArray[np.float64], **how: Any
+    ) -> tuple[Field, Pose, NDArray[np.float64]]:
+        """The field, the pose it moves to, and where both have all tiles. [mm]"""
+        off = places - landmarks.moves(pose, tiles) * pitch
+        precision = said.precision / np.outer(pitch, pitch)
+        found = fitted(basis, tiles, off, precision, shares[tiles], **how)
+        moved = pose.moved(found.step)
+        return found, moved, landmarks.moves(moved, every) * pitch + found.moves_mm(shares)
+
+    some = spread(every.size, FIELD_TILES)
+    start = landmarks.moves(pose, some)
+    said = measured(landmarks, scan, some, start, unsure_pixels=UNSURE_PIXELS[0])
+    _, pose, now = fit(some, said, (start + said.moves) * pitch, negligible=ROUGH)
+    said = measured(landmarks, scan, every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
+    shares = printed_shares(landmarks.shares, said)
+    places = now + said.moves * pitch
+    _, pose, better = fit(every, said, places, negligible=ROUGH)
+    again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & said.seen)
+    if again.size:
+        more = measured(landmarks, scan, again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
+        said.put(again, more)
+        places[again] = better[again] + more.moves * pitch
+    weight = trust(places - better, said.precision / np.outer(pitch, pitch))
+    found, pose, _ = fit(every, said, places, weight=weight)
+    return _registration(landmarks, shares, pose, found, said, reason)
+
+
+def printed_shares(shares: NDArray[np.float64], said: TileMoves) -> NDArray[np.float64]:
+    """``shares`` (tiles, 2, 4) without the planes that are not printed; the others of a tile make up for it.
+
+    Tiles' contrasts are the presence of their planes, weighted by their shares, and of the page's own edge.
+    """
+    told = said.seen & (said.gain_sd < MOST_GAIN_SD)
+    edge = 1 - shares.sum(axis=2, keepdims=True)
+    model, (tile_sd, plane_sd) = np.concatenate([shares, edge], axis=2).mean(axis=1)[told], PRESENCE_SD
+    off = said.gain[told] - model.sum(axis=1)
+    weight = np.ones(off.size)
+    for _ in range(4):
+        weighted = model * weight[:, None]
+        less = np.linalg.solve(model.T @ weighted + np.eye(5) * (tile_sd / plane_sd) ** 2, weighted.T @ off)
+        weight = 1 / (1 + ((off - model @ less) / tile_sd) ** 2)
+    kept = shares * (1 + less[:4] > PRESENT)
+    return np.asarray(kept * (shares.sum(axis=2) / np.maximum(kept.sum(axis=2), LEAST_SHARE))[..., None])
 
 
 def _registration(
-    landmarks: Landmarks, pose: Pose, field: Field, said: TileMoves, reason: str
+    landmarks: Landmarks,
+    shares: NDArray[np.float64],
+    pose: Pose,
+    field: Field,
+    said: TileMoves,
+    reason: str,
 ) -> Registration:
     pitch = landmarks.pitch_mm
     used = said.good & (field.weight > 0.5)
-    part = landmarks.shares[used].sum(axis=0)
+    part = shares[used].sum(axis=0)
     part /= np.maximum(part.sum(axis=1, keepdims=True), LEAST_PART)
     of_print = np.einsum("ap,pa->a", part, field.planes_mm)
-    x, y = landmarks.from_centre_mm[::7].T
-    sd = np.sqrt(np.mean(field.sd_mm(x, y, landmarks.shares[::7]) ** 2, axis=0))
+    some = spread(shares.shape[0], SD_TILES)
+    sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
     seen = max(int(said.seen.sum()), 1)
     weight = said.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
@@ -171,16 +213,18 @@ def _registration(
 
 
 def _placement(landmarks: Landmarks, pose: Pose, field: Field, of_print: NDArray[np.float64]) -> Placement:
-    """Pose and field of the print, the field on nodes over the page."""
+    """Pose and field of the print, the field on nodes over the page as it is shifted.
+
+    What turn and stretch move nodes by is left out: 2.6 mm at a corner of A4 turned by a degree, 0.04 pixels.
+    """
     width, height = landmarks.page_width_mm, landmarks.page_height_mm
     columns, rows = (int(np.ceil(extent / NODE_PITCH_MM)) + 1 for extent in (width, height))
-    x, y = np.meshgrid(
+    nodes = field.warp_mm(
         np.arange(columns) * NODE_PITCH_MM - width / 2, np.arange(rows) * NODE_PITCH_MM - height / 2
     )
-    nodes = field.warp_mm(x.ravel(), y.ravel()).reshape(rows, columns, 2)
     return Placement(
         shift_mm=(pose.x_mm + float(of_print[0]), pose.y_mm + float(of_print[1])),
         skew_deg=float(np.rad2deg(pose.turn)),
         stretch_percent=(100 * pose.across, 100 * pose.along),
-        warp=Warp(nodes_mm=nodes.astype(np.float32), pitch_mm=NODE_PITCH_MM),
+        warp=Warp(nodes_mm=nodes.astype(np.float32), pitch_mm=NODE_PITCH_MM, first_mm=(pose.x_mm, pose.y_mm)),
     )

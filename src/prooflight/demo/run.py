@@ -15,7 +15,8 @@ from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
 from prooflight.press_file import PressFile
 from prooflight.reporting.report import PageEntry, page_entry
-from prooflight.simulating.scans import KINDS, MisprintRequest, SimulatedScan, page_rng, scan_page
+from prooflight.simulating.misprints import KINDS
+from prooflight.simulating.scans import MisprintRequest, SimulatedScan, page_rng, scan_page
 from prooflight.simulating.worlds import Gate
 
 if TYPE_CHECKING:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
+from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.course import course
 from prooflight.predicting.kernels import filter_lines, to_columns
+from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -84,6 +86,22 @@ def predict(
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
+def looked_up(
+    cmyk: NDArray[np.uint8], sensor: SensorModel
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
+    words = np.zeros(-(-len(cmyk) // AT_ONCE) * AT_ONCE, np.uint32)
+    words[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
+    mean, variance = np.empty((2, words.size), np.float32)
+    look_up_light(words, bricks_of(sensor.mean_dn), np.float32(0), mean)
+    slope = shot_slope(sensor)
+    if slope > 0:
+        variance = (sensor.backing_variance_dn2 + slope * (mean - sensor.backing_dn)).astype(np.float32)
+    else:
+        look_up_light(words, bricks_of(sensor.variance_dn2), np.float32(0), variance)
+    return mean[: len(cmyk)], variance[: len(cmyk)]
+
+
 @lru_cache(maxsize=16)
 def shot_slope(sensor: SensorModel) -> float:
     """``SensorModel.shot_slope``, found once: it looks through both tables."""
@@ -111,7 +129,7 @@ def _filtering(
     return partial(
         filter_lines,
         np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0],
-        np.ascontiguousarray(table).reshape(-1),
+        bricks_of(table),
         np.float32(backing),
         where.stride,
         where.across.places,

@@ -8,6 +8,7 @@ import numpy as np
 
 from prooflight.atomic import whole_file
 from prooflight.simulating.worlds import worlds_digest
+from prooflight.studies.register_picture import draw_registration
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,6 +64,19 @@ def write_register_page(
     figures: dict[str, object] = {"whole": table, "silent": silent}
     with whole_file(path) as unfinished:
         unfinished.write_text(_page(table, silent, whole, seed, facts), encoding="utf-8")
+    found = _column(whole, "found") > 0
+    rms = _column(whole, "content_rms")
+    shown = good & found
+    draw_registration(
+        path.with_suffix(".png"),
+        {
+            name: rms[found & (condition == i)]
+            for i, name in enumerate(("good prints", "a plane missing", "a block missing"))
+        },
+        white[shown],
+        rms[shown],
+        _column(whole, "real")[shown] > 0,
+    )
     return figures
 
 
@@ -85,6 +99,9 @@ def _page(
     facts: str,
 ) -> str:
     goal = table["good prints"]
+    designs, real = (
+        len(np.unique(rows[:, :2], axis=0)) for rows in (whole, whole[_column(whole, "real") > 0])
+    )
     met = ", ".join(
         f"{name} {goal[key]:.3f} ({'met' if goal[key] <= limit else 'missed'}: {limit:g})"
         for name, key, limit in (
@@ -97,16 +114,17 @@ def _page(
         "# Where the page lies",
         "",
         f"Written by `prooflight study registration`, seed {seed}. Press world `{worlds_digest()[:16]}`; {facts}.",
-        f"{len(np.unique(whole[:, :2], axis=0))} designs, {len(whole)} scans. Figures in camera pixels, rms of x and y",
+        f"{designs} designs, {real} of them real pages; {len(whole)} scans. Figures in camera pixels, rms of x and y",
         "over scans that were found; the 99th percentile (of sizes across and along) is the mean over scans.",
         "",
         f"Goals, on good prints where there is content: {met}.",
         "",
         "The truth is the sheet's drawn placement and, since content moves with the ink planes, the mean of",
-        "their drawn register, weighted as their edges count. *Global*: the part of the error linear over the page.",
+        "their drawn register, weighted as their edges count (a plane that is not printed does not).",
+        "*Global*: the part of the error linear over the page.",
         "*Content*: errors across, and along, over points of a 3 mm grid about which the signal's slope that way is at",
-        "least 2 % of white a pixel, rms over 3 mm;",
-        "*page*: over all points, blank ones too, where nothing tells and the warp is a guess from afar.",
+        "least 2 % of white a pixel, rms over 3 mm; not next to the sheet's edge, where one sees the sheet, not print.",
+        "*Page*: over all points, blank ones too, where nothing tells and the warp is a guess from afar.",
         "",
         "| scans of | scans | found | content: global | with field | 99 % | page: global | with field | 99 % |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
@@ -116,6 +134,8 @@ def _page(
         cells = " | ".join(f"{row[key]:.3f}" for key in keys)
         lines.append(f"| {name} | {row['scans']:.0f} | {row['found']:.0f} | {cells} |")
     lines += [
+        "",
+        "![Errors of scans, and of good prints by how white the page is](registration.png)",
         "",
         "## Never silently wrong",
         "",

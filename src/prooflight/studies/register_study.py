@@ -9,6 +9,7 @@ import numpy as np
 
 from prooflight.acquiring.placement import Placement
 from prooflight.comparing.register import prepare, register
+from prooflight.errors import JobError
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.fast import fast_scan
@@ -16,7 +17,7 @@ from prooflight.simulating.prints import Print, plane_pixels, together
 from prooflight.simulating.session import Session
 from prooflight.simulating.worlds import Amounts, worlds_digest
 from prooflight.studies.corpus import Corpus, Folder
-from prooflight.studies.register_page import write_register_page
+from prooflight.studies.register_page import COLUMNS, write_register_page
 from prooflight.studies.shards import digest_of, run_pieces
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ DESIGNS, PRINTS, REAL = 100, 5, 30
 CROP_MM: Final = 60.0
 """Side of the pages of the count of silent errors, cut from designs: 5,000 whole pages would take a day."""
 CROPS_A_DESIGN: Final = 25
+CROP_PIXELS: Final = 640
+"""Of a line that sees a cutting and its margins."""
 SILENT_PIXELS: Final = 1.0
 GRID_MM: Final = 3.0
 EDGE_SHARE: Final = 0.02
@@ -82,8 +85,20 @@ class Errors:
         )
 
 
-def printed_at(print_: Print, page: Page, parts: NDArray[np.float64]) -> Placement:
-    """Where a print lies: its sheet's placement, and its planes' register as they count (parts (2, 4))."""
+def printed_at(
+    print_: Print, page: Page, parts: NDArray[np.float64], inks: NDArray[np.bool_] | None = None
+) -> Placement:
+    """Where a print lies: its sheet's placement, and its planes' register as they count (parts (2, 4)).
+
+    inks (4,): the planes that are printed; the place of one that is not is nowhere, and the others make up for it.
+    """
+    if inks is not None:
+        printed = parts * inks
+        parts = (
+            printed
+            * (parts.sum(axis=1, keepdims=True) / np.maximum(printed.sum(axis=1, keepdims=True), 1e-9))
+            * printed.any(axis=1, keepdims=True)
+        )
     planes_mm = plane_pixels(print_, page) * page.pixel_mm
     x, y = np.einsum("ap,pa->a", parts, planes_mm)
     place = print_.placement
@@ -111,7 +126,10 @@ def _grid(page: Page) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> NDArray[np.bool_]:
-    """Whether there are edges that tell of a displacement across, or along, about each point of the grid: (n, 2)."""
+    """Whether print tells of a displacement across, or along, about each point of the grid: (n, 2).
+
+    Points next to the sheet's edge do not count: what is seen there is the sheet.
+    """
     sensor, geometry = press.sensors[0], press.geometry
     light = (expected_dn - sensor.column_offset_dn) / sensor.column_gain / sensor.white_dn
     x, y = _grid(page)
@@ -126,7 +144,8 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
             for line in lines
             for column in columns
         ]
-        told.append(np.array(means) > EDGE_SHARE**2)
+        enough = np.array(means).reshape(x.shape) > EDGE_SHARE**2
+        told.append((enough & np.pad(np.ones(np.array(x.shape) - 2, bool), 1)).ravel())
     return np.stack(told, axis=1)
 
 
@@ -158,7 +177,10 @@ class FindDesign:
     def __call__(self, task: Task) -> Rows:
         """One row a scan."""
         rng = np.random.default_rng([self.seed, task.design, int(task.real), int(task.crops)])
-        page = self.page(task)
+        try:
+            page = self.page(task)
+        except JobError:  # a real page wider than the press sees
+            return {"rows": np.zeros((0, len(COLUMNS)))}
         session = Session.draw(Amounts.stated(), self.press, rng)
         rows: list[tuple[float, ...]] = []
         if not task.crops:
@@ -189,7 +211,8 @@ class FindDesign:
             printed, print_ = self._printed(page, other, session, condition, rng)
             scan = fast_scan(printed, press, session, print_, rng=rng)
             found = register(landmarks, scan)
-            truth = printed_at(print_, page, found.plane_parts)
+            inks = printed.cmyk[::2, ::2].reshape(-1, 4).max(axis=0) > 0
+            truth = printed_at(print_, page, found.plane_parts, inks)
             everywhere, where_content = errors(found, truth, page, press, content)
             rows.append(
                 (
@@ -291,7 +314,8 @@ def run_register_study(
 
     crop_press: the same press with a line as long as a cutting of 60 mm and its margins. pages: real pages, of which
     three are among any ten designs. cache: where rows are kept, so that a study goes on where it was, or begins small
-    and grows; their digest covers press, world, number of pages, seed and ``SCHEMA``, not the code, which must raise that.
+    and grows; their digest covers press, world, number of pages, seed and ``SCHEMA``, not the code, which
+    must raise that. A real page wider than the press sees is left out.
     """
     dpi = press.dpi
     real = None if pages is None else Folder(path=pages, dpi=dpi)

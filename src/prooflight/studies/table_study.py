@@ -14,7 +14,7 @@ from prooflight.commissioning.accuracy import trial_recipes
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.pages.job import open_job
-from prooflight.predicting.kernels import look_up_row
+from prooflight.predicting.predict import looked_up
 from prooflight.press_file import PressFile
 from prooflight.studies.table_page import BuiltPress, TableRow, Worst, write_table_page
 
@@ -164,14 +164,13 @@ def judged(
     models: Sequence[SensorModel],
     colours: Colours,
 ) -> list[TableRow]:
-    """Every sensor's tables on one set of colours."""
+    """Every sensor's tables on one set of colours, as prediction looks them up."""
     electrons = exact_electrons(camera, inks, np.concatenate([np.zeros((1, 4), np.uint8), colours.cmyk]))
     rows = []
     for sensor, model, of_sensor in zip(camera.sensors, models, electrons, strict=True):
         exact, sigma = signal_dn(sensor, of_sensor), np.sqrt(variance_dn2(sensor, of_sensor))
-        mean, variance = np.empty((2, len(exact)), np.float32)
         recipes = np.concatenate([np.zeros((1, 4), np.uint8), colours.cmyk])
-        look_up_row(recipes, model.interleaved(), mean, variance)
+        mean, variance = looked_up(recipes, model)
         error = (mean - exact) / sigma
         of_sigma = np.sqrt(variance) / sigma - 1
         rows.append(

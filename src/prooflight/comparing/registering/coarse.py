@@ -27,7 +27,7 @@ EDGE_LIMIT: Final = 0.15
 PAD: Final = 20
 """Coarse pixels of nothing around the picture, so that a shift of 12 mm does not wrap around."""
 LEAST_EDGE: Final = 0.01
-MOST_POINTS: Final = 16_384
+MOST_POINTS: Final = 2048
 POINTS_PER_ROW: Final = 256
 STEPS: Final = 5
 SPREAD: Final = 0.03

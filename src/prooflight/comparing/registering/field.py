@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import linalg
 
+from prooflight.comparing.registering.field_kernels import backward, cholesky, forward, normal_equations
 from prooflight.comparing.registering.pose import slopes
 
 if TYPE_CHECKING:
@@ -19,10 +19,11 @@ FAR: Final = 3.0
 """Tiles further off than so many standard deviations weigh less (Huber)."""
 HOPELESS: Final = 8.0
 """Tiles further off than so many count for nothing: they show something else."""
-ROUNDS: Final = 2
 POSE: Final = 5
 SMOOTH: Final = 13
 """The unknowns begin with the pose, then the planes; from here on they are waves."""
+SHIFT_SD_MM: Final = 1.0
+"""Of the pose's last steps: no bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,69 +48,116 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waves:
-    """A smooth random field as a sum of cosines with independent amplitudes.
+    """Smooth random fields as sums of cosines with independent amplitudes, on the page.
 
     A Gaussian correlation exp(-d^2 / (2 l^2)) has the spectrum sqrt(2 pi) l exp(-(l k)^2 / 2) along each axis; on a
     rectangle that is larger than the page by smooth_mm on all sides it is as good as that of the cosines with zero
-    slope at its ends (Solin and Saerkkae 2020).
+    slope at its ends (Solin and Saerkkae 2020). Longest waves first.
     """
 
-    numbers_x: NDArray[np.float64]
+    numbers_x: NDArray[np.int64]
     """(waves,) half periods across the rectangle."""
-    numbers_y: NDArray[np.float64]
+    numbers_y: NDArray[np.int64]
+    share: NDArray[np.float64]
+    """(waves,) what a field holds of each, of what it holds of the longest. [-]"""
     size_mm: tuple[float, float]
     variance: NDArray[np.float64]
     """(waves,) of the amplitudes of a field of variance 1."""
+    line_variance: NDArray[np.float64]
+    """(waves,) of a field of variance 1 that depends on the line alone."""
 
     @classmethod
-    def over(cls, width_mm: float, height_mm: float, smooth_mm: float, negligible: float) -> Waves:
-        """Waves of a field on the page; width 0 for one that depends on the line alone."""
+    def over(
+        cls, width_mm: float, height_mm: float, smooth_mm: float, negligible: float = NEGLIGIBLE
+    ) -> Waves:
+        """Waves of a field on a page."""
         scale = smooth_mm / np.sqrt(2)
         size = (width_mm + 2 * smooth_mm, height_mm + 2 * smooth_mm)
-        held = []
-        for extent, alone in zip(size, (width_mm == 0, False), strict=True):
-            count = (
-                1 if alone else int(np.ceil(np.sqrt(-2 * np.log(negligible)) * extent / (np.pi * scale))) + 1
-            )
+        held, powers = [], []
+        for extent in size:
+            count = int(np.sqrt(-2 * np.log(negligible)) * extent / (np.pi * scale)) + 1
             k = np.pi * np.arange(count) / extent
-            power = (
-                np.sqrt(2 * np.pi) * scale * np.exp(-((scale * k) ** 2) / 2) * np.where(k > 0, 2, 1) / extent
-            )
-            held.append(np.ones(1) if alone else power)
-        share = np.exp(
-            -((scale * np.pi) ** 2)
-            / 2
-            * (
-                (np.arange(held[0].size) / size[0])[None, :] ** 2
-                + (np.arange(held[1].size) / size[1])[:, None] ** 2
-            )
-        )
+            held.append(np.exp(-((scale * k) ** 2) / 2))
+            powers.append(np.sqrt(2 * np.pi) * scale * held[-1] * np.where(k > 0, 2, 1) / extent)
+        share = np.multiply.outer(held[1], held[0])
         rows, columns = np.nonzero(share >= negligible)
+        order = np.argsort(-share[rows, columns], kind="stable")
+        rows, columns = rows[order], columns[order]
         return cls(
-            numbers_x=columns.astype(np.float64),
-            numbers_y=rows.astype(np.float64),
+            numbers_x=columns,
+            numbers_y=rows,
+            share=share[rows, columns],
             size_mm=size,
-            variance=held[1][rows] * held[0][columns],
+            variance=powers[1][rows] * powers[0][columns],
+            line_variance=np.where(columns == 0, powers[1][rows], 0.0),
         )
+
+    def cosines(
+        self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating], times: int = 1
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(points, numbers) across and along, at points from the page's centre; numbers up to ``times`` the largest."""
+        x, y = (
+            np.cos(np.pi * np.outer(at / extent + 0.5, np.arange(times * int(numbers.max()) + 1)))
+            for at, extent, numbers in zip(
+                (x_mm, y_mm), self.size_mm, (self.numbers_x, self.numbers_y), strict=True
+            )
+        )
+        return x, y
 
     def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """(points, waves) at points measured from the page's centre."""
-        x = np.cos(np.pi * np.outer(x_mm / self.size_mm[0] + 0.5, np.arange(self.numbers_x.max() + 1)))
-        y = np.cos(np.pi * np.outer(y_mm / self.size_mm[1] + 0.5, np.arange(self.numbers_y.max() + 1)))
-        return x[:, self.numbers_x.astype(np.intp)] * y[:, self.numbers_y.astype(np.intp)]
+        x, y = self.cosines(x_mm, y_mm)
+        return x[:, self.numbers_x] * y[:, self.numbers_y]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basis:
+    """What fits of one design's tiles have in common."""
+
+    points_mm: NDArray[np.float64]
+    """(tiles, 2) from the page's centre."""
+    waves: Waves
+    cosines: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """(tiles, numbers) across and along, to twice the largest number."""
+    at: NDArray[np.float64]
+    """(tiles, waves)."""
+    fixed: NDArray[np.float64]
+    """(2, tiles, 5) how displacements across and along answer to the pose."""
+    scale: NDArray[np.float64]
+    """(13 + waves + waves,) standard deviations of pose, planes, waves across and waves along. [mm and the like]"""
+
+    @classmethod
+    def of(
+        cls, points_mm: NDArray[np.float64], page_width_mm: float, page_height_mm: float, prior: Prior
+    ) -> Basis:
+        """Of tiles at points (n, 2) from the page's centre."""
+        waves = Waves.over(page_width_mm, page_height_mm, prior.smooth_mm)
+        across_mm2, along_mm2 = (1e-3 * prior.warp_across_um) ** 2, (1e-3 * prior.warp_along_um) ** 2
+        free, lines = (1 - prior.line_share) * waves.variance, prior.line_share * waves.line_variance
+        pose = [SHIFT_SD_MM, SHIFT_SD_MM, np.deg2rad(prior.turn_deg), *[prior.stretch_percent / 100] * 2]
+        smooth = np.sqrt(np.concatenate([across_mm2 * waves.variance, along_mm2 * (free + lines)]))
+        x, y = points_mm.T
+        return cls(
+            points_mm=points_mm,
+            waves=waves,
+            cosines=waves.cosines(x, y, times=2),
+            at=waves.at(x, y),
+            fixed=slopes(x, y),
+            scale=np.concatenate([pose, np.full(8, 1e-3 * prior.plane_um), smooth]),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Field:
     """What was found: steps of the pose and amplitudes of the waves, with their covariance."""
 
-    waves: Waves
-    line_waves: Waves
+    basis: Basis
+    count: int
+    """Waves in it, of all the basis has."""
     solution: NDArray[np.float64]
-    """(13 + waves + waves + line waves,): pose, planes (4, 2), across, along, along by line."""
+    """(13 + waves + waves,): pose, planes (4, 2), across, along."""
     root: NDArray[np.float64]
-    """Lower Cholesky factor of the precision of the unknowns, each divided by its ``scale``."""
-    scale: NDArray[np.float64]
+    """Lower Cholesky factor of the precision of the unknowns, each divided by its scale."""
     weight: NDArray[np.float64]
     """(tiles,) share that each tile kept."""
     left_mm: NDArray[np.float64]
@@ -125,140 +173,98 @@ class Field:
         """(4, 2) how far each ink plane lies too far right and down on the page."""
         return self.solution[POSE:SMOOTH].reshape(4, 2)
 
-    def warp_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(points, 2) the field without the pose, at points measured from the page's centre. [mm]"""
-        across, along = design(self.waves, self.line_waves, x_mm, y_mm, np.zeros((x_mm.size, 2, 4)))
-        return np.stack([rows[:, SMOOTH:] @ self.solution[SMOOTH:] for rows in (across, along)], axis=1)
+    def moves_mm(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(tiles, 2) field and planes at all tiles, without the pose; shares (tiles, 2, 4)."""
+        amplitudes = self.solution[SMOOTH:].reshape(2, self.count)
+        smooth = self.basis.at[:, : self.count] @ amplitudes.T
+        return np.asarray(smooth + np.einsum("nap,pa->na", shares, self.planes_mm))
 
-    def moves_mm(self, points_mm: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(points, 2) field and planes at tiles: points (n, 2) from the page's centre, shares (n, 2, 4). [mm]"""
-        return self.warp_mm(points_mm[:, 0], points_mm[:, 1]) + np.einsum(
-            "nap,pa->na", shares, self.planes_mm
-        )
+    def warp_mm(self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(rows, columns, 2) the field alone on a grid of columns at x_mm and rows at y_mm, from the page's centre."""
+        waves = self.basis.waves
+        across, along = waves.cosines(x_mm, y_mm)
+        numbers = waves.numbers_y[: self.count], waves.numbers_x[: self.count]
+        both = []
+        for amplitudes in self.solution[SMOOTH:].reshape(2, self.count):
+            table = np.zeros((along.shape[1], across.shape[1]))
+            table[numbers] = amplitudes
+            both.append(along @ table @ across.T)
+        return np.stack(both, axis=-1)
 
-    def sd_mm(
-        self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], shares: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """(points, 2) standard deviation of the displacement of what is printed in ``shares`` of inks. [mm]"""
-        rows = np.concatenate(design(self.waves, self.line_waves, x_mm, y_mm, shares))
-        return self._sd(rows).reshape(2, x_mm.size).T
+    def sd_mm(self, tiles: NDArray[np.intp], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) standard deviation of where tiles (n,) lie that are printed in shares (n, 2, 4) of inks. [mm]"""
+        rows = np.zeros((2, tiles.size, self.solution.size))
+        rows[:, :, :SMOOTH] = _fixed(self.basis.fixed[:, tiles], shares)
+        for axis in range(2):
+            first = SMOOTH + axis * self.count
+            rows[axis, :, first : first + self.count] = self.basis.at[tiles, : self.count]
+        return np.array([[self._sd(row) for row in by_tile] for by_tile in rows]).T
 
     def turn_sd(self) -> float:
         """Standard deviation of the pose's turn. [radian]"""
-        row = np.zeros((1, self.scale.size))
-        row[0, 2] = 1
-        return float(self._sd(row)[0])
+        row = np.zeros(self.solution.size)
+        row[2] = 1
+        return self._sd(row)
 
-    def _sd(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        spread = linalg.solve_triangular(self.root, (rows * self.scale).T, lower=True, check_finite=False)
-        return np.asarray(np.sqrt((spread**2).sum(axis=0)))
+    def _sd(self, row: NDArray[np.float64]) -> float:
+        spread = row * _scale(self.basis, self.count)
+        forward(self.root, spread)
+        return float(np.sqrt(spread @ spread))
 
 
-def design(
-    waves: Waves,
-    line_waves: Waves,
-    x_mm: NDArray[np.float64],
-    y_mm: NDArray[np.float64],
-    shares: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How displacements across and along answer to every unknown, (points, unknowns) each.
+def _scale(basis: Basis, count: int) -> NDArray[np.float64]:
+    smooth = basis.scale[SMOOTH:].reshape(2, -1)[:, :count]
+    return np.concatenate([basis.scale[:SMOOTH], smooth.ravel()])
 
-    shares (points, 2, 4): as in ``Landmarks``.
-    """
-    pose = slopes(x_mm, y_mm)
-    planes = np.zeros((2, x_mm.size, 4, 2))
+
+def _fixed(pose: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How displacements across and along answer to pose and planes, (2, n, 13)."""
+    planes = np.zeros((2, len(shares), 4, 2))
     planes[0, :, :, 0], planes[1, :, :, 1] = shares[:, 0], shares[:, 1]
-    across, along = planes.reshape(2, x_mm.size, 8)
-    free, lines = waves.at(x_mm, y_mm), line_waves.at(np.zeros_like(x_mm), y_mm)
-    none, no_lines = np.zeros_like(free), np.zeros_like(lines)
-    return (
-        np.hstack([pose[0], across, free, none, no_lines]),
-        np.hstack([pose[1], along, none, free, lines]),
-    )
+    return np.concatenate([pose, planes.reshape(2, -1, 8)], axis=2)
 
 
 def fitted(
-    points_mm: NDArray[np.float64],
+    basis: Basis,
+    tiles: NDArray[np.intp],
     moves_mm: NDArray[np.float64],
     precision: NDArray[np.float64],
     shares: NDArray[np.float64],
     *,
-    page_width_mm: float,
-    page_height_mm: float,
-    prior: Prior,
-    shift_sd_mm: float,
     negligible: float = NEGLIGIBLE,
-    rounds: int = ROUNDS,
+    weight: NDArray[np.float64] | None = None,
 ) -> Field:
-    """Pose and field from tiles at points (n, 2) from the page's centre, off by moves (n, 2) with precision (n, 2, 2).
+    """Pose and field from ``tiles`` (n,) off by moves (n, 2) with precision (n, 2, 2) and shares (n, 2, 4) of inks.
 
-    The most likely amplitudes under ``prior`` with Huber weights: a Gaussian process written in waves. [mm, 1/mm^2]
+    The most likely amplitudes under the basis's prior: a Gaussian process written in waves. weight (n,): of tiles; by
+    default Huber weights about a first such field. [mm, 1/mm^2]
     """
-    waves = Waves.over(page_width_mm, page_height_mm, prior.smooth_mm, negligible)
-    line_waves = Waves.over(0.0, page_height_mm, prior.smooth_mm, negligible)
-    across_mm2, along_mm2 = (1e-3 * prior.warp_across_um) ** 2, (1e-3 * prior.warp_along_um) ** 2
-    pose = np.array(
-        [shift_sd_mm, shift_sd_mm, np.deg2rad(prior.turn_deg), *[prior.stretch_percent / 100] * 2]
-    )
-    variance = np.concatenate(
-        [
-            pose**2,
-            np.full(8, (1e-3 * prior.plane_um) ** 2),
-            across_mm2 * waves.variance,
-            along_mm2 * (1 - prior.line_share) * waves.variance,
-            along_mm2 * prior.line_share * line_waves.variance,
-        ]
-    )
-    across, along = design(waves, line_waves, points_mm[:, 0], points_mm[:, 1], shares)
-    scale = np.sqrt(variance)
-    # Scaled so that every unknown has variance 1: well-conditioned whatever its unit.
-    by = [
-        (rows * scale)[:, columns].astype(np.float32)
-        for rows, columns in zip((across, along), _held(waves, line_waves), strict=True)
-    ]
-    weight = np.ones(len(points_mm))
-    for turn in range(rounds):
-        p = (precision * weight[:, None, None]).astype(np.float32)
-        normal, asked = _normal(by, _held(waves, line_waves), p, moves_mm, scale.size)
-        root = linalg.cholesky(normal, lower=True, check_finite=False)
-        solution = scale * linalg.cho_solve((root, True), asked, check_finite=False)
-        left = moves_mm - np.stack([across @ solution, along @ solution], axis=1)
-        deviation = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", left, precision, left), 0))
-        weight = np.minimum(1, FAR / np.maximum(deviation, 1e-9)) * ((deviation < HOPELESS) | (turn == 0))
-    return Field(
-        waves=waves,
-        line_waves=line_waves,
-        solution=solution,
-        root=root,
-        scale=scale,
-        weight=weight,
-        left_mm=left,
-    )
+    waves = basis.waves
+    count = int((waves.share >= negligible).sum())
+    numbers = waves.numbers_x[:count], waves.numbers_y[:count]
+    cosines = tuple(np.ascontiguousarray(each[tiles]) for each in basis.cosines)
+    at = np.ascontiguousarray(basis.at[tiles, :count])
+    fixed = np.ascontiguousarray(_fixed(basis.fixed[:, tiles], shares))
+    scale = _scale(basis, count)
+    # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
+    given = np.ones(tiles.size) if weight is None else weight
+    for last in (True,) if weight is not None else (False, True):
+        weighted = precision * given[:, None, None]
+        root, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+        cholesky(root)
+        forward(root, solution)
+        backward(root, solution)
+        solution *= scale
+        left = moves_mm - np.einsum("anj,j->na", fixed, solution[:SMOOTH])
+        left -= at @ solution[SMOOTH:].reshape(2, count).T
+        if not last:
+            given = trust(left, precision, hopeless=np.inf)
+    return Field(basis=basis, count=count, solution=solution, root=root, weight=given, left_mm=left)
 
 
-def _held(waves: Waves, line_waves: Waves) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which unknowns act across, and which along."""
-    count, first = waves.variance.size, np.arange(SMOOTH)
-    along = np.arange(SMOOTH + count, SMOOTH + 2 * count + line_waves.variance.size)
-    return np.concatenate([first, np.arange(SMOOTH, SMOOTH + count)]), np.concatenate([first, along])
-
-
-def _normal(
-    by: list[NDArray[np.float32]],
-    held: tuple[NDArray[np.intp], NDArray[np.intp]],
-    precision: NDArray[np.float32],
-    moves_mm: NDArray[np.float64],
-    unknowns: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Normal equations of unknowns of variance 1; products in 32 bits, whose errors are far below the prior's 1."""
-    normal, asked = np.eye(unknowns), np.zeros(unknowns)
-    for one in range(2):
-        for other in range(2):
-            weighted = by[other] * precision[:, one, other, None]
-            asked[held[one]] += by[one].T @ (precision[:, one, other] * moves_mm[:, other])
-            if one <= other:
-                block = by[one].T @ weighted
-                normal[np.ix_(held[one], held[other])] += block
-                if one < other:
-                    normal[np.ix_(held[other], held[one])] += block.T
-    return normal, asked
+def trust(
+    left_mm: NDArray[np.float64], precision: NDArray[np.float64], *, hopeless: float = HOPELESS
+) -> NDArray[np.float64]:
+    """Huber weights (n,) of tiles that lie left (n, 2) off a field; 0 beyond ``hopeless`` standard deviations."""
+    far = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", left_mm, precision, left_mm), 0))
+    return np.minimum(1, FAR / np.maximum(far, 1e-9)) * (far < hopeless)

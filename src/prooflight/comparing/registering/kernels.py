@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.kernels import look_up_row
+from prooflight.predicting.kernels import CELL_BITS, FRACTION, STRIDE_C, STRIDE_M, STRIDE_Y
+from prooflight.predicting.tables import NODE_STEP
 
 HUBER = 3.0
 """Pixels further off than so many standard deviations weigh less: specks, dust, defects."""
@@ -15,13 +16,48 @@ EVEN_EDGE = 0.01
 
 
 @njit(cache=True, nogil=True)
-def tile_signals(cmyk, rows, columns, nodes, backing, signals):  # type: ignore[no-untyped-def]
+def between(table, at, step, share):  # type: ignore[no-untyped-def]
+    """A table between two nodes ``step`` apart."""
+    low = table[at]
+    return low + share * (table[at + step] - low)
+
+
+@njit(cache=True, nogil=True)
+def mean_row(cmyk, table, signal):  # type: ignore[no-untyped-def]
+    """Mean alone of a raster row, as ``look_up_row``: cmyk (columns, 4) uint8, table (33^4,) -> signal (columns,)."""
+    m = np.float32(0)
+    per = np.float32(1 / NODE_STEP)
+    for x in range(cmyk.shape[0]):
+        c, g, y, k = cmyk[x, 0], cmyk[x, 1], cmyk[x, 2], cmyk[x, 3]
+        if x == 0 or c != cmyk[x - 1, 0] or g != cmyk[x - 1, 1] or y != cmyk[x - 1, 2] or k != cmyk[x - 1, 3]:
+            base = (
+                (c >> CELL_BITS) * STRIDE_C
+                + (g >> CELL_BITS) * STRIDE_M
+                + (y >> CELL_BITS) * STRIDE_Y
+                + (k >> CELL_BITS)
+            )
+            fc, fm = np.float32(c & FRACTION) * per, np.float32(g & FRACTION) * per
+            fy, fk = np.float32(y & FRACTION) * per, np.float32(k & FRACTION) * per
+            sides = (np.float32(0), np.float32(0))
+            for side in range(2):
+                at = base + side * STRIDE_C
+                a = between(table, at, 1, fk)
+                a += fy * (between(table, at + STRIDE_Y, 1, fk) - a)
+                at += STRIDE_M
+                b = between(table, at, 1, fk)
+                b += fy * (between(table, at + STRIDE_Y, 1, fk) - b)
+                sides = (sides[1], a + fm * (b - a))
+            m = sides[0] + fc * (sides[1] - sides[0])
+        signal[x] = m
+
+
+@njit(cache=True, nogil=True)
+def tile_signals(cmyk, rows, columns, table, backing, signals):  # type: ignore[no-untyped-def]
     """Mean signal of raster windows (tiles, height, width) float32 whose corners lie at rows, columns of the raster.
 
-    What is off the page is ``backing``.
+    table (33^4,): mean at the nodes. What is off the page is ``backing``.
     """
     height, width = signals.shape[1:]
-    variance = np.empty(width, np.float32)
     for tile in range(rows.size):
         left = max(columns[tile], 0)
         right = min(columns[tile] + width, cmyk.shape[1])
@@ -30,7 +66,51 @@ def tile_signals(cmyk, rows, columns, nodes, backing, signals):  # type: ignore[
             signals[tile, r] = backing
             if 0 <= row < cmyk.shape[0] and left < right:
                 inside = signals[tile, r, left - columns[tile] : right - columns[tile]]
-                look_up_row(cmyk[row, left:right], nodes, inside, variance)
+                mean_row(cmyk[row, left:right], table, inside)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def tile_information(  # type: ignore[no-untyped-def]
+    expected, variance, offset, per_gain, gradient_noise, signal_noise2, size, margin, information
+):
+    """Adds to information (tile rows, tile columns, 2) what tiles tell of displacements across and along [1/pixel^2].
+
+    expected, variance (lines, pixels) [DN, DN^2]; offset, per_gain (pixels,) bring it to light signal. The sum of
+    squared slopes over twice the variance, a share of the slopes squared and of the signal squared; those nearer to a
+    tile's border than ``margin`` do not count.
+    """
+    rows, columns = information.shape[:2]
+    pixels = expected.shape[1]
+    light = np.empty((3, pixels), np.float32)
+    half = np.float32(0.5)
+    two = np.float32(2)
+    across = np.zeros(columns * size, np.float32)
+    along = np.zeros(columns * size, np.float32)
+    last = expected.shape[0] - 1
+    for line in range(-1, rows * size):
+        coming = min(line + 1, last)
+        row = light[(line + 1) % 3]
+        for i in range(pixels):
+            row[i] = (expected[coming, i] - offset[i]) * per_gain[i]
+        if line < 0:
+            light[2] = row
+            continue
+        before, here, after = light[(line - 1) % 3], light[line % 3], light[(line + 1) % 3]
+        counts = margin <= line % size < size - margin
+        for i in range(1, min(columns * size, pixels - 1) if counts else 1):
+            gx = half * (here[i + 1] - here[i - 1])
+            gy = half * (after[i] - before[i])
+            gx, gy = gx * gx, gy * gy
+            weight = two * variance[line, i] + gradient_noise * (gx + gy) + signal_noise2 * here[i] * here[i]
+            across[i] += gx / weight
+            along[i] += gy / weight
+        if line % size == size - 1:
+            for column in range(columns):
+                for i in range(column * size + margin, (column + 1) * size - margin):
+                    information[line // size, column, 0] += across[i]
+                    information[line // size, column, 1] += along[i]
+            across[:] = 0
+            along[:] = 0
 
 
 @njit(cache=True, nogil=True)

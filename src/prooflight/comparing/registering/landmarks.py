@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 
 from prooflight.comparing.registering.coarse import CoarsePage, coarse_page
-from prooflight.comparing.registering.kernels import edge_shares, tile_signals
+from prooflight.comparing.registering.field import Basis, Prior
+from prooflight.comparing.registering.kernels import edge_shares, tile_information, tile_signals
 from prooflight.predicting.tables import NODE_STEP, NODES
 
 if TYPE_CHECKING:
@@ -31,6 +31,14 @@ small pages from smaller ones."""
 LEAST_CELLS: Final = 150
 REACH_PIXELS: Final = 1.5
 """How much of a footprint is rendered; it holds 99 % of the light (prototype camera)."""
+MARGIN_PIXELS: Final = 3
+"""An edge so near a tile's border tells nothing: it is half outside, and what it is made of as well."""
+TILE_SD_PIXELS: Final = 0.03
+"""Of a tile's displacement beyond its noise: what the page does within a tile (assumed)."""
+MIX_SD_PIXELS: Final = 0.12
+"""The same where planes off register share edges: an ink hidden by another tells when it looks out on one side, not on
+the other, which shares cannot say. Times the root of sum s (1 - s) over a tile's shares; on designs used in development
+tiles lay 0.1 to 0.25 pixels off."""
 PHASES: Final = 256
 GRADIENT_NOISE: Final = 0.02
 """Variance by the squared gradient: as if every edge were 0.14 pixels off (register of planes, jitter)."""
@@ -38,6 +46,11 @@ SIGNAL_NOISE: Final = 0.015
 """Standard deviation of a print's signal, as a share of it (ink gain, lamp)."""
 LEAST_INFORMATION: Final = 100.0
 """Of a tile in one direction, for it to be chosen: it then tells its place to 0.1 pixels. [1/pixel^2]"""
+
+
+PLENTY: Final = 2000.0
+"""Of a tile in both directions, for it to do for its cell: it then tells its place to 0.02 pixels, less than the page
+moves within it. [1/pixel^2]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,31 +85,34 @@ class Landmarks:
     shares: NDArray[np.float64]
     """(tiles, 2, 4) how far each tile seems to go across and along where an ink plane goes by 1: that ink's part of its
     edges. What is missing to 1 is the part of the page's own edge. [-]"""
+    beyond: NDArray[np.float64]
+    """(tiles, 2) variance of a tile's displacement across and along beyond its noise. [pixels^2]"""
     windows: NDArray[np.float32]
     """(sensors, tiles, height, width) signal of the raster under each tile. [DN]"""
     origins: NDArray[np.float64]
     """(tiles, 2) x, y of each tile's first footprint's beginning in its window. [raster pixels]"""
     taps: tuple[SensorTaps, ...]
     coarse: CoarsePage
+    basis: Basis
 
     @property
     def pitch_mm(self) -> NDArray[np.float64]:
         """(2,) pixel and line pitch. [mm]"""
         return np.array([self.geometry.pixel_pitch_mm, self.geometry.line_pitch_mm])
 
-    @property
-    def from_centre_mm(self) -> NDArray[np.float64]:
-        """(tiles, 2) tiles' centres from the page's centre. [mm]"""
-        return self.centres_mm - np.array([self.page_width_mm, self.page_height_mm]) / 2
-
     def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
         """How far a page that lies so displaces ``tiles`` (n,): (n, 2) [pixels]."""
-        points = self.from_centre_mm[tiles]
+        points = self.basis.points_mm[tiles]
         return np.stack(pose.displacement_mm(points[:, 0], points[:, 1]), axis=1) / self.pitch_mm
 
 
 def prepare(
-    page: Page, prediction: Prediction, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
+    page: Page,
+    prediction: Prediction,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    prior: Prior | None = None,
 ) -> Landmarks:
     """Landmarks of a page from its ``prediction`` in its place.
 
@@ -124,10 +140,14 @@ def prepare(
             page.cmyk,
             corners[:, 1],
             corners[:, 0],
-            sensor.interleaved(),
+            sensor.mean_dn.ravel(),
             np.float32(sensor.backing_dn),
             window,
         )
+    shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio)
+    apart = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
+    centres = first + (size - 1) / 2 * pitch
+    from_centre = centres - np.array([page.width_mm, page.height_mm]) / 2
     return Landmarks(
         geometry=geometry,
         sensors=tuple(sensors),
@@ -136,34 +156,34 @@ def prepare(
         ratio=(float(ratio[0]), float(ratio[1])),
         lines=lines,
         columns=left,
-        centres_mm=first + (size - 1) / 2 * pitch,
+        centres_mm=centres,
         information=information[rows, columns],
-        shares=_shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio),
+        shares=shares,
+        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(apart, 0, 1),
         windows=windows,
         origins=begin - corners,
         taps=taps,
         coarse=coarse_page(prediction, sensors, geometry, page.width_mm, page.height_mm),
+        basis=Basis.of(from_centre, page.width_mm, page.height_mm, prior or Prior()),
     )
 
 
 def _information(prediction: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
     """What tiles tell of a displacement across and along, (tile rows, tile columns, 2) [1/pixel^2], sensors added."""
-    size = TILE_PIXELS
-    rows, columns = (extent // size for extent in prediction.expected_dn.shape[1:])
+    rows, columns = (extent // TILE_PIXELS for extent in prediction.expected_dn.shape[1:])
     total = np.zeros((rows, columns, 2), np.float32)
     for index, sensor in enumerate(sensors):
-        seen = slice(None, columns * size)
-        image = prediction.expected_dn[index, : rows * size, seen] - sensor.column_offset_dn[seen]
-        image /= sensor.column_gain[seen]
-        across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-        along = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-        variance = prediction.variance_dn2[index, : rows * size, : columns * size]
-        squares = (across * across, along * along)
-        weight = 1 / (2 * variance + GRADIENT_NOISE * (squares[0] + squares[1]) + (SIGNAL_NOISE * image) ** 2)
-        for axis, square in enumerate(squares):
-            total[..., axis] += (
-                cv2.resize(square * weight, (columns, rows), interpolation=cv2.INTER_AREA) * size**2
-            )
+        tile_information(
+            prediction.expected_dn[index],
+            prediction.variance_dn2[index],
+            sensor.column_offset_dn,
+            1 / sensor.column_gain,
+            np.float32(GRADIENT_NOISE),
+            np.float32(SIGNAL_NOISE**2),
+            TILE_PIXELS,
+            MARGIN_PIXELS,
+            total,
+        )
     return total
 
 
@@ -192,18 +212,27 @@ def _shares(
 
 
 def _chosen(information: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the best tile of each cell for either direction, where it tells enough."""
-    chosen = np.zeros(information.shape[:2], bool)
-    side = int(np.clip(np.sqrt(chosen.size / LEAST_CELLS), 1, CELL_TILES))
-    for top in range(0, information.shape[0], side):
-        for left in range(0, information.shape[1], side):
-            cell = information[top : top + side, left : left + side]
-            for axis in range(2):
-                row, column = np.unravel_index(np.argmax(cell[..., axis]), cell.shape[:2])
-                if cell[row, column, axis] >= LEAST_INFORMATION:
-                    chosen[top + row, left + column] = True
-    rows, columns = np.nonzero(chosen)
-    return rows, columns
+    """Rows and columns of the best tile of each cell for either direction, where it tells enough.
+
+    One tile is enough for both directions where it tells ``PLENTY`` of the other as well.
+    """
+    tile_rows, tile_columns = information.shape[:2]
+    side = int(np.clip(np.sqrt(tile_rows * tile_columns / LEAST_CELLS), 1, CELL_TILES))
+    rows, columns = -(-tile_rows // side), -(-tile_columns // side)
+    framed = np.zeros((rows * side, columns * side, 2), np.float32)
+    framed[:tile_rows, :tile_columns] = information
+    cells = framed.reshape(rows, side, columns, side, 2).transpose(0, 2, 1, 3, 4).reshape(-1, side * side, 2)
+    cell = np.arange(len(cells))
+    both = cells.min(axis=2).argmax(axis=1)
+    chosen = np.zeros(cells.shape[:2], bool)
+    for axis in range(2):
+        best = cells[..., axis].argmax(axis=1)
+        best = np.where(cells[cell, both].min(axis=1) >= PLENTY, both, best)
+        enough = cells[cell, best, axis] >= LEAST_INFORMATION
+        chosen[cell[enough], best[enough]] = True
+    grid = chosen.reshape(rows, columns, side, side).transpose(0, 2, 1, 3).reshape(framed.shape[:2])
+    found = np.nonzero(grid)
+    return found[0].astype(np.int64), found[1].astype(np.int64)
 
 
 def _sensor_taps(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.comparing.registering.landmarks import Landmarks
     from prooflight.comparing.registering.tiles import TileMoves
 
-FIRST_TILES: Final = 160
+FIRST_TILES: Final = 80
 """Tiles that candidates are tried on; a pose of five numbers needs no more."""
 NEAR_MM: Final = 3.0
 """A good print, its lead-in unknown, lies within this; looked at first."""
@@ -31,7 +31,7 @@ TURNS_DEG: Final = (0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
 RIVAL: Final = 0.7
 """A maximum of so much of the greatest's likeness is tried as well: text and tables repeat."""
 MOST_PEAKS: Final = 4
-SURE: Final = 0.85
+SURE: Final = 0.7
 """Share of tiles that agree from which no other candidate is looked for."""
 UNSURE_PIXELS: Final = (1.2, 0.6)
 """How far off tiles may lie in the two steps on them."""
@@ -118,7 +118,7 @@ def _peaks(
 def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose) -> Candidate:
     """The pose after two steps on tiles, and who agrees."""
     count = landmarks.lines.size
-    tiles = np.unique(np.linspace(0, count - 1, min(FIRST_TILES, count)).astype(np.int64))
+    tiles = spread(count, FIRST_TILES)
     if not count:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
     agreeing = np.zeros(count, bool)
@@ -131,12 +131,17 @@ def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose) -> Candid
     )
 
 
+def spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most ``most`` of the numbers below ``count``, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
+
+
 def _pose_step(
     landmarks: Landmarks, tiles: NDArray[np.int64], said: TileMoves
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,)."""
     pitch = landmarks.pitch_mm
-    model = slopes(*landmarks.from_centre_mm[tiles].T)
+    model = slopes(*landmarks.basis.points_mm[tiles].T)
     moves = said.moves * pitch
     covariance = np.linalg.inv(said.precision + np.eye(2) * 1e-6) + TILE_SD_PIXELS**2 * np.eye(2)
     precision = np.linalg.inv(covariance * np.outer(pitch, pitch))

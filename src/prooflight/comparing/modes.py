@@ -1,0 +1,231 @@
+"""How the signal of one page answers to what presses do: more ink, less ink, dot gain, ink where there was none.
+
+Made once a design, ahead of its scans, at camera resolution with the page in its place; moved to where a scan's page
+lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.pages.sampling import LensCorrection
+from prooflight.predicting.predict import predict
+from prooflight.predicting.slopes import EVERY, SLOPE_NODES, mean_slopes
+from prooflight.predicting.tables import NODES, SensorModel, node_fractions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.acquiring.placement import Placement
+    from prooflight.pages.raster import Page
+
+INKS: Final = 4
+COVER_SCALE: Final = 4096.0
+"""Coverage is predicted as if it were a signal of so many DN."""
+NODE_PIXELS: Final = 16
+"""Between nodes at which a placement is evaluated: warps are smooth over 25 mm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Modes:
+    """Images (..., lines, pixels) of what each cause does to the light of bare columns; inks in the order CMYK."""
+
+    gain: NDArray[np.float32]
+    """(sensors, 4, lines, pixels) J a: by a whole gain of each ink. [DN]"""
+    add: NDArray[np.float32]
+    """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not. [DN]"""
+    dot: NDArray[np.float32]
+    """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
+    texture: NDArray[np.float32]
+    """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
+    cover: NDArray[np.float32]
+    """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
+
+    def stack(self) -> NDArray[np.float32]:
+        """(channels, lines, pixels) for one move of all."""
+        parts = [part.reshape(-1, *part.shape[-2:]) for part in (self.gain, self.add, self.dot)]
+        return np.concatenate([*parts, self.texture, self.cover])
+
+    @classmethod
+    def unstacked(cls, images: NDArray[np.float32], sensors: int) -> Modes:
+        """``stack`` undone."""
+        shape, size = images.shape[-2:], sensors * INKS
+        gain, add, dot = (images[size * i : size * (i + 1)].reshape(sensors, INKS, *shape) for i in range(3))
+        rest = images[3 * size :]
+        return cls(gain=gain, add=add, dot=dot, texture=rest[:sensors], cover=rest[sensors:])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModeSensor:
+    """Sensor models whose tables hold one cause's effect each, sign reversed where it darkens."""
+
+    gain: tuple[SensorModel, ...]
+    add: tuple[SensorModel, ...]
+    dot: tuple[SensorModel, ...]
+    texture: SensorModel
+
+
+@lru_cache(maxsize=8)
+def mode_sensor(sensor: SensorModel) -> ModeSensor:
+    """Tables over CMYK of every mode of one sensor."""
+    slopes = _on_nodes(mean_slopes(sensor))
+    axis = node_fractions()
+    areas = [axis.reshape([-1 if ink == i else 1 for i in range(INKS)]) for ink in range(INKS)]
+    darkening = [np.maximum(-slopes[..., ink], 0) for ink in range(INKS)]
+    variance = sum(j**2 * (a * (1 - a)).clip(min=0) for j, a in zip(darkening, areas, strict=True))
+    return ModeSensor(
+        gain=tuple(_as_sensor(sensor, j * a) for j, a in zip(darkening, areas, strict=True)),
+        add=tuple(_as_sensor(sensor, j * (1 - a).clip(min=0)) for j, a in zip(darkening, areas, strict=True)),
+        dot=tuple(
+            _as_sensor(sensor, j * (4 * a * (1 - a)).clip(min=0))
+            for j, a in zip(darkening, areas, strict=True)
+        ),
+        texture=_as_sensor(sensor, np.asarray(variance)),
+    )
+
+
+@lru_cache(maxsize=8)
+def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
+    """Sensor models that see nothing but the area of one ink."""
+    axis = node_fractions()
+    shape = np.zeros((NODES,) * INKS)
+    return tuple(
+        _as_sensor(sensor, shape + COVER_SCALE * axis.reshape([-1 if ink == i else 1 for i in range(INKS)]))
+        for ink in range(INKS)
+    )
+
+
+def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:
+    values = np.ascontiguousarray(table, np.float32)
+    pixels = sensor.column_gain.size
+    return replace(
+        sensor,
+        mean_dn=values,
+        variance_dn2=values,
+        column_offset_dn=np.zeros(pixels, np.float32),
+        column_gain=np.ones(pixels, np.float32),
+        dark_variance_dn2=0.0,
+        backing_dn=0.0,
+        backing_variance_dn2=0.0,
+        top_code_dn=2**30,
+        correction=LensCorrection.none(),
+    )
+
+
+def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Slopes at all nodes, linear between their own: (33, 33, 33, 33, 4)."""
+    fine = slopes
+    for ink in range(INKS):
+        along = np.moveaxis(fine, ink, 0)
+        wide = np.empty((EVERY * (SLOPE_NODES - 1) + 1, *along.shape[1:]), np.float32)
+        wide[::EVERY] = along
+        wide[1::EVERY] = (along[:-1] + along[1:]) / 2
+        fine = np.moveaxis(wide, 0, ink)
+    return fine
+
+
+def prepare_modes(
+    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, threads: int | None = 1
+) -> Modes:
+    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
+    lines = geometry.lines(page.height_mm)
+    present = [bool(page.cmyk[::2, ::2, ink].any()) for ink in range(INKS)]
+    shape = (len(sensors), INKS, lines, geometry.pixels)
+    gain, add, dot = np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    texture = np.zeros((len(sensors), lines, geometry.pixels), np.float32)
+    cover = np.zeros((INKS, lines, geometry.pixels), np.float32)
+
+    def seen(model: SensorModel) -> NDArray[np.float32]:
+        return predict(page, sensors=[model], geometry=geometry, threads=threads).expected_dn[0]
+
+    for index, sensor in enumerate(sensors):
+        tables = mode_sensor(sensor)
+        texture[index] = seen(tables.texture)
+        for ink in range(INKS):
+            add[index, ink] = -seen(tables.add[ink])
+            if present[ink]:
+                gain[index, ink] = -seen(tables.gain[ink])
+                dot[index, ink] = -seen(tables.dot[ink])
+    for ink in range(INKS):
+        if not present[ink]:
+            continue
+        cover[ink] = seen(cover_sensors(sensors[0])[ink]) / np.float32(COVER_SCALE)
+    return Modes(gain=gain, add=add, dot=dot, texture=texture, cover=cover)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place."""
+
+    columns: NDArray[np.float32]
+    """(lines, pixels) [pixels]"""
+    lines: NDArray[np.float32]
+    inside: NDArray[np.bool_]
+    """(lines, pixels) whether that is on the page, ``margin`` pixels or more from its edge."""
+
+
+def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> Sight:
+    """What the camera looks at where ``placement`` puts the page; linear between nodes."""
+    lines, pixels = geometry.lines(page.height_mm), geometry.pixels
+    down = np.arange(0, lines + NODE_PIXELS, NODE_PIXELS)
+    across = np.arange(0, pixels + NODE_PIXELS, NODE_PIXELS)
+    x0, y0 = geometry.centres_x_mm(page.width_mm)[0], geometry.centres_y_mm(1)[0]
+    x, y = np.meshgrid(x0 + across * geometry.pixel_pitch_mm, y0 + down * geometry.line_pitch_mm)
+    seen_x, seen_y = placement.seen_mm(x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
+    at_column = _between((seen_x - x0) / geometry.pixel_pitch_mm, lines, pixels)
+    at_line = _between((seen_y - y0) / geometry.line_pitch_mm, lines, pixels)
+    left, top = -x0 / geometry.pixel_pitch_mm, -y0 / geometry.line_pitch_mm
+    right = left + page.width_mm / geometry.pixel_pitch_mm
+    bottom = top + page.height_mm / geometry.line_pitch_mm
+    inside = (at_column > left + margin) & (at_column < right - margin)
+    inside &= (at_line > top + margin) & (at_line < bottom - margin)
+    return Sight(columns=at_column, lines=at_line, inside=inside)
+
+
+def _between(nodes: NDArray[np.float64], lines: int, pixels: int) -> NDArray[np.float32]:
+    """Bilinear between nodes ``NODE_PIXELS`` apart."""
+    y = (np.arange(lines, dtype=np.float32) / NODE_PIXELS)[:, None]
+    x = (np.arange(pixels, dtype=np.float32) / NODE_PIXELS)[None]
+    where_x, where_y = np.broadcast_arrays(x, y)
+    return cv2.remap(nodes.astype(np.float32), where_x, where_y, cv2.INTER_LINEAR)
+
+
+def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
+    """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
+    out = np.zeros_like(images)
+    for image, target in zip(images, out, strict=True):
+        if not image[::8].any():
+            continue
+        cv2.remap(image, seen.columns, seen.lines, cv2.INTER_LINEAR, dst=target, borderValue=0.0)
+    return out
+
+
+PORTRAIT: Final = 13
+
+
+def portrait(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """What a page is like, by which its own scatter is foretold: (PORTRAIT,) numbers.
+
+    Logarithms of each ink's mean area, its share of solids, how much is printed, how much of the scan is page, halftone
+    texture, edges of black and of the other inks.
+    """
+    cover = modes.cover[:, inside]
+    steps = [np.abs(np.diff(plane, axis=1)).mean() for plane in (modes.cover[3], modes.cover[:3].sum(axis=0))]
+    return np.array(
+        [
+            *np.log(cover.mean(axis=1, dtype=np.float64) + 1e-4),
+            *(cover > 0.9).mean(axis=1),
+            np.log((cover.sum(axis=0) > 0.05).mean() + 1e-3),
+            inside.mean(),
+            np.log(modes.texture[0][inside].mean(dtype=np.float64) + 1),
+            *np.log(np.array(steps, np.float64) + 1e-4),
+        ]
+    )

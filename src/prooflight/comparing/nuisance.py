@@ -1,0 +1,330 @@
+"""What a good print does anyway, found in a scan and taken away; the amounts found are evidence.
+
+Measured minus expected is a sum of causes that act on the whole page: paper and lamp (light as a whole), tables that
+are a little off in some colours, ink gain and its tilt, dot gain, planes a little out of register. Each has a prior:
+what a good press does. The amounts are estimated from means over blocks, by robust weighted least squares
+with that prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.comparing.summing.kernels import block_sums
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.comparing.modes import Modes, Sight
+    from prooflight.predicting.predict import Prediction
+    from prooflight.predicting.tables import SensorModel
+
+BLOCK: Final = 8
+"""Pixels in a side of the blocks whose means are fitted."""
+LAMP_WAVES: Final = 6
+COLOURS: Final = 16
+"""Of a page's recipes, between which tables are taken to err smoothly."""
+COLOUR_LENGTH: Final = 0.5
+"""Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
+ROUNDS: Final = 4
+BLOCKS: Final = 5000
+"""So many, spread evenly, are enough."""
+TEMPER: Final = 0.2
+"""What blocks of one colour are off by is common to them: each counts for so many."""
+FAR: Final = 4.685
+"""Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
+INKS: Final = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """Standard deviations of what good prints do, before one has been looked at; those of the press world."""
+
+    white: float = 0.013
+    """Of each sensor's light: table gain 1 %, white 0.5 % a channel. [-]"""
+    common: float = 0.008
+    """Of all sensors' light: white 0.8 %. [-]"""
+    lamp: float = 0.009
+    """Of the lamp's profile, 0.8 % a session and 0.4 % a print. [-]"""
+    lamp_length: float = 0.25
+    """Of the field, over which its correlation falls to 1/e."""
+    shape: float = 0.01
+    gain: float = 0.0192
+    """1.2 % a session and 1.5 % a print."""
+    tilt: float = 0.008
+    dot: float = 0.016
+    plane_mm: float = 0.048
+    """Of each plane; what registration found of it is no prior here."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """Nuisances of one scan."""
+
+    white: NDArray[np.float64]
+    """(sensors,) [-]"""
+    lamp: NDArray[np.float64]
+    """(LAMP_WAVES,) amplitudes of cos(k pi x / W). [-]"""
+    shape: NDArray[np.float64]
+    """(sensors, colours) weights of the page's features of colour, of the prior's standard deviation 1."""
+    gain: NDArray[np.float64]
+    """(4, 3) of each ink at the centre, and what is added at the right and lower edges. [-]"""
+    dot: NDArray[np.float64]
+    """(4,) ink area added at 50 %. [-]"""
+    planes: NDArray[np.float64]
+    """(4, 2) how far each plane lies too far right and down. [pixels]"""
+    surprise: NDArray[np.float64]
+    """(amounts,) each amount over the standard deviation it would have on good prints; in the order above."""
+    noise: NDArray[np.float64]
+    """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
+    spread: float
+    """Robust spread of blocks about the fit, in their standard deviations. [-]"""
+    lost: float
+    """Share of blocks that the fit does not explain. [-]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """What good prints scatter by besides the fit: learned."""
+
+    edge: float = 0.004
+    """Variance by the squared slope. [pixels^2]"""
+    contrast: float = 0.0009
+    """Variance by a halftone's at unit contrast."""
+    share: float = 0.002
+    """Standard deviation as a share of the light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Colours:
+    """Smooth functions of a page's colours, of independent amplitudes."""
+
+    centres: NDArray[np.float32]
+    """(n, 4) ink areas."""
+    root: NDArray[np.float32]
+    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
+
+
+def page_colours(cover: NDArray[np.float32]) -> Colours:
+    """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
+    sample = cover[:, ::4, ::4].reshape(INKS, -1).T.astype(np.float64)
+    sample = np.concatenate([np.zeros((1, INKS)), sample])
+    keys, count = np.unique(np.rint(sample * 16).astype(np.int64), axis=0, return_counts=True)
+    colours, weight = keys / 16, np.sqrt(count)
+    left = np.ones(len(colours))
+    found = np.zeros((len(colours), 0))
+    chosen: list[int] = []
+    for _ in range(min(COLOURS, len(colours))):
+        pivot = (
+            int(np.flatnonzero((colours == 0).all(axis=1))[0])
+            if not chosen
+            else int(np.argmax(left * weight))
+        )
+        if left[pivot] < 0.02:
+            break
+        chosen.append(pivot)
+        kernel = np.exp(-((colours - colours[pivot]) ** 2).sum(axis=1) / COLOUR_LENGTH**2)
+        column = (kernel - found @ found[pivot]) / np.sqrt(left[pivot])
+        found = np.column_stack([found, column])
+        left = (left - column**2).clip(min=0)
+    centres = colours[chosen]
+    kernel = np.exp(-((centres[:, None] - centres) ** 2).sum(axis=2) / COLOUR_LENGTH**2)
+    factor = np.linalg.cholesky(kernel + 1e-6 * np.eye(len(chosen)))
+    return Colours(centres=centres.astype(np.float32), root=np.linalg.inv(factor).astype(np.float32))
+
+
+def fit_nuisances(
+    measured_dn: NDArray[np.uint16],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    *,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+    planes: NDArray[np.float64],
+    pixel_mm: float,
+    tolerance: Tolerance,
+    spread: Spread,
+) -> Fit:
+    """Amounts of every nuisance in one scan; arrays (sensors, lines, pixels) at camera resolution, modes moved.
+
+    planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
+    """
+    sums = _summed(measured_dn, seen, modes, where, sensors, colours)
+    noise = np.array([1.0] * len(sensors))
+    model = _Model.of(sums, len(colours.centres), tolerance, pixel_mm, planes)
+    amounts, sd, robust, lost = model.solved(noise, spread)
+    parts = model.parted(amounts)
+    return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost)
+
+
+def _summed(
+    measured_dn: NDArray[np.uint16],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+) -> NDArray[np.float64]:
+    lines, pixels = where.inside.shape
+    channels = 22 + len(colours.centres)
+    sums = np.zeros((len(sensors), channels, lines // BLOCK, pixels // BLOCK), np.float32)
+    for index, sensor in enumerate(sensors):
+        block_sums(
+            measured_dn[index],
+            seen.expected_dn[index],
+            sensor.column_offset_dn,
+            seen.variance_dn2[index],
+            where.inside,
+            modes.gain[index],
+            modes.dot[index],
+            modes.texture[index],
+            modes.cover,
+            colours.centres,
+            colours.root,
+            np.float32(COLOUR_LENGTH),
+            BLOCK,
+            sums[index],
+        )
+    return sums.astype(np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Model:
+    """Linear model of block means: rows are blocks of all sensors."""
+
+    sensors: int
+    colours: int
+    sums: NDArray[np.float64]
+    """(sensors, channels, blocks) means over each block's pixels; channel 0 their number."""
+    x: NDArray[np.float64]
+    """(sensors, blocks, amounts), scaled by the prior's standard deviations."""
+    y: NDArray[np.float64]
+    """(sensors, blocks) [DN]"""
+    scale: NDArray[np.float64]
+    """(amounts,) prior standard deviations."""
+    start: NDArray[np.float64]
+    """(amounts,) prior means."""
+
+    @classmethod
+    def of(
+        cls,
+        sums: NDArray[np.float64],
+        colours: int,
+        tolerance: Tolerance,
+        pixel_mm: float,
+        planes: NDArray[np.float64],
+    ) -> _Model:
+        count, channels, rows, columns = sums.shape
+        v, u = np.meshgrid(
+            2 * (np.arange(rows) + 0.5) / rows - 1,
+            2 * (np.arange(columns) + 0.5) / columns - 1,
+            indexing="ij",
+        )
+        used = np.flatnonzero(sums[0, 0].ravel() >= BLOCK * BLOCK / 2)
+        used = used[:: max(used.size // BLOCKS, 1)]
+        flat = sums.reshape(count, channels, -1)[..., used]
+        means = flat / flat[:, :1]
+        means[:, 0] = flat[:, 0]
+        u, v = u.ravel()[used], v.ravel()[used]
+        light = means[:, 2]
+        waves = np.arange(1, LAMP_WAVES + 1)
+        power = np.exp(-((np.pi * tolerance.lamp_length * waves) ** 2) / 4)
+        power /= 0.5 * power.sum() + 0.5
+        lamp = np.cos(np.pi * np.multiply.outer((u + 1) / 2, waves))
+        x, names = [], []
+        for s in range(count):
+            own = np.zeros((count, used.size))
+            own[s] = light[s]
+            x.append(own * tolerance.white)
+            names.append(tolerance.white)
+        x.append(light * tolerance.common)
+        names.append(tolerance.common)
+        for k in range(LAMP_WAVES):
+            sd = tolerance.lamp * np.sqrt(power[k])
+            x.append(light * lamp[:, k] * sd)
+            names.append(sd)
+        for s in range(count):
+            for j in range(colours):
+                own = np.zeros((count, used.size))
+                own[s] = means[s, 14 + j]
+                x.append(own * tolerance.shape)
+                names.append(tolerance.shape)
+        for ink in range(INKS):
+            x += [
+                means[:, 6 + ink] * tolerance.gain,
+                means[:, 6 + ink] * u * tolerance.tilt,
+                means[:, 6 + ink] * v * tolerance.tilt,
+            ]
+            names += [tolerance.gain, tolerance.tilt, tolerance.tilt]
+        for ink in range(INKS):
+            x.append(means[:, 10 + ink] * tolerance.dot)
+            names.append(tolerance.dot)
+        plane = 0.25 * tolerance.plane_mm / pixel_mm
+        for ink in range(INKS):
+            for axis in range(2):
+                x.append(-means[:, 14 + colours + 4 * axis + ink] * plane)
+                names.append(plane)
+        start = np.zeros(len(names))
+        start[-2 * INKS :] = planes.ravel() / plane
+        return cls(
+            sensors=count,
+            colours=colours,
+            sums=means,
+            x=np.stack(x, axis=-1),
+            y=means[:, 1],
+            scale=np.array(names),
+            start=start,
+        )
+
+    def solved(
+        self, noise: NDArray[np.float64], spread: Spread
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+        """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
+        pixels, light = self.sums[:, 0], self.sums[:, 2]
+        variance = (
+            noise[:, None] * self.sums[:, 3]
+            + spread.contrast * self.sums[:, 5]
+            + 4 * spread.edge * self.sums[:, 4]
+        )
+        variance = variance / pixels + (spread.share * light) ** 2
+        weight = TEMPER / variance
+        robust = np.ones_like(weight)
+        size = self.x.shape[-1]
+        amounts, spread_found = self.start.copy(), 1.0
+        unsure: NDArray[np.float64] = np.eye(size)
+        for _ in range(ROUNDS):
+            w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
+            x = self.x.reshape(-1, size)
+            normal = (x * w[:, None]).T @ x + np.eye(size)
+            asked = x.T @ (w * self.y.ravel()) + self.start
+            unsure = np.asarray(np.linalg.inv(normal), np.float64)
+            amounts = unsure @ asked
+            z = (self.y - self.x @ amounts) / np.sqrt(variance)
+            spread_found = float(np.median(np.abs(z)) / 0.6745)
+            far = z / (FAR * max(spread_found, 1.0))
+            robust = np.where(np.abs(far) < 1, (1 - far**2) ** 2, 0) + 1e-4
+        # On good prints an estimate scatters by the prior's variance less what stays unknown.
+        sd = np.sqrt(np.maximum(1 - np.diag(unsure), 1e-4))
+        sd[-2 * INKS :] = 1
+        return amounts, sd, spread_found, float((robust < 0.01).mean())
+
+    def parted(self, amounts: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Amounts by name, in their own units."""
+        found = amounts * self.scale
+        s, n = self.sensors, self.colours
+        cuts = np.cumsum([s, 1, LAMP_WAVES, s * n, 3 * INKS, INKS])
+        white, common, lamp, shape, gain, dot, planes = np.split(found, cuts)
+        return {
+            "white": white + common[0],
+            "lamp": lamp,
+            "shape": shape.reshape(s, n),
+            "gain": gain.reshape(INKS, 3),
+            "dot": dot,
+            "planes": planes.reshape(INKS, 2),
+        }

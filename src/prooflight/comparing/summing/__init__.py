@@ -1,0 +1,1 @@
+"""Compiled loops of the comparison in the press world: residuals, block means and sums over tiles."""

@@ -1,0 +1,307 @@
+"""Our detector: what good prints of a press do is taken out of a scan, and what is left is weighed family by family.
+
+A page's statistics (``families``) are compared with what good pages of such content give, each family is calibrated
+by itself on good pages that taught nothing else, and a ranking learned from misprints may come on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from prooflight.acquiring.placement import IN_PLACE
+from prooflight.comparing.local_evidence import Scatter, summed
+from prooflight.comparing.modes import Modes, moved, portrait, prepare_modes, sight
+from prooflight.comparing.nuisance import (
+    Spread,
+    Tolerance,
+    fit_nuisances,
+    page_colours,
+)
+from prooflight.comparing.register import prepare, register
+from prooflight.comparing.residuals import in_register, residual_images
+from prooflight.deciding.families import all_said
+from prooflight.deciding.trees import Trees
+from prooflight.predicting.predict import predict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.comparing.local_evidence import Sums
+    from prooflight.comparing.nuisance import Colours, Fit
+    from prooflight.comparing.register import Landmarks, Registration
+    from prooflight.deciding.families import Said
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
+    from prooflight.predicting.tables import SensorModel
+
+LEAST_P: Final = 1e-12
+WEIGHTS: Final = (1.0, 0.3, 0.3)
+"""Of the three families that say most, in the score that no misprint taught."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PreparedPage:
+    """A design ready for its scans."""
+
+    page: Page
+    landmarks: Landmarks
+    images: NDArray[np.float32]
+    """``Modes.stack`` of the page in its place."""
+    colours: Colours
+    portrait: NDArray[np.float64]
+
+
+def prepare_page(
+    page: Page, expected: Prediction, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> PreparedPage:
+    """All that is known of a design ahead of its scans; expected: its prediction in its place."""
+    modes = prepare_modes(page, sensors=sensors, geometry=geometry)
+    inside = sight(page, geometry, IN_PLACE).inside
+    return PreparedPage(
+        page=page,
+        landmarks=prepare(page, expected, sensors=sensors, geometry=geometry),
+        images=modes.stack(),
+        colours=page_colours(modes.cover),
+        portrait=portrait(modes, inside),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Looked:
+    """What one scan says, before anything is decided."""
+
+    found: Registration
+    fit: Fit
+    sums: Sums
+    noise: NDArray[np.float64]
+    """(sensors,) true temporal variance over the prediction's. [-]"""
+
+
+def look(
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    tolerance: Tolerance | None = None,
+    spread: Spread | None = None,
+    threads: int | None = 1,
+) -> Looked:
+    """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left."""
+    page, spread = prepared.page, spread or Spread()
+    found = register(prepared.landmarks, scan)
+    printed, planes_mm = in_register(page, found.planes_mm)
+    seen = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=threads)
+    where = sight(page, geometry, found.placement)
+    modes = Modes.unstacked(moved(prepared.images, where), len(sensors))
+    fit = fit_nuisances(
+        scan,
+        seen,
+        modes,
+        where,
+        sensors=sensors,
+        colours=prepared.colours,
+        planes=planes_mm / geometry.pixel_pitch_mm,
+        pixel_mm=geometry.pixel_pitch_mm,
+        tolerance=tolerance or Tolerance(),
+        spread=spread,
+    )
+    left, weight, of_edges, noise = residual_images(
+        scan, seen, modes, where, fit, sensors=sensors, colours=prepared.colours, spread=spread
+    )
+    sums = summed(
+        left,
+        weight,
+        of_edges,
+        seen,
+        modes,
+        where,
+        sensors=sensors,
+        geometry=geometry,
+        page_width_mm=page.width_mm,
+    )
+    return Looked(found=found, fit=fit, sums=sums, noise=noise)
+
+
+def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Statistics of any size -> numbers of about 1: sign(v) log(1 + 3 |v|)."""
+    known = np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1e6, neginf=-1e6)
+    return np.asarray(np.sign(known) * np.log1p(3 * np.abs(known)))
+
+
+def families_of(names: Sequence[str]) -> list[str]:
+    """The family of each statistic: one cause with all its sizes, or a number that stands alone.
+
+    >>> families_of(["box/gain-C+/8", "apart/void/4-", "streak/void/1/full", "ghost/C/0", "place/skew"])
+    ['box/gain-C+', 'apart/void-', 'streak/void', 'ghost', 'place/skew']
+    """
+    found = []
+    for name in names:
+        first, *rest = name.split("/")
+        if first == "ghost":
+            found.append(first)
+        elif first in ("fit", "place", "energy"):
+            found.append(name)
+        elif first == "apart":
+            found.append(f"{first}/{rest[0]}{name[-1]}")
+        else:
+            found.append(f"{first}/{rest[0]}")
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TolerancePress:
+    """What one press's good prints taught, and what misprints did; all arrays, so that a press artefact can hold it."""
+
+    names: tuple[str, ...]
+    """Of the statistics, in the order of ``families.all_said``."""
+    families: tuple[str, ...]
+    """Their families' names, sorted."""
+    family: NDArray[np.int32]
+    """(statistics,) which family each is of."""
+    scatter: Scatter
+    spread: Spread
+    centre: NDArray[np.float64]
+    """(2, PORTRAIT) mean and standard deviation of learning pages' portraits."""
+    baseline: NDArray[np.float64]
+    """(1 + PORTRAIT, statistics) what a good page of such content gives: linear in its portrait."""
+    sd: NDArray[np.float64]
+    """(statistics,) of good pages about it."""
+    quantiles: NDArray[np.float64]
+    """(families, n) of the family's greatest deviation on good pages, at probabilities 0 to ``tail_from``, evenly."""
+    tail: NDArray[np.float64]
+    """(families, 2) where the tail begins and its mean excess: a generalised Pareto tail of shape 0."""
+    tail_from: float
+    trees: Trees | None
+    """Ranking; None: no misprint was seen in learning."""
+    family_trees: Trees | None
+    """Ranking from family p-values alone."""
+    threshold: float
+    """Of ``score``; infinite until set."""
+    good_designs: int
+    """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
+
+    def deviations(
+        self, values: NDArray[np.floating], portraits: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Statistics (pages, n) over what good pages of such content give, in standard deviations."""
+        mean, sd = self.centre
+        x = np.column_stack([np.ones(len(portraits)), ((portraits - mean) / sd).clip(-3, 3)])
+        return np.asarray((compressed(values) - x @ self.baseline) / self.sd)
+
+    def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
+        """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
+        evidence = np.empty((len(deviations), len(self.families)))
+        steps = np.linspace(0, self.tail_from, self.quantiles.shape[1])
+        for index in range(len(self.families)):
+            greatest = deviations[:, self.family == index].max(axis=1)
+            begin, excess = self.tail[index]
+            p = 1 - np.interp(greatest, self.quantiles[index], steps)
+            far = greatest > begin
+            p[far] = (1 - self.tail_from) * np.exp(-np.minimum((greatest[far] - begin) / excess, 300))
+            evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
+        return evidence
+
+    def guard(self, evidence: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The score that no misprint taught: (pages,)."""
+        most = -np.sort(-evidence, axis=1)[:, : len(WEIGHTS)]
+        return np.asarray(most @ np.array(WEIGHTS))
+
+    def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Evidence for a misprint, higher is worse: (pages,)."""
+        deviations = self.deviations(values, portraits)
+        evidence = self.family_evidence(deviations)
+        if self.trees is None or self.family_trees is None:
+            return self.guard(evidence)
+        columns = ranked_columns(values, deviations, portraits)
+        return self.trees.score(columns) + self.family_trees.score(evidence)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What an artefact keeps as tensors."""
+        found: dict[str, NDArray[Any]] = {
+            name: getattr(self, name) for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")
+        }
+        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER}
+        for which in ("trees", "family_trees"):
+            trees = getattr(self, which)
+            if trees is not None:
+                found |= {f"{which}.{name}": getattr(trees, name) for name in TREES}
+        return found
+
+    def facts(self) -> dict[str, Any]:
+        """The rest: what JSON can hold."""
+        return {
+            "names": list(self.names),
+            "families": list(self.families),
+            "spread": {
+                "edge": self.spread.edge,
+                "contrast": self.spread.contrast,
+                "share": self.spread.share,
+            },
+            "tail_from": self.tail_from,
+            "starts": [None if trees is None else trees.start for trees in (self.trees, self.family_trees)],
+            "threshold": self.threshold,
+            "good_designs": self.good_designs,
+        }
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
+        """``arrays`` and ``facts`` put together again."""
+
+        def trees(which: str, start: float | None) -> Trees | None:
+            if start is None:
+                return None
+            return Trees(start=start, **{name: arrays[f"{which}.{name}"] for name in TREES})
+
+        kept = {name: arrays[name] for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")}
+        return cls(
+            **kept,
+            names=tuple(facts["names"]),
+            families=tuple(facts["families"]),
+            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
+            spread=Spread(**facts["spread"]),
+            tail_from=facts["tail_from"],
+            trees=trees("trees", facts["starts"][0]),
+            family_trees=trees("family_trees", facts["starts"][1]),
+            threshold=facts["threshold"],
+            good_designs=facts["good_designs"],
+        )
+
+    def strongest(
+        self, said: Sequence[Said], portrait_: NDArray[np.floating], *, most: int = 3
+    ) -> list[tuple[str, Said]]:
+        """The families that say most of one page, each with its most telling statistic and where that is."""
+        values = np.array([[one.value for one in said]])
+        deviations = self.deviations(values, portrait_[None])
+        evidence = self.family_evidence(deviations)[0]
+        found = []
+        for index in np.argsort(-evidence)[:most]:
+            members = np.flatnonzero(self.family == index)
+            best = members[int(np.argmax(deviations[0, members]))]
+            found.append((self.families[index], said[best]))
+        return found
+
+
+SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
+TREES: Final = ("column", "cut", "leaf")
+
+
+def ranked_columns(
+    values: NDArray[np.floating], deviations: NDArray[np.floating], portraits: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """What the ranking looks at: statistics as they are, over what such pages give, and what the page is like."""
+    return np.hstack([compressed(values), deviations, portraits])
+
+
+def stated(said: Sequence[Said]) -> NDArray[np.float32]:
+    """Values of statistics, (n,)."""
+    return np.array([one.value for one in said], np.float32)
+
+
+__all__ = ["Looked", "PreparedPage", "TolerancePress", "all_said", "look", "prepare_page", "stated"]

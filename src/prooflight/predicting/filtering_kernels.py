@@ -1,0 +1,115 @@
+"""Compiled loops of prediction: weighted sums of raster rows, across and along."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from prooflight.predicting.summing_kernels import FEW, MANY, sum_few, sum_many
+
+
+@njit(cache=True, nogil=True)
+def dealt_part(columns, pad, stride, phase):  # type: ignore[no-untyped-def]
+    """The first pixel of one phase of a dealt row, its place, and how many there are."""
+    first = (phase - pad) % stride
+    return first, (first + pad) // stride, max((columns - first + stride - 1) // stride, 0)
+
+
+@njit(cache=True, nogil=True)
+def deal_row(words, pad, dealt):  # type: ignore[no-untyped-def]
+    """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
+
+    Pixel p goes to dealt[(p + pad) % stride, (p + pad) // stride]; the rest stays as it was.
+    """
+    stride = dealt.shape[0]
+    for phase in range(stride):
+        first, place, count = dealt_part(words.size, pad, stride, phase)
+        target, source = dealt[phase, place : place + count], words[first::stride]
+        for i in range(count):
+            target[i] = source[i]
+
+
+@njit(cache=True, nogil=True)
+def add_weighted(source, weight, slope, origin, target):  # type: ignore[no-untyped-def]
+    """Target += (weight + slope x (i - origin)) x source, one array at a time so that it runs in vectors."""
+    if slope == 0:
+        for i in range(target.size):
+            target[i] += weight * source[i]
+    else:
+        weight -= slope * np.float32(origin)
+        for i in range(target.size):
+            target[i] += (weight + slope * np.float32(i)) * source[i]
+
+
+@njit(cache=True, nogil=True)
+def any_drift(slopes):  # type: ignore[no-untyped-def]
+    """Whether weights change along a segment."""
+    return np.any(slopes != 0)
+
+
+@njit(cache=True, nogil=True)
+def filter_across(split, pad, columns, segment, first, weights, slopes, starts, out):  # type: ignore[no-untyped-def]
+    """One raster row at camera columns: split as ``deal_row`` deals, weights as ``aim`` does; out (pixels,).
+
+    What is off the page counts as 0, the level of the backing. starts (taps,) int64 is working space.
+    """
+    stride, width = split.shape
+    taps = weights.shape[1]
+    flat = split.reshape(-1)
+    out[:] = 0
+    for k in range(first.size):
+        start = k * segment
+        stop = min(start + segment, out.size)
+        middle = (start + stop) // 2
+        # Pixel i sees raster pixels from first + stride (i - middle); only those that touch the row are done.
+        start = max(start, middle - (first[k] + taps - 1) // stride)
+        stop = min(stop, middle + (columns - 1 - first[k]) // stride + 1)
+        if start >= stop:
+            continue
+        place = first[k] + pad
+        for t in range(taps):
+            starts[t] = (place + t) % stride * width + (place + t) // stride - middle
+        drifts = any_drift(slopes[k])
+        of, by = weights[k], slopes[k]
+        while start + MANY <= stop:
+            sum_many(flat, starts, start, of, by, 0, taps, start - middle, drifts, out, start)
+            start += MANY
+        while start + FEW <= stop:
+            sum_few(flat, starts, start, of, by, 0, taps, start - middle, drifts, out, start)
+            start += FEW
+        if start < stop:
+            for t in range(taps):
+                source = flat[starts[t] + start : starts[t] + stop]
+                add_weighted(source, weights[k, t], slopes[k, t], middle - start, out[start:stop])
+
+
+@njit(cache=True, nogil=True)
+def filter_along(ring, rows, segment, first, weights, slopes, starts, out):  # type: ignore[no-untyped-def]
+    """One line from the ring of filtered rows (depth, pixels), row r at r % depth; out (pixels,).
+
+    Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the backing. starts (taps,) int64 is
+    working space.
+    """
+    depth, pixels = ring.shape
+    flat = ring.reshape(-1)
+    out[:] = 0
+    for k in range(first.size):
+        start = k * segment
+        stop = min(start + segment, pixels)
+        middle = (start + stop) // 2
+        t_first = max(-first[k], 0)
+        t_last = min(weights.shape[1], rows - first[k])
+        for t in range(t_first, t_last):
+            starts[t] = (first[k] + t) % depth * pixels
+        drifts = any_drift(slopes[k])
+        of, by = weights[k], slopes[k]
+        while start + MANY <= stop:
+            sum_many(flat, starts, start, of, by, t_first, t_last, start - middle, drifts, out, start)
+            start += MANY
+        while start + FEW <= stop:
+            sum_few(flat, starts, start, of, by, t_first, t_last, start - middle, drifts, out, start)
+            start += FEW
+        if start < stop:
+            for t in range(t_first, t_last):
+                source = flat[starts[t] + start : starts[t] + stop]
+                add_weighted(source, weights[k, t], slopes[k, t], middle - start, out[start:stop])

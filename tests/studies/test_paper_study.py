@@ -190,10 +190,9 @@ def test_a_camera_farther_away_sees_the_same_field_with_coarser_pixels(two_senso
 def test_plans_cover_both_worlds_and_all_noises(quick: bool) -> None:
     plans = paper_plans(seed=1, quick=quick, own_pitch_mm=0.105)
     assert {plan.world for _, plan in plans} == {"ideal", "press"}
-    assert plans[0][1].noises == (1.0, 2.0, 3.0, 4.0)
+    assert (1.0, 2.0, 3.0, 4.0) in {plan.noises for _, plan in plans}
     if not quick:
-        assert plans[0][1].learn == 1000
-        assert all(plan.test >= 1500 for _, plan in plans[:2])
+        assert (plans[0][1].learn, plans[0][1].test) == (1000, 1500)
 
 
 def test_the_page_shows_the_papers_digits_beside_ours(

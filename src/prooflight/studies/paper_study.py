@@ -31,8 +31,8 @@ SPECIMEN_SEED: Final = 1
 def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[float, Plan]]:
     """What ``run_paper_study`` works through: camera pitch and plan. [mm]
 
-    In the ideal world 1000 designs to learn from, as in the paper, and 1500 to test on at the reduced resolution; 300 at
-    the camera's own. Fewer in the press world, where scans cost more.
+    In the ideal world 1000 designs to learn from, as in the paper, and 1500 to test on at the reduced resolution; 300
+    at the camera's own. Fewer in the press world, where scans cost more.
     """
     if quick:
         ideal = Plan(

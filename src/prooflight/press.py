@@ -4,6 +4,7 @@ Schema history:
 1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
 2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
 3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
+4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from safetensors.numpy import save
 
 from prooflight.acquiring.geometry import ScanGeometry
 from prooflight.atomic import whole_file
+from prooflight.deciding.bayes import BayesDetector
+from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressError
 from prooflight.pages.sampling import Footprint, LensCorrection
@@ -30,11 +33,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 3
+SCHEMA = 4
 KIND = "prooflight press"
 TABLES = ("mean_dn", "variance_dn2")
 CORRECTION = ("near", "far", "farther")
 INKS = "inks."
+DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
+    "ours": CalibratedDetector,
+    "bayes": BayesDetector,
+}
 REBUILD = "build it again with `prooflight press build`"
 
 
@@ -72,6 +79,10 @@ class Press:
     """Of each sensor; empty where nobody looked."""
     variation: Mapping[str, Any] = field(default_factory=dict)
     """How much good prints of this press vary, as far as it is known: what JSON can hold."""
+    ours: CalibratedDetector | None = None
+    """Our detector, taught for this press; None: not yet."""
+    bayes: BayesDetector | None = None
+    """The paper's learned detector, taught for this press; None: not yet."""
 
     @property
     def dpi(self) -> float:
@@ -119,6 +130,12 @@ class Press:
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
         arrays |= {INKS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
+        detectors: dict[str, Any] = {}
+        for name in DETECTORS:
+            taught: CalibratedDetector | BayesDetector | None = getattr(self, name)
+            if taught is not None:
+                detectors[name] = taught.facts()
+                arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in taught.arrays().items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
             for name in (*TABLES, "column_offset_dn", "column_gain"):
@@ -148,6 +165,7 @@ class Press:
             "ink_facts": dict(self.ink_facts),
             "clipped": [asdict(share) for share in self.clipped],
             "variation": dict(self.variation),
+            "detectors": detectors,
         }
         return arrays, json.dumps(document, sort_keys=True)
 
@@ -168,6 +186,13 @@ class Press:
                 **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
             )
             sensors.append(SensorModel(footprint=footprint, correction=correction, **tables, **scalars))
+        detectors: dict[str, Any] = {
+            name: DETECTORS[name].from_parts(
+                {key.removeprefix(f"{name}."): a for key, a in arrays.items() if key.startswith(f"{name}.")},
+                facts,
+            )
+            for name, facts in document["detectors"].items()
+        }
         return cls(
             name=document["name"],
             geometry=ScanGeometry(**document["geometry"]),
@@ -183,6 +208,7 @@ class Press:
             ink_facts=document["ink_facts"],
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
             variation=document["variation"],
+            **detectors,
         )
 
 

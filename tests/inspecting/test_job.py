@@ -9,6 +9,7 @@ import tifffile
 
 from prooflight.acquiring.replay import write_scan
 from prooflight.errors import ScanError
+from prooflight.inspecting.inspector import Inspector
 from prooflight.inspecting.job import InspectPage, paired
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -102,7 +103,7 @@ def test_from_job_to_verdicts_by_way_of_files(source: JobSource, scans: Path, pr
     for number, request in ((1, None), (3, MisprintRequest(kind="missing-plane", severity=1.0))):
         task = ScanToFile(job=source, press=press, out=scans, request=request, seed=5, job_pages=PAGES)
         pickle.loads(pickle.dumps(task))(number)
-    inspect = pickle.loads(pickle.dumps(InspectPage(job=source, press=press, detector="chi-square")))
+    inspect = pickle.loads(pickle.dumps(InspectPage(job=source, inspector=Inspector.of(press, "chi-square"))))
     with source.open() as job:
         verdicts = [inspect(pair) for pair in paired(job, scans, sensors=1)]
     assert [verdict.page for verdict in verdicts] == ["p0001", "p0002", "p0003"]
@@ -111,7 +112,7 @@ def test_from_job_to_verdicts_by_way_of_files(source: JobSource, scans: Path, pr
 
 def test_a_bad_scan_is_named_by_its_path(source: JobSource, scans: Path, press: Press) -> None:
     scan_files(scans, "p0002")  # five pixels wide
-    inspect = InspectPage(job=source, press=press, detector="chi-square")
+    inspect = InspectPage(job=source, inspector=Inspector.of(press, "chi-square"))
     with source.open() as job:
         pairs = paired(job, scans, sensors=1)
     with pytest.raises(ScanError, match=r"p0002\.tif: .*5 pixels"):

@@ -23,7 +23,7 @@ from prooflight.simulating.scans import MisprintRequest, page_rng, scan_page
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.inspecting.inspector import Inspection
+    from prooflight.inspecting.inspection import Inspection
     from prooflight.press import Press
 
 A4 = Frame(x_mm=0.0, y_mm=0.0, width_mm=210.0, height_mm=297.0)
@@ -84,7 +84,7 @@ def test_pictures_are_never_enlarged(press: Press) -> None:
 
 def test_bare_paper_has_signal_one_in_every_column(press: Press) -> None:
     page = flat((0, 0, 0, 0), rows=600, columns=400)
-    expected, measured = pictures.signals(page, inspected(page, press), press)
+    expected, measured = pictures.signals(inspected(page, press), press)
     inner = expected[8:-8, 8:-8]
     assert (
         np.abs(inner - 1).max() < 2e-3

@@ -50,6 +50,7 @@ def demo(
 ) -> None:
     """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
     from prooflight.demo import run as demonstration
+    from prooflight.inspecting.inspector import Inspector
     from prooflight.reporting.report import RunSummary, write_report
 
     say = show.steps(quiet=json)
@@ -78,7 +79,7 @@ def demo(
         job=name,
         press=press.name,
         press_digest=digest,
-        promise=_promise(press),
+        promise=Inspector.of(press, "chi-square").promise,
         world="ideal",
         seed=seed,
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -184,23 +185,28 @@ def inspect(
     scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Folder of scans, or a TIFF in page order.")],
     press: PressArtefact,
     detector: Annotated[
-        str, typer.Option(help="chi-square: the paper's statistical detector.")
-    ] = "chi-square",
+        str | None,
+        typer.Option(
+            metavar="ours|bayes|chi-square",
+            help="bayes and chi-square: the paper's learned and statistical ones. Default: ours if the press was "
+            "taught it, else chi-square.",
+        ),
+    ] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
     profile: Profile = None,
     json: Json = False,
 ) -> None:
     """Compare scans with the job, one verdict a page in job order; exits 1 if there is a misprint."""
-    from prooflight.inspecting import inspector
+    from prooflight.inspecting.inspector import Inspector
     from prooflight.inspecting.job import InspectPage, paired
     from prooflight.pages.parallel import in_order
 
     loaded = Press.load(press)
-    inspector.detector(detector, loaded)  # a wrong name ends before any work
+    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
     source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
     with source.open() as opened:
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
-    work = InspectPage(job=source, press=loaded, detector=detector)
+    work = InspectPage(job=source, inspector=inspector)
     started = time.perf_counter()
     verdicts = []
     if report is None:
@@ -223,7 +229,7 @@ def inspect(
             job=name,
             press=loaded.name,
             press_digest=loaded.digest,
-            promise=_promise(loaded),
+            promise=inspector.promise,
             world=None,
             seed=None,
             date=datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -242,11 +248,6 @@ def inspect(
 
 def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:
     return iter(items) if quiet else show.progress(items, total=total, what=what)
-
-
-def _promise(press: Press) -> str:
-    odds = f"{press.good_pages_per_false_alarm:,.0f}"
-    return f"at most one good page in {odds} alarms, if it differs by sensor noise alone"
 
 
 def _totals(entries: list[PageEntry]) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""``prooflight press``: build a press artefact, look inside one."""
+"""``prooflight press``: build a press artefact, look inside one, teach it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,16 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.errors import RequestError
 from prooflight.press import Press
 
-app = typer.Typer(help="Build a press artefact; look inside one.", no_args_is_help=True)
+app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
+
+QUICK, FULL = 64, 160
+TEACHING = {"none": 0, "quick": QUICK, "full": FULL}
+"""How many designs each way of teaching prints."""
+COMPOSED_SEED = 70_000
+"""Of the designs that teach, apart from those of studies."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -22,26 +29,42 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def build(
     press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the artefact.")],
-    seed: Annotated[int, typer.Option(help="Of the simulated camera specimen.", min=0)] = 1,
+    detector: Annotated[
+        str,
+        typer.Option(
+            metavar="none|quick|full",
+            help="What it is taught: our detector from simulated good prints; full: from misprints too, and the paper's "
+            "learned detector.",
+        ),
+    ] = "quick",
+    designs: Annotated[
+        int | None,
+        typer.Option(help=f"Page designs that teach the detectors; default {QUICK}, full {FULL}.", min=1),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the simulated camera specimen and its prints.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """Make a press ready: characterise its camera and inks, calibrate columns, write one file."""
+    """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
     import numpy as np
 
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
     from prooflight.press_file import PressFile
 
+    if detector not in TEACHING:
+        what = f"there is no {detector!r}"
+        raise RequestError("detector", what, remedy=f"choose of {', '.join(TEACHING)}")
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
     accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
+    if detector != "none":
+        press = _taught(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
-        show.print_json(
-            {"press": str(out), "digest": digest, "seconds": seconds, "tables": [asdict(a) for a in accuracy]}
-        )
+        facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": _detectors(press)}
+        show.print_json(facts | {"tables": [asdict(a) for a in accuracy]})
         return
     show.people.print(f"[bold]{out}[/bold] written in {seconds} s, digest {digest[:16]}")
     for entry in accuracy:
@@ -50,6 +73,31 @@ def build(
             f"({entry.white_sigma} at paper white, {entry.mean_max_sigma} at most), "
             f"sigma within {entry.sigma_rms_percent} %"
         )
+    for name, promise in _detectors(press).items():
+        show.people.print(f"detector {name}: {promise}")
+
+
+def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
+    from prooflight.commissioning.teach import taught
+    from prooflight.inspecting.inspector import paper_evidence
+    from prooflight.studies.corpus import Corpus
+
+    return taught(
+        press,
+        Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
+        designs=designs,
+        seed=seed,
+        compare=paper_evidence if full else None,
+        shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
+    )
+
+
+def _detectors(press: Press) -> dict[str, str]:
+    """What each detector promises."""
+    from prooflight.inspecting.inspector import DETECTORS, Inspector
+
+    has = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
+    return {name: Inspector.of(press, name).promise for name in has}
 
 
 @app.command("show")
@@ -105,6 +153,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "false_alarm_cents": press.costs.false_alarm_cents,
         "missed_misprint_cents": press.costs.missed_misprint_cents,
         "alpha": round(press.costs.alpha, 4),
+        "detectors": _detectors(press),
         "sensors": [
             {
                 "name": sensor.name,

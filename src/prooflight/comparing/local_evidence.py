@@ -34,7 +34,7 @@ MODES: Final = (
 )  # fmt: skip
 LINE_MODES: Final = 10
 SIZES: Final = (2, 4, 8, 16, 32, 64)
-"""Sides of boxes. [tiles]"""
+"""Sides of boxes, each twice the one before. [tiles]"""
 WIDTHS: Final = (1, 2, 4, 8, 16)
 """Of streaks. [pixels at 0.254 mm]"""
 WIDTH_UNIT_MM: Final = 0.254
@@ -43,18 +43,15 @@ SEGMENTS: Final = 4
 BASELINE_MM: Final = 24.0
 COMMON: Final = 0.003
 """Standard deviation of what moves all light alike from place to place: paper 0.2 %, lamp, flicker. [-]"""
-SMALL: Final = 4
 LEVEL_MM: Final = 3.0
-COMMON_NEAR: Final = 0.001
-"""The same within a few millimetres."""
 COLUMN_SD: Final = 0.0015
 """Of a column's gain that flat-fielding left (worlds.toml)."""
 COLUMN_MM: Final = 8.0
 FLICKER: Final = 0.0015
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
-LAGS_MM: Final = (3.0, 60.0)
 GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
+"""Heights and widths of boxes in which echoes are looked for."""
 LEAST_POWER: Final = 1e-3
 """Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
 
@@ -190,45 +187,28 @@ def statistic(
     return np.where(power > LEAST_POWER, own / np.sqrt(spread + np.float32(1e-6)), 0)
 
 
-def boxes(sums: Sums, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int]:
-    """N', D', edges of boxes of ``size`` tiles that overlap by half, and the tiles from one to the next."""
-    step = max(size // 2, 1)
-    maps = steady(sums)
-    if size > 1:
-        flat = maps.reshape(-1, *maps.shape[-2:])
-        added = [
-            cv2.boxFilter(one, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-            for one in flat
-        ]
-        maps = np.stack([one[step // 2 :: step, step // 2 :: step] for one in added]).reshape(
-            *maps.shape[:2], *(added[0][step // 2 :: step, step // 2 :: step].shape)
-        )
-    if size <= SMALL:
-        level = smooth_level(sums)
-        if size > 1:
-            level = level[step // 2 :: step, step // 2 :: step]
-        maps = maps.copy()
-        maps[0] -= maps[2] * level
-    return *without_common(maps, COMMON_NEAR if size <= SMALL else COMMON), step
-
-
-def steady(sums: Sums) -> NDArray[np.float32]:
-    """Tile sums (4, modes, ...) without the lamp's flicker from line to line; what is smooth along it stays."""
-    maps = sums.tiles[:, : len(MODES)].copy()
-    push, power = maps[0, 0].sum(axis=1, dtype=np.float64), maps[1, 0].sum(axis=1, dtype=np.float64)
+def flicker(sums: Sums) -> NDArray[np.float32]:
+    """The lamp's flicker from line to line, (tile rows,) [-]; what is smooth along the page is not its."""
+    push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
     gain = push / (power + 1 / FLICKER**2)
     gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")
-    maps[0] -= maps[2] * gain[:, None].astype(np.float32)
-    return maps
+    return gain.astype(np.float32)
 
 
 def smooth_level(sums: Sums) -> NDArray[np.float32]:
     """Change of light as a whole, smooth over ``LEVEL_MM``: (tile rows, tile columns) [-]."""
+    size = sums.tiles.shape[-1], sums.tiles.shape[-2]
+    halves = max(size[0] // 2, 1), max(size[1] // 2, 1)
     push, power = (
-        cv2.GaussianBlur(np.ascontiguousarray(one), (0, 0), LEVEL_MM / sums.tile_mm)
-        for one in sums.tiles[:2, 0]
+        cv2.GaussianBlur(
+            cv2.resize(sums.tiles[part, 0], halves, interpolation=cv2.INTER_AREA),
+            (0, 0),
+            LEVEL_MM / (2 * sums.tile_mm),
+        )
+        for part in (0, 1)
     )
-    return np.asarray(push / (power + 1e-3 + 1 / (COMMON**2 * LEVEL_MM**2 / sums.tile_mm**2)), np.float32)
+    level = push / (power + np.float32(1e-3 + (sums.tile_mm / (COMMON * LEVEL_MM)) ** 2))
+    return cv2.resize(level, size, interpolation=cv2.INTER_LINEAR)
 
 
 def streaks(sums: Sums, width: int, span: str) -> tuple[NDArray[np.float32], ...]:
@@ -282,49 +262,3 @@ def periodogram(
         place = k * wanted
         together += np.where(place < spectrum.size, spectrum[np.minimum(place, spectrum.size - 1)] - 2, 0)
     return np.asarray(frequency[wanted]), spectrum[wanted], np.asarray(together / np.sqrt(HARMONICS))
-
-
-def ghosts(sums: Sums) -> list[list[tuple[NDArray[np.float32], ...]]]:
-    """For each ink, lag by lag: N', D', edges of an echo at every place; boxes of them are ``ghost_boxes``."""
-    maps = sums.tiles[:, : len(MODES)]
-    halved = [extent // 2 * 2 for extent in maps.shape[-2:]]
-    maps = maps[..., : halved[0], : halved[1]]
-    maps = maps.reshape(*maps.shape[:2], halved[0] // 2, 2, halved[1] // 2, 2).sum(axis=(3, 5))
-    own, power, edges = without_common(maps)
-    cover = halved_means(sums.cover, halved)
-    pitch = 2 * sums.tile_mm
-    wide = round(15.0 / pitch) | 1
-    found: list[list[tuple[NDArray[np.float32], ...]]] = []
-    for ink in range(4):
-        detail = cover[ink] - cv2.blur(cover[ink], (wide, wide))
-        of_ink: list[tuple[NDArray[np.float32], ...]] = []
-        if detail.std() > 1e-3:
-            for lag in range(round(LAGS_MM[0] / pitch), round(LAGS_MM[1] / pitch) + 1):
-                echo = np.zeros_like(detail)
-                echo[lag:] = detail[: detail.shape[0] - lag]
-                squared = echo * echo
-                of_ink.append((own[1 + ink] * echo, power[1 + ink] * squared, edges[1 + ink] * squared))
-        found.append(of_ink)
-    return found
-
-
-def ghost_boxes(
-    maps: tuple[NDArray[np.float32], ...], box_mm: tuple[float, float], pitch: float
-) -> tuple[NDArray[np.float32], ...]:
-    """Sums over boxes (height, width) that overlap by three quarters."""
-    height, width = (max(round(extent / pitch), 1) for extent in box_mm)
-    down, across = max(height // 4, 1), max(width // 4, 1)
-    return tuple(
-        np.asarray(
-            cv2.boxFilter(one, -1, (width, height), normalize=False, borderType=cv2.BORDER_CONSTANT)[
-                ::down, ::across
-            ]
-        )
-        for one in maps
-    )
-
-
-def halved_means(images: NDArray[np.float32], extents: list[int]) -> NDArray[np.float32]:
-    """Means of 2 x 2."""
-    cut = images[:, : extents[0], : extents[1]]
-    return cut.reshape(len(cut), extents[0] // 2, 2, extents[1] // 2, 2).mean(axis=(2, 4)).astype(np.float32)

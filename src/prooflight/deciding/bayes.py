@@ -138,6 +138,24 @@ class BayesDetector:
             probability=float(special.expit(score)),
         )
 
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """What an artefact keeps as tensors."""
+        return self.network.arrays() | {"unit": np.ascontiguousarray(self.unit, np.float64)}
+
+    def facts(self) -> dict[str, Any]:
+        """The rest: what JSON can hold."""
+        return self.network.facts() | {"threshold": self.threshold, "reading": self.reading}
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
+        """The detector again that ``arrays`` and ``facts`` came from."""
+        return cls(
+            network=BayesianNetwork.from_parts(arrays, facts),
+            threshold=float(facts["threshold"]),
+            unit=arrays["unit"],
+            reading=facts["reading"],
+        )
+
 
 def _check(statistics: NDArray[np.float64], labels: Sequence[str], misprint_rate: float, bins: int) -> None:
     message = ""

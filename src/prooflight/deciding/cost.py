@@ -39,6 +39,18 @@ class RunningCosts:
         """C = (1 - r) c_f c, the expected cost of a page (paper, equation 6). [cent]"""
         return (1 - self.misprint_rate) * self.false_alarm_cents * normalised
 
+    @property
+    def stopping_probability(self) -> float:
+        """Of a misprint, from which stopping costs less than letting pass: c_f / (c_f + c_m). [-]"""
+        return self.false_alarm_cents / (self.false_alarm_cents + self.missed_misprint_cents)
+
+    def expected_cents(self, probability: float) -> dict[str, float]:
+        """What letting pass and what stopping is expected to cost, at this probability of a misprint. [cent]"""
+        return {
+            "accept": probability * self.missed_misprint_cents,
+            "stop": (1 - probability) * self.false_alarm_cents,
+        }
+
     def stopping_pays(self, probability: float) -> bool:
         """Whether stopping costs less than letting pass, at this probability of a misprint."""
         return probability * self.missed_misprint_cents > (1 - probability) * self.false_alarm_cents

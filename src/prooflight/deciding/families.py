@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.comparing.boxed_evidence import boxes, cells_of, echoes, extremes
 from prooflight.comparing.local_evidence import (
     GHOST_BOXES_MM,
     LINE_MODES,
@@ -16,9 +17,6 @@ from prooflight.comparing.local_evidence import (
     SPANS,
     WIDTH_UNIT_MM,
     WIDTHS,
-    boxes,
-    ghost_boxes,
-    ghosts,
     periodogram,
     rows,
     statistic,
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.comparing.boxed_evidence import Extremes
     from prooflight.comparing.local_evidence import Scatter, Sums
     from prooflight.comparing.nuisance import Fit
     from prooflight.comparing.register import Registration
@@ -41,7 +40,6 @@ NOWHERE: Final[Box] = (np.nan,) * 4
 INK: Final = "CMYK"
 SAMPLES: Final = 400
 LEAST_BOXES: Final = 12
-QUANTILES_OF: Final = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,33 +68,23 @@ def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> lis
 
 
 def _of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Said]:
-    for place, size in enumerate(SIZES):
-        own, power, edges, step = boxes(sums, size)
-        start = 0 if size == 1 else step // 2
-        for mode, name in enumerate(MODES):
-            t = statistic(own[mode], power[mode], edges[mode], scatter.boxes[mode, place])
-            for sign, way in ((1, "+"), (-1, "-")):
-                row, column = np.unravel_index(int(np.argmax(sign * t)), t.shape)
-                centre_x = (start + column * step + 0.5) * sums.tile_mm + sums.left_mm
-                centre_y = (start + row * step + 0.5) * sums.tile_mm + sums.top_mm
-                extent = size * sums.tile_mm
-                box = (float(centre_x - extent / 2), float(centre_y - extent / 2), extent, extent)
-                yield Said(name=f"box/{name}{way}/{size}", value=float(sign * t[row, column]), box=box)
-            informed = power[mode] > 1e-3
-            yield from _against_page(t[informed], f"{name}/{size}")
-            energy = np.minimum(t[informed] ** 2, 100)
-            yield Said(
-                name=f"spread/{name}/{size}", value=float(np.log(energy.mean() + 0.1)) if energy.size else 0.0
-            )
+    for place, cells in enumerate(cells_of(sums)):
+        size = cells.size
+        for name, t in zip(MODES, extremes(cells, scatter.boxes[:, place]), strict=True):
+            for way, value, at in (("+", t.greatest, t.at_greatest), ("-", -t.least, t.at_least)):
+                yield Said(name=f"box/{name}{way}/{size}", value=value, box=cells.box_mm(sums, *at))
+            yield from _against_page(t, f"{name}/{size}")
+            energy = float(np.log(t.energy + 0.1)) if t.informed else 0.0
+            yield Said(name=f"spread/{name}/{size}", value=energy)
 
 
-def _against_page(t: NDArray[np.floating], name: str) -> Iterator[Said]:
+def _against_page(t: Extremes, name: str) -> Iterator[Said]:
     """The greatest over the page's own spread: a page of fine print scatters more than one of tints."""
     low, high = 0.0, 0.0
-    if t.size >= LEAST_BOXES:
-        lower, middle, upper = np.quantile(t[:: max(t.size // QUANTILES_OF, 1)], (0.16, 0.5, 0.84))
+    if t.informed >= LEAST_BOXES:
+        lower, middle, upper = np.quantile(t.drawn, (0.16, 0.5, 0.84))
         wide = max(float(upper - lower) / 2, 0.3)
-        low, high = float(middle - t.min()) / wide, float(t.max() - middle) / wide
+        low, high = (float(middle) - t.least) / wide, (t.greatest - float(middle)) / wide
     yield Said(name=f"apart/{name}+", value=high)
     yield Said(name=f"apart/{name}-", value=low)
 
@@ -136,24 +124,15 @@ def _of_bands(sums: Sums, scatter: Scatter) -> Iterator[Said]:
 
 
 def _of_ghosts(sums: Sums, scatter: Scatter) -> Iterator[Said]:
-    pitch = 2 * sums.tile_mm
-    for ink, lags in enumerate(ghosts(sums)):
-        for b, box_mm in enumerate(GHOST_BOXES_MM):
-            best, where = 0.0, NOWHERE
-            for maps in lags:
-                push, power, edges = ghost_boxes(maps, box_mm, pitch)
-                t = statistic(push, power, edges, scatter.ghosts[ink, b])
-                row, column = np.unravel_index(int(np.argmax(t)), t.shape)
-                if t[row, column] > best:
-                    best = float(t[row, column])
-                    down, across = (max(round(extent / pitch) // 4, 1) for extent in box_mm)
-                    where = (
-                        float(column * across * pitch + sums.left_mm - box_mm[1] / 2),
-                        float(row * down * pitch + sums.top_mm - box_mm[0] / 2),
-                        box_mm[1],
-                        box_mm[0],
-                    )
-            yield Said(name=f"ghost/{INK[ink]}/{b}", value=best, box=where)
+    seen = echoes(sums)
+    for ink in range(INKS):
+        for b, (height, width) in enumerate(GHOST_BOXES_MM):
+            value, middle = seen.greatest(ink, (height, width), scatter.ghosts[ink, b])
+            box = NOWHERE
+            if middle is not None:
+                x, y = middle[0] + sums.left_mm - width / 2, middle[1] + sums.top_mm - height / 2
+                box = (x, y, width, height)
+            yield Said(name=f"ghost/{INK[ink]}/{b}", value=value, box=box)
 
 
 def _of_fit(fit: Fit) -> Iterator[Said]:
@@ -227,8 +206,8 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
         for index, one in enumerate(maps):
             target[: drawn.size, index] = one.ravel()[drawn]
 
-    for place, size in enumerate(SIZES):
-        maps = boxes(sums, size)[:3]
+    for place, cells in enumerate(cells_of(sums)):
+        maps = boxes(cells)
         for mode in range(len(MODES)):
             put(found["boxes"][mode, place], *(one[mode] for one in maps))
     for w, width in enumerate(WIDTHS):
@@ -239,9 +218,9 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
     of_rows = rows(sums)
     for mode in range(len(MODES)):
         put(found["bands"][mode], *(one[mode] for one in of_rows))
-    for ink, lags in enumerate(ghosts(sums)):
+    seen = echoes(sums)
+    for ink in np.flatnonzero(seen.present):
         for b, box_mm in enumerate(GHOST_BOXES_MM):
-            drawn = [ghost_boxes(echo, box_mm, 2 * sums.tile_mm) for echo in lags[::10]]
-            if drawn:
-                put(found["ghosts"][ink, b], *(np.stack(of_all) for of_all in zip(*drawn, strict=True)))
+            drawn = [seen.boxes(int(ink), int(lag), box_mm) for lag in seen.lags[::10]]
+            put(found["ghosts"][ink, b], *np.stack(drawn, axis=1))
     return found

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from prooflight.comparing.evidence import Evidence
 
 Word = Literal["good", "misprint", "not-inspected"]
@@ -21,8 +23,20 @@ class Region:
     width_mm: float
     height_mm: float
     score: float
-    """Greatest deviation of an 8 x 8 pixel mean inside, in its standard deviations. [-]"""
+    """How far this place is off, in standard deviations: of an 8 x 8 pixel mean, or of the statistic that found it."""
     kind: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ink:
+    """What one print was found to do with one ink."""
+
+    gain_percent: float
+    """How much more of it there is than planned, as a share of it."""
+    dot_gain_percent: float
+    """Ink area added at 50 %."""
+    register_mm: tuple[float, float]
+    """How far its plane lies too far right and down of the print."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +68,16 @@ class Verdict:
     shift_mm: tuple[float, float] | None = None
     """Where the page lies minus where it should (x, y); None: this detector takes the page to lie where it should."""
     milliseconds: float = 0.0
+    detector: str = ""
+    """Who says so; empty: nobody looked."""
+    family: str | None = None
+    """Which family of evidence says most; None: the detector has but one number."""
+    reason: str = ""
+    """Why, in the user's words; empty: there is nothing to explain."""
+    inks: Mapping[str, Ink] = field(default_factory=dict)
+    """What was found of each ink that the page has, by its letter; empty: this detector does not look."""
+    expected_cost: Mapping[str, float] = field(default_factory=dict)
+    """Of letting pass (``accept``) and of stopping (``stop``), at this probability. [cent]"""
 
 
 class Detector(Protocol):

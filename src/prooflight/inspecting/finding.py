@@ -10,13 +10,14 @@ import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.register import prepare, register
+from prooflight.deciding.calibrated import shows_another
 from prooflight.predicting.predict import predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.acquiring.placement import Placement
-    from prooflight.comparing.register import Registration
+    from prooflight.comparing.register import Landmarks, Registration
     from prooflight.pages.raster import Page
     from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
@@ -25,8 +26,6 @@ MOVED_SIGMAS: Final = 4.0
 """A page is moved for no less: to follow an estimate that is only noise would blur every edge by it."""
 MOVED_PIXELS: Final = 0.02
 """Nor for less than this, which no edge shows above its noise. [camera pixels]"""
-FOREIGN_SHARE: Final = 0.5
-"""From this share of tiles on that show something else, it is another page. [-]"""
 EDGE_PIXELS: Final = 1.0
 """What is left out inside the edges of a page that was moved: sheet and print do not move as one. [camera pixels]"""
 
@@ -47,12 +46,32 @@ class FoundPage:
     """None: the page could not be found in the scan."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SoughtPage:
+    """A page ready to be looked for in its scans."""
+
+    page: Page
+    nominal: Prediction
+    """Of the page in its place."""
+    landmarks: Landmarks
+
+    @classmethod
+    def of(cls, page: Page, press: Press) -> SoughtPage:
+        """Everything that needs no scan."""
+        nominal = predict(page, sensors=press.sensors, geometry=press.geometry)
+        landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
+        return cls(page=page, nominal=nominal, landmarks=landmarks)
+
+
 def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
     """Look for ``page`` in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies."""
-    nominal = predict(page, sensors=press.sensors, geometry=press.geometry)
-    landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
-    where = register(landmarks, scan)
-    wrong_page = where.off_place or (not where.found and where.tiles_foreign > FOREIGN_SHARE)
+    return find(SoughtPage.of(page, press), scan, press)
+
+
+def find(sought: SoughtPage, scan: NDArray[np.uint16], press: Press) -> FoundPage:
+    """Look for a page in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies."""
+    page, nominal = sought.page, sought.nominal
+    where = register(sought.landmarks, scan)
     placement = where.placement if where.found and _moved(where, page, press) else IN_PLACE
     moved = placement is not IN_PLACE
     prediction = (
@@ -64,10 +83,10 @@ def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
     return FoundPage(
         placement=placement,
         prediction=prediction,
-        area=_inside(page, press, placement)
+        area=inside(page, press, placement)
         if moved
         else press.geometry.on_page(page.width_mm, page.height_mm),
-        wrong_page=wrong_page,
+        wrong_page=shows_another(where),
         shift_mm=shift_mm,
     )
 
@@ -84,7 +103,7 @@ def _moved(where: Registration, page: Page, press: Press) -> bool:
     return bool(told.any() or turned.any())
 
 
-def _inside(page: Page, press: Press, placement: Placement) -> tuple[slice, slice]:
+def inside(page: Page, press: Press, placement: Placement) -> tuple[slice, slice]:
     """Lines and columns whose pixels all lie on the page as it lies, a pixel away from its edges."""
     geometry = press.geometry
     across_mm = geometry.centres_x_mm(page.width_mm)

@@ -1,50 +1,128 @@
-"""One page and its scan -> one verdict."""
+"""Pages and their scans -> verdicts; what needs no scan is done ahead."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
 
 import cv2
 import numpy as np
 
-from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, Evidence, gather
+from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather
+from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.chi_square import ChiSquare, tile_statistics
 from prooflight.deciding.regions import BlockGrid, Findings, findings
+from prooflight.deciding.tolerance import prepare_page
 from prooflight.deciding.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspecting.finding import find_page
-from prooflight.predicting.predict import Prediction
+from prooflight.inspecting.finding import SoughtPage, find
+from prooflight.inspecting.inspection import Inspection, Prepared, cut, pictured, present_inks
+from prooflight.inspecting.weighing import weigh
+from prooflight.predicting.predict import predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.comparing.evidence import Evidence
     from prooflight.deciding.verdict import Detector
     from prooflight.inspecting.finding import FoundPage
     from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
 
-DETECTORS = ("chi-square",)
+    Judge = Detector | CalibratedDetector
+
+DETECTORS = ("chi-square", "ours", "bayes")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Inspection:
-    """A verdict and what it rests on; arrays cover the page's area of the scan."""
+def detector(name: str | None, press: Press) -> Judge:
+    """The detector that users call ``name``, with this press's promise; None: ours if this press was taught it.
 
-    verdict: Verdict
-    prediction: Prediction
-    measured_dn: NDArray[np.uint16]
-    evidence: Evidence
-
-
-def detector(name: str, press: Press) -> Detector:
-    """The detector that users call ``name``, with this press's promise; RequestError if there is none."""
-    if name != "chi-square":
+    RequestError: there is no such detector, or this press was not taught it.
+    """
+    if name is None:
+        name = "chi-square" if press.ours is None else "ours"
+    if name not in DETECTORS:
         raise RequestError("detector", f"there is no {name!r}", remedy=f"choose of {', '.join(DETECTORS)}")
-    return ChiSquare(
-        good_pages_per_false_alarm=press.good_pages_per_false_alarm, misprint_rate=press.costs.misprint_rate
-    )
+    if name == "chi-square":
+        return ChiSquare(
+            good_pages_per_false_alarm=press.good_pages_per_false_alarm,
+            misprint_rate=press.costs.misprint_rate,
+        )
+    taught = press.ours if name == "ours" else press.bayes
+    if taught is None:
+        what = f"press {press.name} was not taught {name!r}"
+        remedy = "build it with `prooflight press build --detector quick`, or choose chi-square"
+        raise RequestError("detector", what, remedy=remedy)
+    return taught
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspector:
+    """A press with a detector; small and picklable."""
+
+    press: Press
+    judge: Judge
+
+    @classmethod
+    def of(cls, press: Press, name: str | None = None) -> Self:
+        """With the detector that users call ``name``; see ``detector``."""
+        return cls(press=press, judge=detector(name, press))
+
+    @property
+    def promise(self) -> str:
+        """How rarely a good page alarms, and on what that rests, in words."""
+        if isinstance(self.judge, CalibratedDetector):
+            return str(self.judge.promise)
+        if isinstance(self.judge, ChiSquare):
+            odds = f"{self.judge.good_pages_per_false_alarm:,.0f}"
+            return f"at most one good page in {odds} alarms, if it differs by sensor noise alone"
+        return "none: a page alarms where stopping costs less than letting pass"
+
+    def prepare(self, page: Page) -> Prepared:
+        """All that can be known of a page, as it enters the press (``ScanGeometry.lay``), ahead of its scans."""
+        sensors, geometry = self.press.sensors, self.press.geometry
+        sought = known = None
+        if isinstance(self.judge, CalibratedDetector):
+            expected = predict(page, sensors=sensors, geometry=geometry)
+            known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
+        else:
+            sought = SoughtPage.of(page, self.press)
+        return Prepared(page=page, sought=sought, known=known, inks=present_inks(page))
+
+    def inspect(
+        self, prepared: Prepared, scan: NDArray[np.uint16], *, scan_name: str, seed: int = 0
+    ) -> Inspection:
+        """Find the page, compare, decide.
+
+        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``.
+        scan (sensors, lines, pixels) [DN], named ``scan_name`` in errors. seed: of the randomised integral transform
+        of the paper's detectors. ScanError: the scan does not fit press or page.
+        """
+        started = time.perf_counter()
+        check_scan(scan_name, scan, prepared.page, self.press)
+        if isinstance(self.judge, CalibratedDetector):
+            done = weigh(prepared, scan, press=self.press, ours=self.judge)
+        else:
+            done = _compared(prepared, scan, press=self.press, judge=self.judge, seed=seed)
+        milliseconds = round((time.perf_counter() - started) * 1e3, 1)
+        return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
+
+
+def inspect_page(
+    page: Page, scan: NDArray[np.uint16], *, press: Press, judge: Judge, scan_name: str, seed: int = 0
+) -> Inspection:
+    """``Inspector.prepare`` and ``inspect`` of one page and one scan, with all that pictures need."""
+    inspector = Inspector(press=press, judge=judge)
+    done = inspector.inspect(inspector.prepare(page), scan, scan_name=scan_name, seed=seed)
+    return pictured(done, page, press)
+
+
+def paper_evidence(page: Page, scan: NDArray[np.uint16], press: Press) -> Evidence:
+    """What the paper's detectors look at in one scan of a page."""
+    found_page = find(SoughtPage.of(page, press), scan, press)
+    return _gathered(scan, found_page, page, press, seed=0)[1]
 
 
 def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> None:
@@ -60,28 +138,18 @@ def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) ->
         raise ScanError(name, what, remedy=f"page {page.number} needs {rows.stop} lines")
 
 
-def inspect_page(
-    page: Page, scan: NDArray[np.uint16], *, press: Press, judge: Detector, scan_name: str, seed: int = 0
-) -> Inspection:
-    """Find the page, predict it where it lies, compare, decide; ``page`` as it enters the press (``ScanGeometry.lay``).
+def not_inspected(page_name: str) -> Verdict:
+    """The verdict of a page that has no scan: it is passed on, and said so."""
+    return Verdict(page=page_name, verdict="not-inspected", action="accept")
 
-    A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``.
-    scan (sensors, lines, pixels) [DN], named ``scan_name`` in errors. seed: of the randomised integral transform.
-    ScanError: the scan does not fit press or page.
-    """
-    started = time.perf_counter()
-    check_scan(scan_name, scan, page, press)
-    found_page = find_page(page, scan, press)
-    area = (slice(None), *found_page.area)
-    prediction = found_page.prediction
-    seen = Prediction(expected_dn=prediction.expected_dn[area], variance_dn2=prediction.variance_dn2[area])
-    evidence = gather(
-        scan[area],
-        seen.expected_dn,
-        seen.variance_dn2,
-        top_codes_dn=[sensor.top_code_dn for sensor in press.sensors],
-        seed=seed + page.number,
-    )
+
+def _compared(
+    prepared: Prepared, scan: NDArray[np.uint16], *, press: Press, judge: Detector, seed: int
+) -> Inspection:
+    """One scan under the paper's detectors."""
+    assert prepared.sought is not None
+    page, found_page = prepared.page, find(prepared.sought, scan, press)
+    seen, evidence = _gathered(scan, found_page, page, press, seed=seed)
     judgement = judge.judge(evidence)
     misprint = judgement.misprint or found_page.wrong_page
     found = Findings(regions=(), kind=None)
@@ -99,14 +167,33 @@ def inspect_page(
         kind="wrong-page" if found_page.wrong_page else found.kind,
         regions=found.regions,
         shift_mm=found_page.shift_mm,
-        milliseconds=round((time.perf_counter() - started) * 1e3, 1),
+        detector=judge.name,
+        expected_cost=press.costs.expected_cents(judgement.probability),
     )
-    return Inspection(verdict=verdict, prediction=seen, measured_dn=scan[area], evidence=evidence)
+    return Inspection(
+        verdict=verdict,
+        placement=found_page.placement,
+        area=found_page.area,
+        measured_dn=scan[(slice(None), *found_page.area)],
+        block_z=evidence.block_z,
+        prediction=seen,
+        evidence=evidence,
+    )
 
 
-def not_inspected(page_name: str) -> Verdict:
-    """The verdict of a page that has no scan: it is passed on, and said so."""
-    return Verdict(page=page_name, verdict="not-inspected", action="accept")
+def _gathered(
+    scan: NDArray[np.uint16], found_page: FoundPage, page: Page, press: Press, *, seed: int
+) -> tuple[Prediction, Evidence]:
+    """The prediction of the area that is judged, and the evidence there."""
+    seen = cut(found_page.prediction, found_page.area)
+    evidence = gather(
+        scan[(slice(None), *found_page.area)],
+        seen.expected_dn,
+        seen.variance_dn2,
+        top_codes_dn=[sensor.top_code_dn for sensor in press.sensors],
+        seed=seed + page.number,
+    )
+    return seen, evidence
 
 
 def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> BlockGrid:

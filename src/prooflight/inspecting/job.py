@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from prooflight.acquiring.replay import recorded_scans
 from prooflight.errors import ScanError
-from prooflight.inspecting.inspector import Inspection, detector, inspect_page, not_inspected
+from prooflight.inspecting.inspection import pictured
+from prooflight.inspecting.inspector import Inspector, not_inspected
 from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
 
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
     from prooflight.acquiring.replay import RecordedScan
     from prooflight.deciding.verdict import Verdict
+    from prooflight.inspecting.inspection import Inspection
     from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
 
 Pair = tuple[int, "RecordedScan | None"]
 
@@ -49,26 +50,24 @@ class InspectPage:
     """Inspect one page of a job; small and picklable, so that it travels to worker processes."""
 
     job: JobSource
-    press: Press
-    detector: str
+    inspector: Inspector
 
     def __call__(self, pair: Pair) -> Verdict:
         """The verdict on one page and its scan."""
         number, scan = pair
         if scan is None:
             return not_inspected(page_name(number))
-        return self.inspection(number, scan).verdict
+        return self._inspection(self.page(number), scan).verdict
 
     def page(self, number: int) -> Page:
         """The job's page as it lies in the press."""
-        return self.press.geometry.lay(opened(self.job).page(number))
+        return self.inspector.press.geometry.lay(opened(self.job).page(number))
 
     def inspection(self, number: int, scan: RecordedScan) -> Inspection:
-        """The verdict on one page and all that it rests on."""
-        return inspect_page(
-            self.page(number),
-            scan.read(),
-            press=self.press,
-            judge=detector(self.detector, self.press),
-            scan_name=str(scan.path),
-        )
+        """The verdict on one page and all that it rests on, with what pictures need."""
+        page = self.page(number)
+        return pictured(self._inspection(page, scan), page, self.inspector.press)
+
+    def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
+        prepared = self.inspector.prepare(page)
+        return self.inspector.inspect(prepared, scan.read(), scan_name=str(scan.path))

@@ -24,5 +24,5 @@ class PicturedPage:
         number, scan = pair
         page = self.work.page(number)
         if scan is None:
-            return page_entry(page, not_inspected(page_name(number)), self.work.press)
-        return page_entry(page, self.work.inspection(number, scan), self.work.press)
+            return page_entry(page, not_inspected(page_name(number)), self.work.inspector.press)
+        return page_entry(page, self.work.inspection(number, scan), self.work.inspector.press)

@@ -11,13 +11,15 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.evidence import BLOCK_PIXELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.acquiring.placement import Placement
     from prooflight.deciding.verdict import Region
-    from prooflight.inspecting.inspector import Inspection
+    from prooflight.inspecting.inspection import Inspection
     from prooflight.pages.raster import Page
     from prooflight.press import Press
 
@@ -111,23 +113,28 @@ def appearance(cmyk: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.
 
 
 def page_frame(page: Page, press: Press) -> Frame:
-    """The area of the page that an inspection's arrays cover: all but parts of a pixel along its edges."""
+    """The area of a page in its place: all but parts of a pixel along its edges."""
+    return _frame(page, press, press.geometry.on_page(page.width_mm, page.height_mm), IN_PLACE)
+
+
+def _frame(page: Page, press: Press, area: tuple[slice, slice], placement: Placement) -> Frame:
+    """What lines and columns of a scan show of a page that lies so; turn and warp left out."""
     geometry = press.geometry
-    lines, columns = geometry.on_page(page.width_mm, page.height_mm)
+    lines, columns = area
     return Frame(
-        x_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm),
-        y_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm,
+        x_mm=columns.start * geometry.pixel_pitch_mm
+        - geometry.left_mm(page.width_mm)
+        - placement.shift_mm[0],
+        y_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm - placement.shift_mm[1],
         width_mm=(columns.stop - columns.start) * geometry.pixel_pitch_mm,
         height_mm=(lines.stop - lines.start) * geometry.line_pitch_mm,
     )
 
 
-def signals(
-    page: Page, inspection: Inspection, press: Press
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def signals(inspection: Inspection, press: Press) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Expected and measured signal of the first sensor (lines, pixels), columns evened out; bare paper is 1. [-]"""
-    sensor = press.sensors[0]
-    _, columns = press.geometry.on_page(page.width_mm, page.height_mm)
+    assert inspection.prediction is not None  # ``inspect_page`` and ``pictured`` see to it
+    sensor, (_, columns) = press.sensors[0], inspection.area
     offset = sensor.column_offset_dn[columns]
     scale = (1 / (sensor.column_gain[columns] * sensor.white_dn)).astype(np.float32)
     expected = (inspection.prediction.expected_dn[0] - offset) * scale
@@ -182,15 +189,15 @@ def alarm_pictures(
     page: Page, inspection: Inspection, press: Press, *, place: Region | None, width_px: int = 720
 ) -> AlarmPictures:
     """All pictures of one inspection that a person should look at. place: what to enlarge."""
-    frame = page_frame(page, press)
-    expected, measured = signals(page, inspection, press)
-    error = error_picture(inspection.evidence.block_z, expected, frame, width_px=width_px)
+    frame = _frame(page, press, inspection.area, inspection.placement)
+    expected, measured = signals(inspection, press)
+    error = error_picture(inspection.block_z, expected, frame, width_px=width_px)
     return AlarmPictures(
         frame=frame,
         expected=encoded(grey_picture(expected, frame, width_px=width_px)),
         measured=encoded(grey_picture(measured, frame, width_px=width_px)),
         error=encoded(error),
-        zoom=None if place is None else zoom(place, inspection.evidence.block_z, expected, measured, frame),
+        zoom=None if place is None else zoom(place, inspection.block_z, expected, measured, frame),
     )
 
 

@@ -12,7 +12,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from prooflight import __version__
 from prooflight.atomic import whole_file
 from prooflight.deciding.verdict import Region, Verdict
-from prooflight.inspecting.inspector import Inspection, not_inspected
+from prooflight.inspecting.inspection import Inspection
+from prooflight.inspecting.inspector import not_inspected
 from prooflight.reporting import pictures, wording
 
 if TYPE_CHECKING:

@@ -140,13 +140,13 @@ def error_map(press: Press, exhibit: Exhibit, *, seed: int) -> ErrorMap:
         scan_name="the simulated scan",
         seed=seed,
     )
-    _, measured = signals(page, inspection, press)
+    _, measured = signals(inspection, press)
     return ErrorMap(
         page=np.asarray(page_picture(page, press, width_px=PICTURE_PX)),
         page_size_mm=(page.width_mm, page.height_mm),
         measured=measured,
         frame=page_frame(page, press),
-        block_z=inspection.evidence.block_z[0],
+        block_z=inspection.block_z[0],
         misprint=scan.misprint.detail,
         region_mm=scan.misprint.region_mm,
         verdict=inspection.verdict.verdict,

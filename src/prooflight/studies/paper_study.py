@@ -41,12 +41,12 @@ def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[fl
         press = replace(ideal, world="press")
         return [(QUICK_PITCH_MM, replace(ideal, noises=(1.0, 2.0, 3.0, 4.0))), (QUICK_PITCH_MM, press)]
     ideal = Plan(
-        seed=seed, world="ideal", pilot=40, learn=1000, tune=500, test=1500, good_copies=2, misprints=3
+        seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500, good_copies=1, misprints=2
     )
-    # A press-world scan costs seven ideal ones: fewer designs and copies, but as many sessions a design.
-    press = replace(ideal, world="press", learn=300, tune=150, test=900, good_copies=1, misprints=2)
+    # A press-world scan costs seven ideal ones: fewer designs.
+    press = replace(ideal, world="press", learn=300, tune=150, test=900)
     noises = (1.0, 2.0, 3.0, 4.0)
-    small = replace(ideal, pilot=20, learn=300, tune=150, test=300, good_copies=1, misprints=2)
+    small = replace(ideal, pilot=20, learn=300, tune=150, test=300)
     full = replace(small, learn=150, tune=75, test=75)
     return [
         (REDUCED_PITCH_MM, ideal),

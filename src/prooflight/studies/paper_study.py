@@ -43,18 +43,18 @@ def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[fl
     ideal = Plan(
         seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500, good_copies=1, misprints=2
     )
-    # A press-world scan costs seven ideal ones: fewer designs.
-    press = replace(ideal, world="press", learn=300, tune=150, test=900)
+    # A press-world scan costs seven ideal ones: fewer designs. `study press` has the paper's detectors on more of them.
+    press = replace(ideal, world="press", pilot=20, learn=150, tune=75, test=300)
     noises = (1.0, 2.0, 3.0, 4.0)
-    small = replace(ideal, pilot=20, learn=300, tune=150, test=300)
-    full = replace(small, learn=150, tune=75, test=75)
+    noisy = replace(ideal, pilot=20, learn=200, tune=100, test=200, noises=noises)
+    full = replace(ideal, pilot=20, learn=100, tune=50, test=150)
     return [
         (REDUCED_PITCH_MM, ideal),
         (REDUCED_PITCH_MM, press),
-        (REDUCED_PITCH_MM, replace(small, noises=noises)),
+        (REDUCED_PITCH_MM, noisy),
         (own_pitch_mm, full),
-        (REDUCED_PITCH_MM, replace(small, world="press", learn=60, tune=30, test=60, noises=noises)),
-        (own_pitch_mm, replace(full, world="press", learn=60, tune=30, test=60)),
+        (REDUCED_PITCH_MM, replace(noisy, world="press", pilot=10, learn=30, tune=20, test=30)),
+        (own_pitch_mm, replace(full, world="press", pilot=10, learn=30, tune=20, test=50)),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -107,6 +108,26 @@ def make_page() -> Callable[..., Page]:
 @pytest.fixture(scope="session")
 def page(make_page: Callable[..., Page]) -> Page:
     return make_page(7)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """Pages of ``make_page`` as designs that teach; many alike, so that few teach enough."""
+
+    make: Callable[..., Page]
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+        return self.make(1000 + index, number=index + 1, height_mm=30.0)
+
+
+@pytest.fixture(scope="session")
+def taught_press(press: Press, make_page: Callable[..., Page]) -> Press:
+    """The press with our detector, which lets one good page in ten alarm: so much 9 of 24 designs can promise."""
+    from prooflight.commissioning.teach import taught
+
+    rarely = replace(press, good_pages_per_false_alarm=10.0)
+    return taught(rarely, Made(make=make_page), designs=24, seed=1, processes=1)
 
 
 @pytest.fixture(scope="session")

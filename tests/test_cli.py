@@ -23,7 +23,20 @@ def press(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("press")
     text = PressFile.prototype().text.replace("pixels = 2048 ", f"pixels = {PIXELS} ")
     (folder / "small.toml").write_text(text)
-    assert run(["press", "build", str(folder / "small.toml"), "-o", str(folder / "small.press")]) == 0
+    assert (
+        run(
+            [
+                "press",
+                "build",
+                str(folder / "small.toml"),
+                "-o",
+                str(folder / "small.press"),
+                "--detector",
+                "none",
+            ]
+        )
+        == 0
+    )
     return folder / "small.press"
 
 
@@ -53,11 +66,19 @@ def test_press_build_reports_digest_and_table_accuracy(
     press: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     code, out, _ = call(
-        capsys, "press", "build", press.with_suffix(".toml"), "-o", tmp_path / "x.press", "--json"
+        capsys,
+        "press",
+        "build",
+        press.with_suffix(".toml"),
+        "-o",
+        tmp_path / "x.press",
+        "--detector",
+        "none",
+        "--json",
     )
     answer = json.loads(out)
     assert code == 0
-    assert set(answer) == {"press", "digest", "seconds", "tables"}
+    assert set(answer) == {"press", "digest", "seconds", "detectors", "tables"}
     assert answer["tables"][0]["white_sigma"] <= 0.03
 
 
@@ -101,7 +122,8 @@ def test_misprints_end_with_exit_code_1_and_a_place(
     assert code == 1
     assert [verdict["verdict"] for verdict in verdicts] == ["misprint"] * 3
     keys = {"page", "verdict", "action", "probability", "score", "threshold", "p_value", "kind", "regions"}
-    assert keys | {"shift_mm", "milliseconds"} == set(verdicts[0])
+    more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
+    assert keys | more == set(verdicts[0])
     assert set(verdicts[0]["regions"][0]) == {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
 
 
@@ -157,6 +179,17 @@ def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[obje
         "damaged artefact": (["press", "show", folder / "no.press"], "no.press"),
         "misspelt field": (["press", "build", folder / "bad.toml", "-o", out], "f_number"),
         "missing press file": (["press", "build", folder / "none.toml", "-o", out], "none.toml"),
+        "no such teaching": (
+            ["press", "build", press.with_suffix(".toml"), "-o", out, "--detector", "some"],
+            "none, quick, full",
+        ),
+        "too few designs": (
+            ["press", "build", press.with_suffix(".toml"), "-o", out, "--designs", "3"],
+            "24 or more",
+        ),
+        "not said to be good": (["press", "learn", press, job, job], "--good"),
+        "learn untaught": (["press", "learn", press, job, job, "--good"], "press build --detector"),
+        "inspect untaught": (["inspect", job, job, "--press", press, "--detector", "ours"], "was not taught"),
         "no scans": (["inspect", job, folder / "empty", "--press", press], "empty"),
         "narrow scan": (["inspect", job, folder / "narrow.tif", "--press", press], "100 pixels"),
         "short scan": (["inspect", job, folder / "short.tif", "--press", press], "100 lines"),
@@ -183,6 +216,11 @@ def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[obje
         "damaged artefact",
         "misspelt field",
         "missing press file",
+        "no such teaching",
+        "too few designs",
+        "not said to be good",
+        "learn untaught",
+        "inspect untaught",
         "no scans",
         "narrow scan",
         "short scan",

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prooflight.acquiring.placement import IN_PLACE, Placement
-from prooflight.comparing.local_evidence import MODES, SIZES, Scatter, boxes, statistic, summed
+from prooflight.comparing.boxed_evidence import boxes, cells_of
+from prooflight.comparing.local_evidence import MODES, SIZES, Scatter, statistic, summed
 from prooflight.comparing.modes import Modes, moved, prepare_modes, sight
 from prooflight.comparing.nuisance import Fit, Spread, Tolerance, fit_nuisances, page_colours
 from prooflight.comparing.residuals import in_register, residual_images
@@ -90,7 +91,7 @@ def scan_of(press: Press, page: Page, *, times: float = 1.0, seed: int = 3) -> N
 def greatest(sums: Sums, name: str, size: int = 8) -> float:
     """|T| of a mode, boxes of one size."""
     mode, place = MODES.index(name), SIZES.index(size)
-    own, power, edges, _ = boxes(sums, size)
+    own, power, edges = boxes(list(cells_of(sums))[place])
     t = statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
     return float(np.abs(t).max())
 
@@ -139,11 +140,11 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     printed = Page(cmyk=tints.cmyk.copy(), dpi=DPI, name="spot", number=1)
     printed.cmyk[740:760, 300:320, BLACK] = 100
     found = judged(press, tints, scan_of(press, printed))
-    own, power, edges, step = boxes(found.sums, 2)
+    cells = next(cells_of(found.sums))
+    own, power, edges = boxes(cells)
     t = statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
     row, column = np.unravel_index(int(np.argmax(t)), t.shape)
-    x = column * step * found.sums.tile_mm + found.sums.left_mm
-    y = row * step * found.sums.tile_mm + found.sums.top_mm
+    x, y, _, _ = cells.box_mm(found.sums, int(row), int(column))
     assert t.max() > 20
     assert (x, y) == pytest.approx((310 * 25.4 / DPI, 750 * 25.4 / DPI), abs=1.5)
 
@@ -153,8 +154,8 @@ def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tin
     planes[CYAN] = 0.06, -1.0
     page, left = in_register(tints, planes)
     pixel = tints.pixel_mm
-    assert left[CYAN] == pytest.approx((0.06 - pixel, -1.0 + 2 * pixel))
-    assert np.array_equal(page.cmyk[:-2, 1:, CYAN], tints.cmyk[2:, :-1, CYAN])
+    assert left[CYAN] == pytest.approx((0.06 - pixel, -1.0 + 4 * pixel))
+    assert np.array_equal(page.cmyk[:-4, 1:, CYAN], tints.cmyk[4:, :-1, CYAN])
     assert np.array_equal(page.cmyk[..., BLACK], tints.cmyk[..., BLACK])
     same, _ = in_register(tints, np.zeros((4, 2)))
     assert same is tints

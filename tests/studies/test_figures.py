@@ -10,11 +10,14 @@ import pytest
 from PIL import Image
 from scipy import stats
 
+from prooflight.deciding.operating import area_under_roc
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.press_file import PressFile
+from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.scans import MisprintRequest
 from prooflight.studies.figures import COLOURS, Exhibit, draw_figures, error_map, repeated_exposures, slices
+from prooflight.studies.page_samples import Samples, judged_samples, page_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +34,11 @@ def job(tmp_path_factory: pytest.TempPathFactory, make_page: Callable[..., Page]
 
 
 def test_all_figures_are_written(two_sensor_file: PressFile, job: Path, tmp_path: Path) -> None:
-    short = PressFile(two_sensor_file.path, two_sensor_file.text.replace("pixels = 2048", "pixels = 400"))
-    written = draw_figures(short, Exhibit(job=job), tmp_path / "out")
+    # pixels of 0.26 mm, so that figures 7 and 8 need no press of their own
+    text = two_sensor_file.text.replace("pixels = 2048", "pixels = 200").replace("= 546.6", "= 1260.0")
+    short = PressFile(two_sensor_file.path, text)
+    exhibit = Exhibit(job=job, good_copies=6, of_each_kind=2)
+    written = draw_figures(short, exhibit, tmp_path / "out")
     assert [path.name for path in written] == [
         "figure-3-light-and-sensors.png",
         "figure-4-tables-mono.png",
@@ -40,6 +46,8 @@ def test_all_figures_are_written(two_sensor_file: PressFile, job: Path, tmp_path
         "figure-5-noise-mono.png",
         "figure-5-noise-blue.png",
         "figure-6-error-map.png",
+        "figure-7-statistics.png",
+        "figure-8-roc-and-cost.png",
     ]
     assert sorted((tmp_path / "out").iterdir()) == sorted(written)
     for path in written:
@@ -92,6 +100,40 @@ def test_the_error_map_shows_the_misprint_and_nothing_else(press: Press, job: Pa
     inside = np.outer(in_y, (x > x_mm - off_x) & (x < x_mm + width_mm + off_x))
     assert np.abs(shown.block_z[inside]).max() > 20
     assert np.abs(shown.block_z[~inside]).max() < 6  # 2,000 blocks of N(0, 1)
+
+
+@pytest.fixture(scope="module")
+def samples(two_sensor_press: Press, job: Path) -> Samples:
+    return page_samples(two_sensor_press, job, 1, good=10, of_each_kind=2, seed=3)
+
+
+def test_statistics_of_good_copies_are_those_of_the_standard_normal(samples: Samples) -> None:
+    """About 2100 windows a copy, 10 copies, each sensor: five standard errors."""
+    good = samples.statistics[samples.kinds == ""]
+    assert good.shape == (10, 2, 3)
+    windows = 2100
+    np.testing.assert_allclose(good[..., 0].mean(axis=0), 0, atol=5 / np.sqrt(10 * windows))
+    np.testing.assert_allclose(good[..., 2].mean(axis=0), 0.5, atol=5 * 0.5 / np.sqrt(10 * windows))
+    # the least of so many: between its 1e-4 quantiles
+    low, high = stats.norm.ppf(1 - (1 - np.array([1e-4, 1 - 1e-4])) ** (1 / windows))
+    assert (good[..., 1] > low).all()
+    assert (good[..., 1] < high).all()
+
+
+def test_every_kind_is_printed_and_what_is_learned_is_not_judged(samples: Samples) -> None:
+    assert {*samples.types} == {"correct", "global", "local"}
+    kinds, counts = np.unique(samples.kinds, return_counts=True)
+    assert set(kinds) - {""} <= set(KINDS)
+    judged = judged_samples(samples)
+    for pages in judged.values():
+        assert (~pages.bad).sum() == 5
+        assert pages.bad.sum() == (counts[kinds != ""] // 2).sum()
+    assert area_under_roc(judged["chi-square"]) > 0.7
+
+
+def test_the_same_seed_prints_the_same_copies(samples: Samples, two_sensor_press: Press, job: Path) -> None:
+    again = page_samples(two_sensor_press, job, 1, good=2, of_each_kind=0, seed=3)
+    np.testing.assert_array_equal(again.statistics, samples.statistics[:2])
 
 
 def test_pages_and_misprints_that_do_not_exist_are_refused(press: Press, job: Path) -> None:

@@ -1,4 +1,4 @@
-"""Recorded scans: TIFF files of raw digital numbers, uint16 (sensors, lines, pixels)."""
+"""Recorded scans: TIFF files of raw digital numbers, uint16 (sensors, lines, pixels); also played as lines."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tifffile
 
+from prooflight.acquiring.lines import BLOCK_LINES, LineBlock
+from prooflight.acquiring.pacing import Pacer
 from prooflight.atomic import whole_file
 from prooflight.errors import ScanError
 from prooflight.pages.job import natural_order
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -90,6 +92,46 @@ def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
             path, "there is no such file or folder", remedy="give a folder of scans or a TIFF file"
         )
     return _scans_of(path, sensors)
+
+
+class Replay:
+    """Recorded scans played one after the other, as a camera would have seen them."""
+
+    def __init__(
+        self,
+        scans: Sequence[RecordedScan],
+        *,
+        sensors: int,
+        pixels: int,
+        line_rate_hz: float | None = None,
+        block_lines: int = BLOCK_LINES,
+        pacer: Pacer | None = None,
+    ) -> None:
+        """line_rate_hz: None: as fast as they are taken."""
+        self.sensors, self.pixels = sensors, pixels
+        self._scans, self._block_lines, self._closed = scans, block_lines, False
+        self._pacer = pacer or Pacer(line_rate_hz)
+
+    def blocks(self) -> Iterator[LineBlock]:
+        """All lines of all scans. ScanError: one is damaged or of another camera."""
+        first = 0
+        for scan in self._scans:
+            lines = scan.read()
+            if lines.shape[::2] != (self.sensors, self.pixels):
+                what = f"is of {lines.shape[0]} sensors x {lines.shape[2]} pixels"
+                remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
+                raise ScanError(scan.path, what, remedy=remedy)
+            for start in range(0, lines.shape[1], self._block_lines):
+                if self._closed:
+                    return
+                block = lines[:, start : start + self._block_lines]
+                time_s = self._pacer.read(block.shape[1])
+                yield LineBlock(first_line=first, lines=block, time_s=time_s)
+                first += block.shape[1]
+
+    def close(self) -> None:
+        """Play no more."""
+        self._closed = True
 
 
 class _Complaints(logging.Handler):

@@ -7,7 +7,24 @@ import sys
 import typer
 
 from prooflight import __version__
-from prooflight.cli import bench, calibrate, camera, chart, job, press, study, study_paper, study_world
+from prooflight.cli import (
+    bench,
+    calibrate,
+    camera,
+    chart,
+    job,
+    press,
+    runs,
+    study,
+    study_detectability,
+    study_golden,
+    study_paper,
+    study_press,
+    study_running,
+    study_soak,
+    study_world,
+    watch,
+)
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
 
@@ -28,8 +45,15 @@ app.add_typer(chart.app, name="chart")
 app.add_typer(camera.app, name="camera")
 study_world.register(study.app)
 study_paper.register(study.app)
+study_press.register(study.app)
+study_golden.register(study.app)
+study_detectability.register(study.app)
+study_running.register(study.app)
+study_soak.register(study.app)
 app.add_typer(study.app, name="study")
 app.command()(calibrate.calibrate)
+runs.register(app)
+app.command()(watch.watch)
 
 
 def _version(asked: bool) -> None:

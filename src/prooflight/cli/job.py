@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from prooflight.cli import show
+from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press import Press
 from prooflight.reporting.wording import count
@@ -182,8 +183,21 @@ def simulate(
 
 def inspect(
     job: JobPath,
-    scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Folder of scans, or a TIFF in page order.")],
-    press: PressArtefact,
+    scans: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCANS",
+            help="Folder of scans, or a TIFF in page order; with --golden JOB may be left out.",
+        ),
+    ] = None,
+    press: Annotated[
+        Path | None,
+        typer.Option("--press", metavar="X.press", help="Press artefact; only --golden does without."),
+    ] = None,
+    golden: Annotated[
+        Path | None,
+        typer.Option(metavar="SCAN", help="A good scan to compare with, or one for each page; needs no job."),
+    ] = None,
     detector: Annotated[
         str | None,
         typer.Option(
@@ -197,6 +211,14 @@ def inspect(
     json: Json = False,
 ) -> None:
     """Compare scans with the job, one verdict a page in job order; exits 1 if there is a misprint."""
+    if golden is not None:
+        _inspect_golden(golden, job, scans, press, detector, report, profile, json=json)
+        return
+    if scans is None or press is None:
+        missing = "SCANS" if scans is None else "--press"
+        raise RequestError(
+            "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
+        )
     from prooflight.inspecting.inspector import Inspector
     from prooflight.inspecting.job import InspectPage, paired
     from prooflight.pages.parallel import in_order
@@ -243,6 +265,29 @@ def inspect(
         if report is not None:
             show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
     if alarms:
+        raise typer.Exit(MISPRINT_FOUND)
+
+
+def _inspect_golden(
+    golden: Path,
+    job: Path,
+    scans: Path | None,
+    press: Path | None,
+    detector: str | None,
+    report: Path | None,
+    profile: Path | None,
+    *,
+    json: bool,
+) -> None:
+    from prooflight.cli.golden import inspect_golden
+
+    if detector is not None or report is not None:
+        option = "--detector" if detector is not None else "--report"
+        raise RequestError(
+            option, "does not go with --golden", remedy="leave it out: both need the job's raster"
+        )
+    of_job = (None, job) if scans is None else (job, scans)
+    if inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json):
         raise typer.Exit(MISPRINT_FOUND)
 
 

@@ -33,8 +33,8 @@ def build(
         str,
         typer.Option(
             metavar="none|quick|full",
-            help="What it is taught: our detector from simulated good prints; full: from misprints too, and the paper's "
-            "learned detector.",
+            help="What it is taught by simulation. quick: our detector, from good prints; full: misprints too, and "
+            "the paper's learned detector.",
         ),
     ] = "quick",
     designs: Annotated[
@@ -49,11 +49,14 @@ def build(
 
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
+    from prooflight.commissioning.teach import Plan
     from prooflight.press_file import PressFile
 
     if detector not in TEACHING:
         what = f"there is no {detector!r}"
         raise RequestError("detector", what, remedy=f"choose of {', '.join(TEACHING)}")
+    if detector != "none":
+        Plan.of(designs or TEACHING[detector])  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
@@ -98,6 +101,69 @@ def _detectors(press: Press) -> dict[str, str]:
 
     has = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
     return {name: Inspector.of(press, name).promise for name in has}
+
+
+@app.command()
+def learn(
+    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
+    job: Annotated[Path, typer.Argument(metavar="JOB", help="What was printed.")],
+    scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Scans of its pages, as for `inspect`.")],
+    good: Annotated[
+        bool, typer.Option("--good", help="You have looked at these pages, and all of them are good.")
+    ] = False,
+    promise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N", help="One good page in N may alarm; default what the press file says.", min=2
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="Y.press", help="Where to write; default X.press.")
+    ] = None,
+    profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
+    json: Json = False,
+) -> None:
+    """Set the threshold of our detector by real good pages: they are like those to come, simulated ones only nearly."""
+    from prooflight.commissioning.real_pages import new_scans, recalibrated
+    from prooflight.inspecting.inspector import Inspector
+    from prooflight.inspecting.job import InspectPage, ScoredPage, paired
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.parallel import in_order
+
+    if not good:
+        raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
+    press = Press.load(artefact)
+    inspector = Inspector.of(press, "ours")
+    source = JobSource(path=job, dpi=press.dpi, profile=profile)
+    with source.open() as opened:
+        pairs = [pair for pair in paired(opened, scans, sensors=len(press.sensors)) if pair[1] is not None]
+    work = ScoredPage(InspectPage(job=source, inspector=inspector))
+    rows = in_order(work, pairs)
+    seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
+    fresh = new_scans(press, {page.name: page.digest for page in seen})
+    odds = promise or press.good_pages_per_false_alarm
+    scores = {page.name: page.score for page in seen}
+    learned = recalibrated(press, scores, fresh, false_alarm_rate=1 / odds)
+    alarms = sum(page.score > press.ours.threshold for page in seen) if press.ours else 0
+    digest = learned.save(out or artefact)
+    assert learned.ours is not None
+    facts = {
+        "press": str(out or artefact),
+        "digest": digest,
+        "pages": len(seen),
+        "new": len(fresh),
+        "alarms_before": alarms,
+        "threshold": learned.ours.threshold,
+        "promise": str(learned.ours.promise),
+    }
+    if json:
+        show.print_json(facts)
+        return
+    show.people.print(
+        f"{len(seen)} good pages, {len(fresh)} of them new; {alarms} would have alarmed before. "
+        f"Now: {facts['promise']}"
+    )
+    show.people.print(f"[bold]{out or artefact}[/bold] written, digest {digest[:16]}")
 
 
 @app.command("show")

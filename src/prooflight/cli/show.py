@@ -72,7 +72,7 @@ def steps(*, quiet: bool) -> Callable[[str], None]:
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Verdicts as a table for people."""
     table = Table(title=title, title_justify="left")
-    for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("kind", "left")):
+    for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("what", "left")):
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
     table.add_column(r"where \[mm]")
     table.add_column("score", justify="right", no_wrap=True)
@@ -83,7 +83,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             f"[{style}]{verdict.verdict}[/]",
             verdict.action,
-            verdict.kind or "",
+            verdict.reason or verdict.kind or "",
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",

@@ -127,14 +127,14 @@ def figures(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write the pictures.")],
     press_file: PressFileAt = None,
     job: JobFile = None,
-    page: Annotated[int, typer.Option(metavar="N", help="Page of figure 6.", min=1)] = 1,
+    page: Annotated[int, typer.Option(metavar="N", help="Page of figures 6 to 8.", min=1)] = 1,
     misprint: Annotated[
-        str, typer.Option(metavar="KIND[:SEVERITY]", help="What goes wrong on it.")
+        str, typer.Option(metavar="KIND[:SEVERITY]", help="What goes wrong in figure 6.")
     ] = "missing-content:0.6",
     seed: Annotated[int, typer.Option(help="Of specimen, noise and misprint.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """The paper's figures 3 to 6 for a press: sensors and light, tables, noise, an error map."""
+    """The paper's figures 3 to 8 for a press and a page: light, tables, noise, error map, statistics, cost."""
     from prooflight.press_file import PressFile
     from prooflight.simulating.scans import MisprintRequest
     from prooflight.studies.figures import Exhibit, draw_figures

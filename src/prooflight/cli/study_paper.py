@@ -1,21 +1,34 @@
-"""``prooflight study paper``: the paper's tables, reproduced and audited."""
+"""``prooflight study paper``, ``robustness``, ``design``: the paper's tables, its claims, and its purpose."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.table import Table
 
 from prooflight.cli import show
 from prooflight.cli.study import Json, PressFileAt, Quick, Results
 from prooflight.cli.study_world import CACHE, Cache
 
+Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
+Cluster = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
+]
+
+
+OneWorld = Annotated[
+    str | None, typer.Option("--world", metavar="ideal|press", help="One world; default both.")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add these commands to ``prooflight study``."""
-    for command in (paper,):
+    for command in (paper, robustness, design):
         app.command()(command)
 
 
@@ -23,10 +36,8 @@ def paper(
     press_file: PressFileAt = None,
     out: Results = Path("docs/results"),
     cache: Cache = CACHE,
-    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
-    cluster: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
-    ] = None,
+    seed: Seed = 1,
+    cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -34,11 +45,9 @@ def paper(
     from prooflight.press_file import PressFile
     from prooflight.studies.paper_study import run_paper_study
 
-    if press_file is None:
-        press_file = Path(str(resources.files("prooflight").joinpath("two-sensors.toml")))
     out.mkdir(parents=True, exist_ok=True)
     parts = run_paper_study(
-        PressFile.read(press_file),
+        PressFile.read(press_file or _two_sensors()),
         out,
         cache=cache,
         seed=seed,
@@ -50,3 +59,139 @@ def paper(
         show.print_json(parts)
     else:
         show.people.print(f"Written: [bold]{out / 'paper.md'}[/bold]")
+
+
+def robustness(
+    press_file: PressFileAt = None,
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    seed: Seed = 1,
+    world: OneWorld = None,
+    cluster: Cluster = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """What a wrong belief about the camera costs each detector, kept and relearned; writes robustness.md."""
+    from prooflight.press_file import PressFile
+    from prooflight.studies.robustness_study import run_robustness_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    parts = run_robustness_study(
+        PressFile.read(press_file or _two_sensors()),
+        out,
+        cache=cache,
+        seed=seed,
+        quick=quick,
+        world=world,
+        cluster=cluster,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(parts)
+    else:
+        show.people.print(f"Written: [bold]{out / 'robustness.md'}[/bold]")
+
+
+def design(
+    press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="The camera to start from.")],
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIELD=a,b,c",
+            help="Values of a field, as `camera explore` has it; FIELD+FIELD=a+b,c+d for values that go together; "
+            "sensors=1,2 for the file's first sensors.",
+        ),
+    ] = None,
+    each_alone: Annotated[
+        bool,
+        typer.Option(
+            "--each-alone", help="The file as it is and one change at a time, not all combinations."
+        ),
+    ] = False,
+    sensor_cost: Annotated[
+        float, typer.Option(metavar="CENTS", help="Of one sensor with its share of lens and electronics.")
+    ] = 0.0,
+    computing_cost: Annotated[
+        float, typer.Option(metavar="CENTS", help="Of one sensor's pixels on 10,000 pages.")
+    ] = 0.0,
+    price: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FIELD=VALUE:CENTS", help="What a design with that value costs more."),
+    ] = None,
+    life_pages: Annotated[
+        float, typer.Option(metavar="N", help="Pages over which hardware is written off.")
+    ] = 1e8,
+    detector: Annotated[
+        str, typer.Option(help="bayes, chi-square, difference, ssim or variation.")
+    ] = "bayes",
+    coarser: Annotated[
+        float, typer.Option(help="Study with pixels so many times as wide; 1: each design's own.")
+    ] = 5.0,
+    more: Annotated[int, typer.Option(help="So many times as many page designs.", min=1)] = 1,
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    seed: Seed = 1,
+    world: OneWorld = None,
+    cluster: Cluster = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """What a camera's parts buy: errors per 10,000 pages against hardware and computing; writes design.md."""
+    from prooflight.press_file import PressFile
+    from prooflight.studies.design_choices import Prices, choices, parse_prices
+    from prooflight.studies.design_study import run_design_study
+
+    base = PressFile.read(press_file)
+    chosen = choices(vary or [], each_alone=each_alone)
+    prices = Prices(
+        sensor_cents=sensor_cost,
+        computing_cents=computing_cost,
+        life_pages=life_pages,
+        of_values=parse_prices(price or [], chosen),
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    rows = run_design_study(
+        base,
+        chosen,
+        prices,
+        out,
+        cache=cache,
+        detector=detector,
+        coarser=coarser,
+        seed=seed,
+        quick=quick,
+        world=world,
+        more=more,
+        command=_as_typed(),
+        cluster=cluster,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(rows)
+        return
+    table = Table(title="Cents per 10,000 pages", title_justify="left")
+    for heading in ("world", "design", "errors", "saves", "hardware", "computing", "total", ""):
+        table.add_column(heading, justify="left" if heading in ("world", "design", "") else "right")
+    for row in rows:
+        errors, saving = row.error_cents, row.saving_cents
+        table.add_row(
+            row.world,
+            row.design,
+            *(
+                f"{one.value:.3g} [{one.low:.3g}, {one.high:.3g}]".replace("[", "\\[")
+                for one in (errors, saving)
+            ),
+            *(f"{cents:.3g}" for cents in (row.hardware_cents, row.computing_cents, row.total_cents)),
+            "efficient" if row.efficient else "",
+        )
+    show.people.print(table)
+    show.people.print(f"Written: [bold]{out / 'design.md'}[/bold]")
+
+
+def _two_sensors() -> Path:
+    """The paper's camera of two sensors."""
+    return Path(str(resources.files("prooflight").joinpath("two-sensors.toml")))
+
+
+def _as_typed() -> str:
+    return shlex.join(["prooflight", *sys.argv[1:]])

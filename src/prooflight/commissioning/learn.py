@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.boosting import boosted
+from prooflight.commissioning.boosting import boosted, forested
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.operating import conformal_threshold
-from prooflight.deciding.tolerance import TolerancePress, compressed, families_of, ranked_columns
+from prooflight.deciding.tolerance import (
+    TolerancePress,
+    compressed,
+    families_of,
+    family_columns,
+    ranked_columns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,6 +32,9 @@ FOLDS: Final = 3
 TAIL_FROM: Final = 0.8
 STEPS: Final = 81
 LEAST_EXCESS: Final = 0.02
+POOLED: Final = 25.0
+"""Exceedances that all families together lend to each."""
+LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
@@ -42,6 +51,8 @@ class Pages:
     """(pages, PORTRAIT)"""
     design: NDArray[np.int64]
     bad: NDArray[np.bool_]
+    kind: NDArray[np.str_] | None = None
+    """Of misprint; empty where good; None: not known."""
 
     def rows(self, which: NDArray[np.bool_]) -> Pages:
         """Some of them."""
@@ -50,6 +61,7 @@ class Pages:
             portraits=self.portraits[which],
             design=self.design[which],
             bad=self.bad[which],
+            kind=None if self.kind is None else self.kind[which],
         )
 
 
@@ -122,8 +134,12 @@ def learn_tolerance(
         quantiles=np.zeros((len(kinds), STEPS)),
         tail=np.ones((len(kinds), 2)),
         tail_from=TAIL_FROM,
+        tail_shape=LEAST_SHAPE,
         trees=None,
         family_trees=None,
+        forest=None,
+        kinds=(),
+        kind_trees=(),
         threshold=np.inf,
         good_designs=0,
     )
@@ -131,14 +147,34 @@ def learn_tolerance(
     found = replace(blank, **_tails(deviations[~pages.bad], blank))
     if not ranked or not pages.bad.any():
         return found
-    evidence = found.family_evidence(deviations)
-    columns = ranked_columns(pages.values, deviations, pages.portraits)
+    families_said = family_columns(found.family_evidence(deviations))
+    columns = ranked_columns(pages.values, deviations, pages.portraits, families_said)
     weight = np.where(pages.bad, 0.5 / pages.bad.mean(), 0.5 / (~pages.bad).mean())
     return replace(
         found,
-        trees=boosted(columns, pages.bad, weight, rng=rng, trees=trees, column_share=0.15),
-        family_trees=boosted(evidence, pages.bad, weight, rng=rng, trees=trees, column_share=0.5),
+        trees=boosted(columns, pages.bad, weight, rng=rng, trees=trees, column_share=0.1),
+        family_trees=boosted(families_said, pages.bad, weight, rng=rng, trees=trees, column_share=0.3),
+        forest=forested(families_said, pages.bad, weight, rng=rng, trees=trees),
+        **_kinds(pages, families_said, rng, trees // 3),
     )
+
+
+def _kinds(
+    pages: Pages, families: NDArray[np.float64], rng: np.random.Generator, trees: int
+) -> dict[str, Any]:
+    """Each kind of misprint told from all others."""
+    if pages.kind is None:
+        return {}
+    kind, families = pages.kind[pages.bad], families[pages.bad]
+    kinds = tuple(np.unique(kind).tolist())
+    if len(kinds) < 2:
+        return {}
+    told = []
+    for one in kinds:
+        mine = kind == one
+        weight = np.where(mine, 0.5 / mine.mean(), 0.5 / (~mine).mean())
+        told.append(boosted(families, mine, weight, rng=rng, trees=trees, column_share=0.3))
+    return {"kinds": kinds, "kind_trees": tuple(told)}
 
 
 def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:
@@ -180,13 +216,31 @@ def _out_of_fold(pages: Pages, blank: TolerancePress) -> NDArray[np.float64]:
 
 
 def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, Any]:
-    """Quantiles of each family's greatest deviation on good pages, and an exponential tail beyond."""
+    """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
+
+    A family's few exceedances say little by themselves: all share one shape, by the method of moments, and mean
+    excesses are drawn towards the families' median.
+    """
     quantiles = np.empty_like(blank.quantiles)
-    tail = np.empty_like(blank.tail)
+    beyond = []
     for index in range(len(blank.families)):
         greatest = deviations[:, blank.family == index].max(axis=1)
         quantiles[index] = np.quantile(greatest, np.linspace(0, TAIL_FROM, STEPS))
         begin = quantiles[index, -1]
         above = greatest[greatest > begin] - begin
-        tail[index] = begin, max(float(above.mean()) if above.size else 0.0, LEAST_EXCESS)
-    return {"quantiles": quantiles, "tail": tail}
+        beyond.append(above if above.size else np.zeros(1))
+    usual = float(np.median([above.mean() for above in beyond]))
+    excess = np.array([(above.sum() + POOLED * usual) / (above.size + POOLED) for above in beyond])
+    squares = float(np.median([(above**2).mean() / max(above.mean(), LEAST_EXCESS) ** 2 for above in beyond]))
+    # <x^2> / <x>^2 of a generalised Pareto distribution is 2 (1 - shape) / (1 - 2 shape).
+    shape = (
+        float(np.clip((squares - 2) / (2 * squares - 2), LEAST_SHAPE, MOST_SHAPE))
+        if squares > 1
+        else LEAST_SHAPE
+    )
+    scale = np.maximum(excess, LEAST_EXCESS) * (1 - shape)
+    return {
+        "quantiles": quantiles,
+        "tail": np.stack([quantiles[:, -1], scale], axis=1),
+        "tail_shape": shape,
+    }

@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.summing.kernels import column_gains, line_sums, take_columns, tile_sums
+from prooflight.comparing.summing.kernels import column_gains, take_columns
+from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,6 +53,8 @@ PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
 GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
 """Heights and widths of boxes in which echoes are looked for."""
+FLAT: Final = 0.25
+"""Places of which edges make up no more than so much of the variance are flat."""
 LEAST_POWER: Final = 1e-3
 """Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
 
@@ -64,6 +67,8 @@ class Sums:
     """(4, modes + 1, tile rows, tile columns): N, D, C, and the edges' part of D; the last mode is the energy."""
     columns: NDArray[np.float32]
     """(4, LINE_MODES, SEGMENTS, pixels), columns of the page."""
+    flat_columns: NDArray[np.float32]
+    """The same of pixels away from edges."""
     cover: NDArray[np.float32]
     """(4, tile rows, tile columns) mean ink area."""
     tile_mm: float
@@ -90,8 +95,8 @@ def summed(
     lines, pixels = where.inside.shape
     tiles = np.zeros((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
     columns = np.zeros((4, LINE_MODES, SEGMENTS, pixels), np.float32)
-    middle = where.columns[:, pixels // 2] - where.columns[lines // 2, pixels // 2]
-    shift = -np.rint(middle).astype(np.int64)
+    flat_columns = np.zeros_like(columns)
+    shift = -np.rint(where.slant()).astype(np.int64)
     for index, sensor in enumerate(sensors):
         light = seen.expected_dn[index] - sensor.column_offset_dn
         white = (sensor.white_dn * sensor.column_gain).astype(np.float32)
@@ -104,7 +109,8 @@ def summed(
             modes.gain[index],
             of_edges[index],
         )
-        line_sums(*images, shift, SEGMENTS, -(-lines // SEGMENTS), *columns)
+        for most_edge, into in ((1.0, columns), (FLAT, flat_columns)):
+            line_sums(*images, np.float32(most_edge), shift, SEGMENTS, -(-lines // SEGMENTS), *into)
         gains = np.empty(pixels, np.float32)
         column_gains(left[index], weight[index], light, np.float32(1 / COLUMN_SD**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
@@ -123,6 +129,7 @@ def summed(
     return Sums(
         tiles=tiles,
         columns=columns,
+        flat_columns=flat_columns,
         cover=cover,
         tile_mm=side * geometry.pixel_pitch_mm,
         pixel_mm=geometry.pixel_pitch_mm,

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 
+from prooflight.comparing.summing.moving_kernels import STRETCH, move_smooth, within
 from prooflight.pages.sampling import LensCorrection
 from prooflight.predicting.predict import predict
 from prooflight.predicting.slopes import EVERY, SLOPE_NODES, mean_slopes
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 INKS: Final = 4
 COVER_SCALE: Final = 4096.0
 """Coverage is predicted as if it were a signal of so many DN."""
-NODE_PIXELS: Final = 16
-"""Between nodes at which a placement is evaluated: warps are smooth over 25 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,6 +101,13 @@ def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
     )
 
 
+@lru_cache(maxsize=8)
+def shadow_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
+    """Sensor models that see how much lighter it would be without one ink. [DN]"""
+    mean = sensor.mean_dn
+    return tuple(_as_sensor(sensor, np.take(mean, [0], axis=ink) - mean) for ink in range(INKS))
+
+
 def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:
     values = np.ascontiguousarray(table, np.float32)
     pixels = sensor.column_gain.size
@@ -132,6 +137,13 @@ def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
     return fine
 
 
+def seen_as(
+    page: Page, model: SensorModel, *, geometry: ScanGeometry, threads: int | None = 1
+) -> NDArray[np.float32]:
+    """What one sensor model sees of a page in its place, (lines, pixels)."""
+    return predict(page, sensors=[model], geometry=geometry, threads=threads).expected_dn[0]
+
+
 def prepare_modes(
     page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, threads: int | None = 1
 ) -> Modes:
@@ -144,7 +156,7 @@ def prepare_modes(
     cover = np.zeros((INKS, lines, geometry.pixels), np.float32)
 
     def seen(model: SensorModel) -> NDArray[np.float32]:
-        return predict(page, sensors=[model], geometry=geometry, threads=threads).expected_dn[0]
+        return seen_as(page, model, geometry=geometry, threads=threads)
 
     for index, sensor in enumerate(sensors):
         tables = mode_sensor(sensor)
@@ -163,69 +175,84 @@ def prepare_modes(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sight:
-    """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place."""
+    """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place.
 
-    columns: NDArray[np.float32]
-    """(lines, pixels) [pixels]"""
-    lines: NDArray[np.float32]
+    Displacements are kept at nodes ``STRETCH`` pixels apart and are linear between them.
+    """
+
+    across: NDArray[np.float32]
+    """(rows, columns) of nodes: how far to the right of itself a pixel looks. [pixels]"""
+    along: NDArray[np.float32]
+    """How far below itself."""
     inside: NDArray[np.bool_]
     """(lines, pixels) whether that is on the page, ``margin`` pixels or more from its edge."""
+
+    def slant(self) -> NDArray[np.float64]:
+        """(lines,) how much further to the right than the middle line each line looks, halfway across. [pixels]"""
+        lines, pixels = self.inside.shape
+        nodes = self.across[:, pixels // 2 // STRETCH]
+        by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
+        return np.asarray(by_line - by_line[lines // 2])
 
 
 def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> Sight:
     """What the camera looks at where ``placement`` puts the page; linear between nodes."""
     lines, pixels = geometry.lines(page.height_mm), geometry.pixels
-    down = np.arange(0, lines + NODE_PIXELS, NODE_PIXELS)
-    across = np.arange(0, pixels + NODE_PIXELS, NODE_PIXELS)
+    down = np.arange(0, lines + STRETCH, STRETCH)
+    across = np.arange(0, pixels + STRETCH, STRETCH)
     x0, y0 = geometry.centres_x_mm(page.width_mm)[0], geometry.centres_y_mm(1)[0]
     x, y = np.meshgrid(x0 + across * geometry.pixel_pitch_mm, y0 + down * geometry.line_pitch_mm)
     seen_x, seen_y = placement.seen_mm(x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
-    at_column = _between((seen_x - x0) / geometry.pixel_pitch_mm, lines, pixels)
-    at_line = _between((seen_y - y0) / geometry.line_pitch_mm, lines, pixels)
+    by_x = ((seen_x - x) / geometry.pixel_pitch_mm).astype(np.float32)
+    by_y = ((seen_y - y) / geometry.line_pitch_mm).astype(np.float32)
     left, top = -x0 / geometry.pixel_pitch_mm, -y0 / geometry.line_pitch_mm
     right = left + page.width_mm / geometry.pixel_pitch_mm
     bottom = top + page.height_mm / geometry.line_pitch_mm
-    inside = (at_column > left + margin) & (at_column < right - margin)
-    inside &= (at_line > top + margin) & (at_line < bottom - margin)
-    return Sight(columns=at_column, lines=at_line, inside=inside)
-
-
-def _between(nodes: NDArray[np.float64], lines: int, pixels: int) -> NDArray[np.float32]:
-    """Bilinear between nodes ``NODE_PIXELS`` apart."""
-    y = (np.arange(lines, dtype=np.float32) / NODE_PIXELS)[:, None]
-    x = (np.arange(pixels, dtype=np.float32) / NODE_PIXELS)[None]
-    where_x, where_y = np.broadcast_arrays(x, y)
-    return cv2.remap(nodes.astype(np.float32), where_x, where_y, cv2.INTER_LINEAR)
+    inside = np.empty((lines, pixels), np.uint8)
+    bounds = (left + margin, right - margin, top + margin, bottom - margin)
+    within(by_x, by_y, *(np.float32(bound) for bound in bounds), inside)
+    return Sight(across=by_x, along=by_y, inside=inside.view(np.bool_))
 
 
 def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
-    out = np.zeros_like(images)
+    out = np.empty_like(images)
     for image, target in zip(images, out, strict=True):
-        if not image[::8].any():
-            continue
-        cv2.remap(image, seen.columns, seen.lines, cv2.INTER_LINEAR, dst=target, borderValue=0.0)
+        if image[::8].any():
+            move_smooth(image, seen.across, seen.along, target)
+        else:
+            target[:] = 0
     return out
 
 
-PORTRAIT: Final = 13
+PORTRAIT: Final = 15
+PORTRAIT_LINES: Final = 3
+"""Every so many-th line is enough for what a page is like."""
 
 
 def portrait(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     """What a page is like, by which its own scatter is foretold: (PORTRAIT,) numbers.
 
     Logarithms of each ink's mean area, its share of solids, how much is printed, how much of the scan is page, halftone
-    texture, edges of black and of the other inks.
+    texture, edges of black, of the other inks, and of two inks at once, whose register nobody sees; share of more ink
+    than two solids.
     """
-    cover = modes.cover[:, inside]
-    steps = [np.abs(np.diff(plane, axis=1)).mean() for plane in (modes.cover[3], modes.cover[:3].sum(axis=0))]
+    some, kept = modes.cover[:, ::PORTRAIT_LINES], inside[::PORTRAIT_LINES]
+    cover = np.stack([plane[kept] for plane in some])
+    across = np.abs(np.diff(some, axis=2))
+    steps = [
+        across[3].mean(),
+        np.abs(np.diff(some[:3].sum(axis=0), axis=1)).mean(),
+        np.sort(across, axis=0)[-2].mean(),
+    ]
     return np.array(
         [
             *np.log(cover.mean(axis=1, dtype=np.float64) + 1e-4),
             *(cover > 0.9).mean(axis=1),
             np.log((cover.sum(axis=0) > 0.05).mean() + 1e-3),
             inside.mean(),
-            np.log(modes.texture[0][inside].mean(dtype=np.float64) + 1),
+            np.log(modes.texture[0, ::PORTRAIT_LINES][kept].mean(dtype=np.float64) + 1),
             *np.log(np.array(steps, np.float64) + 1e-4),
+            (cover.sum(axis=0) > 2).mean(),
         ]
     )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.comparing.summing.kernels import block_sums
+from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES, block_sums
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 BLOCK: Final = 8
 """Pixels in a side of the blocks whose means are fitted."""
 LAMP_WAVES: Final = 6
-COLOURS: Final = 16
+COLOURS: Final = SHAPES
 """Of a page's recipes, between which tables are taken to err smoothly."""
 COLOUR_LENGTH: Final = 0.5
 """Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
@@ -36,6 +36,8 @@ BLOCKS: Final = 5000
 """So many, spread evenly, are enough."""
 TEMPER: Final = 0.2
 """What blocks of one colour are off by is common to them: each counts for so many."""
+EDGE_BIAS: Final = 0.05
+"""By which edges of a block may all be wider or narrower: planes that hide each other's register. [pixels, assumed]"""
 FAR: Final = 4.685
 """Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
 INKS: Final = 4
@@ -98,6 +100,14 @@ class Spread:
     """Variance by a halftone's at unit contrast."""
     share: float = 0.002
     """Standard deviation as a share of the light."""
+    dark: float = 0.02
+    """More of it where it is dark, times the squared natural logarithm of white over light: what an ink's film or a
+    table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
+
+    def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
+        depth = np.log(white / np.clip(light, 0.01 * white, white))
+        return np.asarray(self.share + self.dark * depth**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,13 +119,23 @@ class Colours:
     root: NDArray[np.float32]
     """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
 
+    def bells(self) -> NDArray[np.float32]:
+        """Factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2); 0 beyond the centres."""
+        found = np.zeros((INKS, LEVELS, SHAPES), np.float32)
+        levels = np.linspace(0, 1, LEVELS)[None, :, None]
+        off = levels - self.centres.T[:, None].astype(np.float64)
+        found[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
+        return found
+
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
     """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
     sample = cover[:, ::4, ::4].reshape(INKS, -1).T.astype(np.float64)
     sample = np.concatenate([np.zeros((1, INKS)), sample])
-    keys, count = np.unique(np.rint(sample * 16).astype(np.int64), axis=0, return_counts=True)
-    colours, weight = keys / 16, np.sqrt(count)
+    steps = np.rint(sample * 16).astype(np.int64).clip(0, 16)
+    keys, count = np.unique(steps @ 17 ** np.arange(INKS)[::-1], return_counts=True)
+    colours = np.stack(np.unravel_index(keys, (17,) * INKS), axis=1) / 16
+    weight = np.sqrt(count)
     left = np.ones(len(colours))
     found = np.zeros((len(colours), 0))
     chosen: list[int] = []
@@ -155,10 +175,10 @@ def fit_nuisances(
 
     planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
     """
-    sums = _summed(measured_dn, seen, modes, where, sensors, colours)
-    noise = np.array([1.0] * len(sensors))
-    model = _Model.of(sums, len(colours.centres), tolerance, pixel_mm, planes)
-    amounts, sd, robust, lost = model.solved(noise, spread)
+    means, places = _summed(measured_dn, seen, modes, where, sensors, colours)
+    noise = np.ones(len(sensors))
+    model = _Model.of(means, places, len(colours.centres), tolerance, pixel_mm, planes)
+    amounts, sd, robust, lost = model.solved(noise, spread, np.array([sensor.white_dn for sensor in sensors]))
     parts = model.parted(amounts)
     return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost)
 
@@ -170,28 +190,38 @@ def _summed(
     where: Sight,
     sensors: Sequence[SensorModel],
     colours: Colours,
-) -> NDArray[np.float64]:
-    lines, pixels = where.inside.shape
-    channels = 22 + len(colours.centres)
-    sums = np.zeros((len(sensors), channels, lines // BLOCK, pixels // BLOCK), np.float32)
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means over blocks (sensors, channels, blocks), channel 0 their pixels; where these lie, -1 .. 1 (2, blocks)."""
+    rows, columns = (extent // BLOCK for extent in where.inside.shape)
+    cut = where.inside[: rows * BLOCK, : columns * BLOCK]
+    full = cut.reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3), dtype=np.int32)
+    used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
+    used = used[:: max(used.size // BLOCKS, 1)]
+    place = np.stack(np.divmod(used, columns))
+    corners = np.ascontiguousarray(place.T * BLOCK)
+    sums = np.empty((len(sensors), used.size, 22 + SHAPES), np.float32)
+    bells = colours.bells()
     for index, sensor in enumerate(sensors):
         block_sums(
             measured_dn[index],
             seen.expected_dn[index],
             sensor.column_offset_dn,
             seen.variance_dn2[index],
-            where.inside,
             modes.gain[index],
             modes.dot[index],
             modes.texture[index],
             modes.cover,
-            colours.centres,
-            colours.root,
-            np.float32(COLOUR_LENGTH),
+            where.inside,
+            bells,
+            corners,
             BLOCK,
             sums[index],
         )
-    return sums.astype(np.float64)
+    count = len(colours.centres)
+    shapes = sums[..., 14 : 14 + count] @ colours.root.T
+    kept = np.concatenate([sums[..., :14], shapes, sums[..., 14 + SHAPES :]], axis=-1).astype(np.float64)
+    kept[..., 1:] /= np.maximum(kept[..., :1], 1)
+    return np.moveaxis(kept, -1, 1), 2 * (place + 0.5) / np.array([[rows], [columns]]) - 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -214,24 +244,15 @@ class _Model:
     @classmethod
     def of(
         cls,
-        sums: NDArray[np.float64],
+        means: NDArray[np.float64],
+        places: NDArray[np.float64],
         colours: int,
         tolerance: Tolerance,
         pixel_mm: float,
         planes: NDArray[np.float64],
     ) -> _Model:
-        count, channels, rows, columns = sums.shape
-        v, u = np.meshgrid(
-            2 * (np.arange(rows) + 0.5) / rows - 1,
-            2 * (np.arange(columns) + 0.5) / columns - 1,
-            indexing="ij",
-        )
-        used = np.flatnonzero(sums[0, 0].ravel() >= BLOCK * BLOCK / 2)
-        used = used[:: max(used.size // BLOCKS, 1)]
-        flat = sums.reshape(count, channels, -1)[..., used]
-        means = flat / flat[:, :1]
-        means[:, 0] = flat[:, 0]
-        u, v = u.ravel()[used], v.ravel()[used]
+        count, used = len(means), means.shape[-1]
+        v, u = places
         light = means[:, 2]
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * tolerance.lamp_length * waves) ** 2) / 4)
@@ -239,7 +260,7 @@ class _Model:
         lamp = np.cos(np.pi * np.multiply.outer((u + 1) / 2, waves))
         x, names = [], []
         for s in range(count):
-            own = np.zeros((count, used.size))
+            own = np.zeros((count, used))
             own[s] = light[s]
             x.append(own * tolerance.white)
             names.append(tolerance.white)
@@ -251,7 +272,7 @@ class _Model:
             names.append(sd)
         for s in range(count):
             for j in range(colours):
-                own = np.zeros((count, used.size))
+                own = np.zeros((count, used))
                 own[s] = means[s, 14 + j]
                 x.append(own * tolerance.shape)
                 names.append(tolerance.shape)
@@ -283,7 +304,7 @@ class _Model:
         )
 
     def solved(
-        self, noise: NDArray[np.float64], spread: Spread
+        self, noise: NDArray[np.float64], spread: Spread, white_dn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
         """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
         pixels, light = self.sums[:, 0], self.sums[:, 2]
@@ -292,7 +313,8 @@ class _Model:
             + spread.contrast * self.sums[:, 5]
             + 4 * spread.edge * self.sums[:, 4]
         )
-        variance = variance / pixels + (spread.share * light) ** 2
+        variance = variance / pixels + EDGE_BIAS**2 * self.sums[:, 4]
+        variance += (spread.share_of(light, white_dn[:, None]) * light) ** 2
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from prooflight.predicting.predict import Prediction
     from prooflight.predicting.tables import SensorModel
 
-MOST_PLANE_MM: Final = 0.114
-"""Good planes are off by no more (worlds.toml)."""
+MOST_PLANE_MM: Final = 0.2
+"""Good planes are off by no more than 0.114 (worlds.toml), and by up to twice that from each other."""
 LOCAL_PIXELS: Final = 16
 LOCAL_SMOOTH: Final = 1.0
 """Tiles over which local displacements are smoothed (standard deviation)."""
@@ -92,6 +92,8 @@ def residual_images(
             np.float32(spread.edge),
             np.float32(spread.contrast),
             np.float32(spread.share),
+            np.float32(spread.dark),
+            np.float32(sensor.white_dn),
             weight[index],
             of_edges[index],
         )

@@ -12,6 +12,19 @@ if TYPE_CHECKING:
 SMALL_TILES: Final = 8
 """Boxes of at most so many tiles, 4 mm, are a spot's or a void's."""
 UNKNOWN: Final = "unknown"
+FIRST: Final = {
+    "streak": "streak",
+    "line": "streak",
+    "calm": "streak",
+    "ghost": "ghost-smear",
+    "echo": "ghost-smear",
+    "double": "ghost-smear",
+    "band": "banding",
+    "wave": "banding",
+    "swell": "banding",
+    "swap": "swapped-planes",
+}
+"""Kinds by the first word of a statistic's name."""
 
 
 def kind_of(said: Said) -> str:
@@ -22,16 +35,14 @@ def kind_of(said: Said) -> str:
     ('spots-voids', 'streak')
     """
     first, *rest = said.name.split("/")
-    if first in ("streak", "ghost", "band"):
-        return {"streak": "streak", "ghost": "ghost-smear", "band": "banding"}[first]
+    if first in FIRST:
+        return FIRST[first]
     if first == "place":
         return "plane-register" if rest[0].startswith("plane") else "wrong-page"
     if first == "fit":
         return _of_fit(rest[0])
-    if first in ("box", "apart", "spread"):
-        return _of_box(
-            rest[0].rstrip("+-"), int(rest[1].rstrip("+-")), darker=said.name.rstrip("0123456789/")[-1] == "+"
-        )
+    if first in ("box", "apart", "flat", "spread"):
+        return _of_box(rest[0].rstrip("+-"), int(rest[1]), darker=rest[0].endswith("+"))
     return UNKNOWN
 
 

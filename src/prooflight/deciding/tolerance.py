@@ -22,8 +22,9 @@ from prooflight.comparing.nuisance import (
 )
 from prooflight.comparing.register import prepare, register
 from prooflight.comparing.residuals import in_register, residual_images
+from prooflight.comparing.shared import SharedPrediction, planes_taken
 from prooflight.deciding.families import all_said
-from prooflight.deciding.trees import Trees
+from prooflight.deciding.trees import Forest, Trees
 from prooflight.predicting.predict import predict
 
 if TYPE_CHECKING:
@@ -41,8 +42,12 @@ if TYPE_CHECKING:
     from prooflight.predicting.tables import SensorModel
 
 LEAST_P: Final = 1e-12
-WEIGHTS: Final = (1.0, 0.3, 0.3)
-"""Of the three families that say most, in the score that no misprint taught."""
+MOST: Final = 8
+"""Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
+RANKS: Final = (0, 2, 5, 10, 20, 40)
+"""Of the families by what they say, beside the families themselves in what the ranking looks at."""
+FOREST: Final = 1.5
+"""Weight of the forest's log odds, which are bounded, beside those of the boosted trees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,20 +58,31 @@ class PreparedPage:
     landmarks: Landmarks
     images: NDArray[np.float32]
     """``Modes.stack`` of the page in its place."""
+    shared: SharedPrediction | None
+    """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
     colours: Colours
     portrait: NDArray[np.float64]
 
 
 def prepare_page(
-    page: Page, expected: Prediction, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
+    page: Page,
+    expected: Prediction,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    sharing: bool = False,
 ) -> PreparedPage:
-    """All that is known of a design ahead of its scans; expected: its prediction in its place."""
+    """All that is known of a design ahead of its scans; expected: its prediction in its place.
+
+    sharing: copies share that prediction, moved to where each lies, instead of one each.
+    """
     modes = prepare_modes(page, sensors=sensors, geometry=geometry)
     inside = sight(page, geometry, IN_PLACE).inside
     return PreparedPage(
         page=page,
         landmarks=prepare(page, expected, sensors=sensors, geometry=geometry),
         images=modes.stack(),
+        shared=SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry) if sharing else None,
         colours=page_colours(modes.cover),
         portrait=portrait(modes, inside),
     )
@@ -91,14 +107,17 @@ def look(
     geometry: ScanGeometry,
     tolerance: Tolerance | None = None,
     spread: Spread | None = None,
-    threads: int | None = 1,
 ) -> Looked:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left."""
     page, spread = prepared.page, spread or Spread()
     found = register(prepared.landmarks, scan)
-    printed, planes_mm = in_register(page, found.planes_mm)
-    seen = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=threads)
     where = sight(page, geometry, found.placement)
+    if prepared.shared is None:
+        printed, planes_mm = in_register(page, found.planes_mm)
+        seen = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=1)
+    else:
+        taken_mm, planes_mm = planes_taken(found.planes_mm)
+        seen = prepared.shared.seen(where, taken_mm / geometry.pixel_pitch_mm, sensors=sensors)
     modes = Modes.unstacked(moved(prepared.images, where), len(sensors))
     fit = fit_nuisances(
         scan,
@@ -129,6 +148,10 @@ def look(
     return Looked(found=found, fit=fit, sums=sums, noise=noise)
 
 
+WHOLE: Final = ("ghost", "echo", "double", "excess", "swap")
+"""First words that name a family."""
+
+
 def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
     """Statistics of any size -> numbers of about 1: sign(v) log(1 + 3 |v|)."""
     known = np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1e6, neginf=-1e6)
@@ -138,18 +161,16 @@ def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
 def families_of(names: Sequence[str]) -> list[str]:
     """The family of each statistic: one cause with all its sizes, or a number that stands alone.
 
-    >>> families_of(["box/gain-C+/8", "apart/void/4-", "streak/void/1/full", "ghost/C/0", "place/skew"])
+    >>> families_of(["box/gain-C+/8", "apart/void-/4", "streak/void/1/full", "ghost/C/0", "place/skew"])
     ['box/gain-C+', 'apart/void-', 'streak/void', 'ghost', 'place/skew']
     """
     found = []
     for name in names:
         first, *rest = name.split("/")
-        if first == "ghost":
+        if first in WHOLE:
             found.append(first)
         elif first in ("fit", "place", "energy"):
             found.append(name)
-        elif first == "apart":
-            found.append(f"{first}/{rest[0]}{name[-1]}")
         else:
             found.append(f"{first}/{rest[0]}")
     return found
@@ -176,12 +197,20 @@ class TolerancePress:
     quantiles: NDArray[np.float64]
     """(families, n) of the family's greatest deviation on good pages, at probabilities 0 to ``tail_from``, evenly."""
     tail: NDArray[np.float64]
-    """(families, 2) where the tail begins and its mean excess: a generalised Pareto tail of shape 0."""
+    """(families, 2) where the tail begins, and the scale of a generalised Pareto distribution beyond."""
     tail_from: float
+    tail_shape: float
+    """Of all families' tails."""
     trees: Trees | None
     """Ranking; None: no misprint was seen in learning."""
     family_trees: Trees | None
     """Ranking from family p-values alone."""
+    forest: Forest | None
+    """The same by a forest."""
+    kinds: tuple[str, ...]
+    """Kinds of misprints that were seen in learning."""
+    kind_trees: tuple[Trees, ...]
+    """For each: log odds against all other kinds, from family p-values."""
     threshold: float
     """Of ``score``; infinite until set."""
     good_designs: int
@@ -204,23 +233,34 @@ class TolerancePress:
             begin, excess = self.tail[index]
             p = 1 - np.interp(greatest, self.quantiles[index], steps)
             far = greatest > begin
-            p[far] = (1 - self.tail_from) * np.exp(-np.minimum((greatest[far] - begin) / excess, 300))
+            beyond = 1 + self.tail_shape * (greatest[far] - begin) / excess
+            p[far] = (1 - self.tail_from) * beyond ** (-1 / self.tail_shape)
             evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
         return evidence
 
     def guard(self, evidence: NDArray[np.floating]) -> NDArray[np.float64]:
         """The score that no misprint taught: (pages,)."""
-        most = -np.sort(-evidence, axis=1)[:, : len(WEIGHTS)]
-        return np.asarray(most @ np.array(WEIGHTS))
+        most = -np.sort(-evidence, axis=1)[:, :MOST]
+        return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
         """Evidence for a misprint, higher is worse: (pages,)."""
         deviations = self.deviations(values, portraits)
         evidence = self.family_evidence(deviations)
-        if self.trees is None or self.family_trees is None:
+        if self.trees is None or self.family_trees is None or self.forest is None:
             return self.guard(evidence)
-        columns = ranked_columns(values, deviations, portraits)
-        return self.trees.score(columns) + self.family_trees.score(evidence)
+        families = family_columns(evidence)
+        columns = ranked_columns(values, deviations, portraits, families)
+        boosted = self.trees.score(columns) + self.family_trees.score(families)
+        return boosted + FOREST * self.forest.score(families)
+
+    def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
+        """The kind of misprint that each page looks like most; empty where none was seen in learning."""
+        if not self.kind_trees:
+            return [""] * len(values)
+        families = family_columns(self.family_evidence(self.deviations(values, portraits)))
+        said = np.stack([trees.score(families) for trees in self.kind_trees])
+        return [self.kinds[index] for index in said.argmax(axis=0)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
@@ -232,6 +272,10 @@ class TolerancePress:
             trees = getattr(self, which)
             if trees is not None:
                 found |= {f"{which}.{name}": getattr(trees, name) for name in TREES}
+        if self.forest is not None:
+            found |= {f"forest.{name}": getattr(self.forest, name) for name in FOREST_PARTS}
+        for name in TREES if self.kind_trees else ():
+            found[f"kinds.{name}"] = np.stack([getattr(trees, name) for trees in self.kind_trees])
         return found
 
     def facts(self) -> dict[str, Any]:
@@ -243,8 +287,12 @@ class TolerancePress:
                 "edge": self.spread.edge,
                 "contrast": self.spread.contrast,
                 "share": self.spread.share,
+                "dark": self.spread.dark,
             },
             "tail_from": self.tail_from,
+            "tail_shape": self.tail_shape,
+            "kinds": list(self.kinds),
+            "kind_starts": [trees.start for trees in self.kind_trees],
             "starts": [None if trees is None else trees.start for trees in (self.trees, self.family_trees)],
             "threshold": self.threshold,
             "good_designs": self.good_designs,
@@ -259,6 +307,9 @@ class TolerancePress:
                 return None
             return Trees(start=start, **{name: arrays[f"{which}.{name}"] for name in TREES})
 
+        forest = None
+        if facts["starts"][0] is not None:
+            forest = Forest(**{name: arrays[f"forest.{name}"] for name in FOREST_PARTS})
         kept = {name: arrays[name] for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")}
         return cls(
             **kept,
@@ -267,6 +318,13 @@ class TolerancePress:
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
             spread=Spread(**facts["spread"]),
             tail_from=facts["tail_from"],
+            tail_shape=facts["tail_shape"],
+            forest=forest,
+            kinds=tuple(facts["kinds"]),
+            kind_trees=tuple(
+                Trees(start=start, **{name: arrays[f"kinds.{name}"][index] for name in TREES})
+                for index, start in enumerate(facts["kind_starts"])
+            ),
             trees=trees("trees", facts["starts"][0]),
             family_trees=trees("family_trees", facts["starts"][1]),
             threshold=facts["threshold"],
@@ -290,13 +348,23 @@ class TolerancePress:
 
 SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
 TREES: Final = ("column", "cut", "leaf")
+FOREST_PARTS: Final = ("column", "cut", "left", "right", "share", "root")
+
+
+def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What every family says, and how much the first, third, ... of them, whichever it is."""
+    ranks = [rank for rank in RANKS if rank < evidence.shape[1]]
+    return np.hstack([evidence, -np.sort(-evidence, axis=1)[:, ranks]])
 
 
 def ranked_columns(
-    values: NDArray[np.floating], deviations: NDArray[np.floating], portraits: NDArray[np.floating]
+    values: NDArray[np.floating],
+    deviations: NDArray[np.floating],
+    portraits: NDArray[np.floating],
+    families: NDArray[np.floating],
 ) -> NDArray[np.float64]:
-    """What the ranking looks at: statistics as they are, over what such pages give, and what the page is like."""
-    return np.hstack([compressed(values), deviations, portraits])
+    """What the ranking looks at: statistics as they are, over what such pages give, what the page is like, families."""
+    return np.hstack([compressed(values), deviations, portraits, families])
 
 
 def stated(said: Sequence[Said]) -> NDArray[np.float32]:

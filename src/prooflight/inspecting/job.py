@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from prooflight.acquiring.replay import recorded_scans
 from prooflight.errors import ScanError
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 Pair = tuple[int, "RecordedScan | None"]
+DIGEST_DIGITS = 16
+"""Of a scan's SHA-256: enough to tell a press's scans apart."""
 
 
 def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
@@ -71,3 +76,34 @@ class InspectPage:
     def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
         prepared = self.inspector.prepare(page)
         return self.inspector.inspect(prepared, scan.read(), scan_name=str(scan.path))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageScore:
+    """What one page of a job scored."""
+
+    name: str
+    score: float
+    digest: str
+    """Of its scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredPage:
+    """``InspectPage`` that gives the score alone, and tells one scan from another."""
+
+    work: InspectPage
+
+    def __call__(self, pair: Pair) -> PageScore:
+        """Inspect one page that has a scan."""
+        number, scan = pair
+        assert scan is not None
+        dn = scan.read()
+        inspector = self.work.inspector
+        inspection = inspector.inspect(
+            inspector.prepare(self.work.page(number)), dn, scan_name=str(scan.path)
+        )
+        score = inspection.verdict.score
+        assert score is not None
+        digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
+        return PageScore(name=page_name(number), score=score, digest=digest)

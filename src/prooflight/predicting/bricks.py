@@ -72,7 +72,7 @@ class Bricks(NamedTuple):
         )
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _found(key: _ByIdentity) -> Bricks:
     return Bricks.of(key.table)
 

@@ -27,6 +27,9 @@ DRIFT_PIXELS: Final = 0.01
 """How far weights may drift along half a segment. An edge's second derivative is at most the lens's line spread at its
 peak, about 5 a pixel and pixel: weights taken as linear err by 5 x 0.01^2 / 2 of an edge at a segment's ends, 0.025 %.
 [camera pixels]"""
+ROUGH_DRIFT_PIXELS: Final = 0.04
+"""The same of a page that is warped, which registration knows to 0.07 pixels, in segments shorter than ``NODE_PITCH``:
+those of 4 columns take five times as long. Weights err by 0.4 % of an edge at a segment's ends. [camera pixels]"""
 _ROUNDING: Final = 1e-9
 
 
@@ -85,9 +88,12 @@ def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
     stride = max(round(ratio), 1)
     allowed = DRIFT_PIXELS * ratio
     still = placement.is_shift
+    most = allowed if placement.warp is None else ROUGH_DRIFT_PIXELS * ratio
     return Course(
-        across=_nodes(column_at, rows, geometry.pixels, stride=stride, allowed=allowed, still=still),
-        along=_nodes(row_at, lines, geometry.pixels, stride=0, allowed=allowed, still=still),
+        across=_nodes(
+            column_at, rows, geometry.pixels, stride=stride, allowed=allowed, most=most, still=still
+        ),
+        along=_nodes(row_at, lines, geometry.pixels, stride=0, allowed=allowed, most=most, still=still),
         stride=stride,
     )
 
@@ -99,9 +105,12 @@ def _nodes(
     *,
     stride: int,
     allowed: float,
+    most: float,
     still: bool,
 ) -> Nodes:
     """Nodes as coarse as the drift allows; the whole line in one segment where nothing drifts.
+
+    most: drift along half a segment from which one shorter than ``NODE_PITCH`` is needed.
 
     still: what is seen at a column is the same, but for the row's own place, in every row; one cell down then does.
     """
@@ -120,7 +129,7 @@ def _nodes(
     wide = 0.7 * allowed  # both passes may err at one place
     while not still and segment < columns and drift * segment <= wide and _straight(places, allowed):
         places, segment = at(2 * segment), 2 * segment
-    while segment > 1 and drift * segment / 2 > allowed:
+    while segment > 1 and drift * segment / 2 > most:
         segment //= 2
     return Nodes(places=at(segment) if segment < NODE_PITCH else places, pitch=pitch, segment=segment)
 

@@ -102,7 +102,7 @@ def looked_up(
     return mean[: len(cmyk)], variance[: len(cmyk)]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=128)
 def shot_slope(sensor: SensorModel) -> float:
     """``SensorModel.shot_slope``, found once: it looks through both tables."""
     return sensor.shot_slope()

@@ -21,6 +21,7 @@ KINDS = {
     "wrong-page": "Wrong or displaced content",
     "scum": "Ink where there should be paper",
 }
+INKS = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 ACTIONS: dict[Action, str] = {
     "stop": "press stopped",
     "reprint": "page to be printed again",
@@ -51,6 +52,8 @@ def kind(name: str | None) -> str:
 
 def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
     """What the alarm looks like and where, of a page of size_mm (width, height)."""
+    if verdict.reason:
+        return verdict.reason[0].upper() + verdict.reason[1:]
     if not verdict.regions:
         return kind(verdict.kind)
     first, *others = verdict.regions
@@ -73,6 +76,44 @@ def _where(region: Region, size_mm: tuple[float, float]) -> str:
 def _size(region: Region) -> str:
     digits = 1 if min(region.width_mm, region.height_mm) < 10 else 0
     return f"{region.width_mm:.{digits}f} × {region.height_mm:.{digits}f} mm"
+
+
+FAMILIES = {
+    "box": "places that are lighter or darker than good prints vary",
+    "apart": "places that stand out from the rest of the page",
+    "flat": "places that stand out from the page's flat parts",
+    "spread": "differences spread over many places",
+    "excess": "more places that are off than good prints have",
+    **dict.fromkeys(("streak", "line", "calm"), "lines along the travel"),
+    "band": "lines and waves across the travel",
+    **dict.fromkeys(("wave", "swell"), "waves along the travel"),
+    **dict.fromkeys(("ghost", "echo", "double"), "echoes of the page's own content"),
+    "swap": "inks that have changed places",
+    "fit": "amounts that the page as a whole is off by",
+    "place": "where page and ink planes lie, and whether they look as designed",
+    "energy": "differences of any kind",
+}
+
+
+def family(name: str | None) -> str:
+    """A family of evidence in plain words.
+
+    >>> family("streak/void"), family(None)
+    ('lines along the travel (streak/void)', '–')
+    """
+    if name is None:
+        return "–"
+    what = FAMILIES.get(name.split("/")[0])
+    return f"{what} ({name})" if what else name
+
+
+def cents(value: float) -> str:
+    """Money, to three digits.
+
+    >>> cents(0.0903), cents(0.00001234)
+    ('0.0903 cents', '1.23e-05 cents')
+    """
+    return f"{value:.3g} cents"
 
 
 def count(number: int, thing: str) -> str:

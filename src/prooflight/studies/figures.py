@@ -1,4 +1,7 @@
-"""The paper's figures 3 to 6 for any press: light and sensors, tables, noise, an error map."""
+"""The paper's figures 3 to 8 for any press and page.
+
+Light and sensors, tables, noise; an error map, the statistics of many copies, and what they are worth.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,9 @@ from prooflight.reporting.paper_pictures import ErrorMap, Repeated, Slice
 from prooflight.reporting.pictures import page_frame, page_picture, signals
 from prooflight.sensing.sensor import FixedPattern, read_out
 from prooflight.simulating.scans import MisprintRequest, scan_page
+from prooflight.studies import page_plots
+from prooflight.studies.page_samples import Samples, judged_samples, page_samples
+from prooflight.studies.paper_study import at_pitch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,15 +48,21 @@ COLOURS: Final = {
 }
 PICTURE_PX: Final = 1000
 MISPRINT: Final = MisprintRequest(kind="missing-content", severity=0.6)
+COARSEST_MM: Final = 0.254
+"""Pixels of figures 7 and 8, unless the camera's own are coarser: hundreds of copies are printed. [mm]"""
+GOOD_COPIES: Final = 96
+OF_EACH_KIND: Final = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exhibit:
-    """The page of figure 6 and what is done to it."""
+    """The page of figures 6 to 8, what is done to it in figure 6, and how often it is printed for 7 and 8."""
 
     job: Path
     page: int = 1
     misprint: MisprintRequest = MISPRINT
+    good_copies: int = GOOD_COPIES
+    of_each_kind: int = OF_EACH_KIND
 
 
 def draw_figures(
@@ -66,6 +78,7 @@ def draw_figures(
     press = build_press(press_file, seed=seed, progress=progress)
     progress(f"scanning page {exhibit.page}")
     shown = error_map(press, exhibit, seed=seed)  # may refuse its page, so before anything is written
+    samples = _samples(press_file, press, exhibit, seed, progress)
     progress("drawing")
     written = [out / "figure-3-light-and-sensors.png"]
     paper_pictures.draw_curves(
@@ -82,7 +95,27 @@ def draw_figures(
         paper_pictures.draw_histograms(written[-1], model.name, repeated)
     written.append(out / "figure-6-error-map.png")
     paper_pictures.draw_error_map(written[-1], shown)
+    written += [out / "figure-7-statistics.png", out / "figure-8-roc-and-cost.png"]
+    page_plots.draw_statistics(written[-2], samples)
+    page_plots.draw_operating(written[-1], judged_samples(samples))
     return written
+
+
+def _samples(
+    press_file: PressFile, press: Press, exhibit: Exhibit, seed: int, progress: Callable[[str], None]
+) -> Samples:
+    if press.geometry.pixel_pitch_mm < COARSEST_MM:
+        progress("building the press with coarser pixels")
+        press = build_press(at_pitch(press_file, COARSEST_MM), seed=seed)
+    return page_samples(
+        press,
+        exhibit.job,
+        exhibit.page,
+        good=exhibit.good_copies,
+        of_each_kind=exhibit.of_each_kind,
+        seed=seed,
+        progress=progress,
+    )
 
 
 def slices(model: SensorModel) -> list[Slice]:

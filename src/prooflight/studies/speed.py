@@ -12,8 +12,7 @@ from numba import njit
 from PIL import Image
 from scipy import ndimage
 
-from prooflight.acquiring.placement import Placement
-from prooflight.inspecting.inspector import detector, inspect_page
+from prooflight.inspecting.inspector import Inspector
 from prooflight.pages.raster import Page
 from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.look_up_kernels import look_up_light
@@ -22,16 +21,16 @@ from prooflight.predicting.tables import NODE_STEP
 from prooflight.simulating.scans import ideal_scan
 from prooflight.studies.device_profile import cmyk_to_lab
 from prooflight.studies.speed_compare import compare_rows
+from prooflight.studies.speed_detector import MOVED, detector_works
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from prooflight.acquiring.placement import Placement
     from prooflight.press import Press
 
 REPEATS: Final = 5
 QUICK_MM, SIDE_MM = 40.0, 190.0
-MOVED: Final = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0.01))
-"""A page off its place as prints of worlds.toml's press world are."""
 EVERY_OTHER: Final = slice(None, None, 2)
 
 
@@ -81,6 +80,7 @@ def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
     for name, page in bench_pages(press, quick=quick).items():
         rows += look_up_rows(name, page, press)
         rows += whole_rows(name, page, press)
+        rows += _rows(detector_works(name, page, press))
     return rows + growth_rows(press, quick=quick)
 
 
@@ -113,25 +113,25 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 
 
 def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
-    """Prediction in place and moved, comparison beside its peers, and a whole inspection; ratios: to the first."""
+    """Prediction in place and moved, whole inspections, and comparison beside its peers; ratios: to the first."""
     prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     scan = ideal_scan(prediction, press, np.random.default_rng(2))
-    judge = detector("chi-square", press)
     size = scan.size / 1e6
 
     def predicted(**where: Placement) -> object:
         return predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
 
-    rows = _rows(
-        {
-            f"predict, {name}": (predicted, size),
-            f"predict moved, {name}": (lambda: predicted(placement=MOVED), size),
-            f"whole page, {name}": (
-                lambda: inspect_page(page, scan, press=press, judge=judge, scan_name="bench"),
-                size,
-            ),
-        }
-    )
+    works: dict[str, tuple[Callable[[], object], float]] = {
+        f"predict, {name}": (predicted, size),
+        f"predict moved, {name}": (lambda: predicted(placement=MOVED), size),
+    }
+    works |= inspections(name, page, press)
+    if name == "text":
+        alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(2))
+        works |= inspections(f"2 sensors, {name}", page, replace(press, sensors=alike))
+        coarse = replace(press, supersampling=1)
+        works |= inspections(f"s = 1, {name}", halved(page), coarse)
+    rows = _rows(works)
     top_codes = [sensor.top_code_dn for sensor in press.sensors]
     compared = compare_rows(scan, prediction, top_codes_dn=top_codes, repeats=REPEATS)
     return rows + [
@@ -144,6 +144,42 @@ def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
         )
         for row in compared
     ]
+
+
+def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
+    """Whole pages under the paper's detector, from raster and scan to a verdict; megapixels of all sensors.
+
+    "shared": predicted and prepared before; "off its place": the page lies as prints of the press world do, so that its
+    prediction moves after it.
+    """
+    inspector = Inspector.of(press, "chi-square")
+    prepared = inspector.prepare(page)
+    scans = []
+    for where in ({}, {"placement": MOVED}):
+        expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
+        scans.append(ideal_scan(expected, press, np.random.default_rng(2)))
+    in_place, moved = scans
+    size = in_place.size / 1e6
+    return {
+        f"whole page, {name}": (
+            lambda: inspector.inspect(inspector.prepare(page), in_place, scan_name="bench"),
+            size,
+        ),
+        f"whole page, shared, {name}": (
+            lambda: inspector.inspect(prepared, in_place, scan_name="bench"),
+            size,
+        ),
+        f"whole page off its place, shared, {name}": (
+            lambda: inspector.inspect(prepared, moved, scan_name="bench"),
+            size,
+        ),
+    }
+
+
+def halved(page: Page) -> Page:
+    """Every other pixel of every other row, at half the resolution: the raster of a press with s = 1 for one with 2."""
+    cmyk = np.ascontiguousarray(page.cmyk[EVERY_OTHER, EVERY_OTHER])
+    return replace(page, cmyk=cmyk, dpi=page.dpi / 2)
 
 
 def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:

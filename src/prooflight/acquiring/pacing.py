@@ -1,0 +1,45 @@
+"""When lines that do not come from a camera are due: at a steady rate, or as fast as they are taken."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Pacer:
+    """Holds lines back until a camera would have read them.
+
+    Who is too slow gets lines late but with the time at which they were read, as from a camera with a large buffer.
+    """
+
+    def __init__(
+        self,
+        line_rate_hz: float | None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """line_rate_hz: None: as fast as they are taken. RequestError: a rate that is not above 0."""
+        if line_rate_hz is not None and not line_rate_hz > 0:
+            raise RequestError("source", f"a rate of {line_rate_hz} lines/s", remedy="give a rate above 0")
+        self._rate_hz, self._clock, self._sleep = line_rate_hz, clock, sleep
+        self._begun_s: float | None = None
+        self._lines = 0
+
+    def read(self, lines: int) -> float:
+        """Wait until so many more lines are read; when the last of them was. [s]"""
+        if self._begun_s is None:
+            self._begun_s = self._clock()
+        self._lines += lines
+        if self._rate_hz is None:
+            return self._clock()
+        due_s = self._begun_s + self._lines / self._rate_hz
+        left_s = due_s - self._clock()
+        if left_s > 0:
+            self._sleep(left_s)
+        return due_s

@@ -1,0 +1,160 @@
+"""Lines from a pipe, a file or a socket.
+
+Plain: uint16, least byte first, a line of the first sensor, then the same line of the next, and so on; lines that are
+lost on the way go unnoticed. Framed: before each block of such lines a header with the camera's count and a time, which
+also says how many sensors and pixels follow; ``write_block`` is the other end.
+"""
+
+from __future__ import annotations
+
+import io
+import socket
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, Final
+
+import numpy as np
+
+from prooflight.acquiring.lines import BLOCK_LINES, LineBlock
+from prooflight.errors import RequestError, ScanError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+MAGIC: Final = b"PLLB"
+HEADER: Final = struct.Struct("<4sHHIQd")
+"""Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
+MOST_LINES: Final = 1 << 16
+"""In a framed block; a header that says more is damaged."""
+
+
+class RawLines:
+    """A source of lines that come as bytes."""
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        *,
+        name: str,
+        sensors: int,
+        pixels: int,
+        framed: bool = False,
+        block_lines: int = BLOCK_LINES,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """name: in errors. framed: whether headers precede blocks; plain lines get counted and timed here."""
+        self.sensors, self.pixels = sensors, pixels
+        self._stream, self._name, self._framed = stream, name, framed
+        self._block_lines, self._clock, self._closed = block_lines, clock, False
+
+    def blocks(self) -> Iterator[LineBlock]:
+        """Blocks until the stream ends. ScanError: it ends within a line or block, or is not of this camera."""
+        return self._framed_blocks() if self._framed else self._plain_blocks()
+
+    def close(self) -> None:
+        """Let go of the stream."""
+        self._closed = True
+        self._stream.close()
+
+    def _plain_blocks(self) -> Iterator[LineBlock]:
+        line_bytes = 2 * self.sensors * self.pixels
+        first = 0
+        while data := self._read(self._block_lines * line_bytes):
+            count, rest = divmod(len(data), line_bytes)
+            if count:
+                yield self._block(data[: count * line_bytes], first, self._clock())
+            first += count
+            if rest:
+                what = f"ends within line {first}, after {rest} of its {line_bytes} bytes"
+                remedy = f"give whole lines of {self.sensors} x {self.pixels} uint16"
+                raise ScanError(self._name, what, remedy=remedy)
+
+    def _framed_blocks(self) -> Iterator[LineBlock]:
+        place = 0
+        while head := self._read(HEADER.size):
+            where = f"{self._name}, byte {place}"
+            if len(head) < HEADER.size:
+                raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
+            magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
+            if magic != MAGIC or lines > MOST_LINES:
+                raise ScanError(where, "is no header of a block", remedy="send blocks as `write_block` does")
+            if (sensors, pixels) != (self.sensors, self.pixels):
+                what = f"is of {sensors} sensors x {pixels} pixels"
+                remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
+                raise ScanError(where, what, remedy=remedy)
+            wanted = 2 * sensors * pixels * lines
+            data = self._read(wanted)
+            if len(data) < wanted:
+                what = f"ends after {len(data)} of {wanted} bytes of a block"
+                raise ScanError(where, what, remedy="send whole blocks")
+            place += HEADER.size + wanted
+            if lines:
+                yield self._block(data, first, time_s)
+
+    def _block(self, data: bytes, first: int, time_s: float) -> LineBlock:
+        lines = np.frombuffer(data, "<u2").reshape(-1, self.sensors, self.pixels)
+        own = np.ascontiguousarray(lines.transpose(1, 0, 2), dtype=np.uint16)
+        return LineBlock(first_line=first, lines=own, time_s=time_s)
+
+    def _read(self, wanted: int) -> bytes:
+        """So many bytes, fewer only at the stream's end."""
+        parts, left = [], wanted
+        while left and not self._closed:
+            try:
+                part = self._stream.read(left)
+            except (OSError, ValueError) as error:
+                if self._closed:
+                    break
+                raise ScanError(self._name, "cannot be read", remedy="start the source again") from error
+            if not part:
+                break
+            parts.append(part)
+            left -= len(part)
+        return b"" if self._closed else b"".join(parts)
+
+
+def write_block(stream: BinaryIO, block: LineBlock) -> None:
+    """Write a framed block."""
+    sensors, lines, pixels = block.lines.shape
+    stream.write(HEADER.pack(MAGIC, sensors, pixels, lines, block.first_line, block.time_s))
+    stream.write(np.ascontiguousarray(block.lines.transpose(1, 0, 2), dtype="<u2").tobytes())
+
+
+def open_raw(address: str, *, sensors: int, pixels: int, framed: bool = False) -> RawLines:
+    """Lines from ``-`` (standard input), ``tcp:HOST:PORT``, ``unix:PATH``, or a file or named pipe.
+
+    RequestError: there is no such thing, or nobody answers there.
+    """
+    return RawLines(_opened(address), name=address, sensors=sensors, pixels=pixels, framed=framed)
+
+
+def _opened(address: str) -> BinaryIO:
+    kind, _, rest = address.partition(":")
+    if address == "-":
+        return sys.stdin.buffer
+    try:
+        if kind == "tcp":
+            host, _, port = rest.rpartition(":")
+            if not host or not port.isdecimal():
+                raise RequestError(address, "is no address", remedy="write tcp:HOST:PORT")
+            return _file_of(socket.create_connection((host, int(port))))
+        if kind == "unix":
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                connection.connect(rest)
+            except OSError:
+                connection.close()
+                raise
+            return _file_of(connection)
+        return Path(address).open("rb", buffering=0)
+    except OSError as error:
+        what = f"cannot be opened ({error.strerror or error})"
+        raise RequestError(address, what, remedy="start the camera's end first, or give its path") from error
+
+
+def _file_of(connection: socket.socket) -> BinaryIO:
+    """A connection as a file, which keeps it open."""
+    with connection:
+        return io.BufferedReader(connection.makefile("rb", buffering=0), 1 << 20)

@@ -1,0 +1,299 @@
+"""What presses were watched: ``prooflight runs``, and one run: ``prooflight run show``, export, replay, tidy."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from prooflight.atomic import whole_file
+from prooflight.cli import show
+from prooflight.errors import PressError, RequestError
+from prooflight.inspecting.journal import Journal, Retention, default_journal
+from prooflight.inspecting.journaling.exporting import page_facts, run_facts, write_csv
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from typing import TextIO
+
+    from prooflight.inspecting.journal import PageRecord, RunRow
+
+DIFFERS = 1
+"""Exit code of ``run replay`` where a figure does not come out again."""
+STATE_STYLE = {
+    "running": "cyan",
+    "interrupted": "yellow",
+    "finished": "green",
+    "stopped": "yellow",
+    "fault": "bold red",
+}
+COUNTS = {
+    "misprints": "misprints",
+    "not_inspected": "not inspected",
+    "late": "late",
+    "faulty": "faults",
+    "dropped_pages": "not recorded",
+}
+"""What is counted in a list of runs, where any of them has some."""
+
+app = typer.Typer(help="One run of the journal: show, export, replay; tidy up.", no_args_is_help=True)
+
+JournalUrl = Annotated[
+    str | None,
+    typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
+]
+RunNumber = Annotated[str, typer.Argument(metavar="ID", help="Number of a run, or `last`.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.command()(runs)
+    program.add_typer(app, name="run")
+
+
+def runs(
+    journal: JournalUrl = None,
+    last: Annotated[int | None, typer.Option(metavar="N", help="The last N only.", min=1)] = None,
+    json: Json = False,
+) -> None:
+    """All runs in the journal, oldest first."""
+    with _reading(journal) as opened:
+        found = opened.runs()[-last if last else 0 :]
+        path = opened.path
+    if json:
+        show.print_json([run_facts(run) for run in found])
+        return
+    table = Table(title=f"Runs in {path}", title_justify="left")
+    for heading in ("run", "began", "state", "job"):
+        table.add_column(
+            heading, no_wrap=heading in ("run", "state"), min_width=len("2026-11-21") * (heading == "began")
+        )
+    table.add_column("pages", justify="right", no_wrap=True)
+    told = [name for name in COUNTS if any(getattr(run, name) for run in found)]
+    for name in told:
+        table.add_column(COUNTS[name], justify="right")
+    for run in found:
+        table.add_row(
+            str(run.id),
+            _local(run.facts.started_s),
+            f"[{STATE_STYLE[run.state]}]{run.state}[/]",
+            escape(run.facts.job),
+            f"{run.pages:,}",
+            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
+        )
+    show.people.print(table)
+
+
+@app.command("show")
+def show_run(
+    run: RunNumber = "last",
+    journal: JournalUrl = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Good pages as well, which a person need not see.")
+    ] = False,
+    last: Annotated[int, typer.Option(metavar="N", help="Of the pages, the last N.", min=1)] = 40,
+    csv: Annotated[bool, typer.Option("--csv", help="Print all pages as CSV.")] = False,
+    json: Json = False,
+) -> None:
+    """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
+    with _reading(journal) as opened:
+        found = _run(opened, run)
+        if json:
+            show.print_json([page_facts(page) for page in opened.pages(found.id)])
+            return
+        if csv:
+            write_csv(opened.pages(found.id), sys.stdout)
+            return
+        total = 0
+        shown: deque[PageRecord] = deque(maxlen=last)
+        for page in opened.pages(found.id, passed=every):
+            total += 1
+            shown.append(page)
+    show.people.print(_facts_table(found))
+    if not total:
+        show.people.print("Every page was good, in time and without a fault." if found.pages else "No pages.")
+        return
+    title = "All pages" if every else "Pages to look at"
+    show.people.print(_page_table(shown, title=title))
+    if total > len(shown):
+        show.people.print(
+            f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
+        )
+
+
+@app.command()
+def export(
+    run: RunNumber = "last",
+    journal: JournalUrl = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Write JSON, one object a line.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: print it.")
+    ] = None,
+) -> None:
+    """All pages of one run as CSV or JSON."""
+    if csv and json:
+        raise RequestError("run export", "is asked for CSV and for JSON", remedy="choose one")
+    with _reading(journal) as opened:
+        pages = opened.pages(_run(opened, run).id)
+        if out is None:
+            _write(pages, sys.stdout, json=json)
+            return
+        with whole_file(out) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
+            _write(pages, file, json=json)
+
+
+@app.command()
+def replay(
+    run: RunNumber,
+    sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.")],
+    press: Annotated[Path, typer.Option("--press", metavar="X.press", help="The press artefact of the run.")],
+    journal: JournalUrl = None,
+    json: Json = False,
+) -> None:
+    """Make a verdict again from the evidence that was kept; exits 1 if a figure differs."""
+    from prooflight.inspecting.rejudging import replayed
+    from prooflight.press import Press
+
+    loaded = Press.load(press)
+    with _reading(journal) as opened:
+        found = _run(opened, run)
+        page = opened.page(found.id, sheet)
+        where = opened.path
+    wanted, given = found.facts.press_digest, loaded.digest
+    if given != wanted:
+        what = f"has digest {given[:16]}, run {found.id} was judged by {wanted[:16]}"
+        raise PressError(press, what, remedy=f"give the artefact of press {found.facts.press} of that day")
+    if page.evidence is None:
+        what = f"no evidence of sheet {sheet} of run {found.id} is kept"
+        raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
+    figures = replayed(page.verdict, page.evidence, loaded)
+    same = all(figure.same for figure in figures)
+    if json:
+        rows = {figure.name: {"recorded": figure.recorded, "again": figure.again} for figure in figures}
+        show.print_json(
+            {"run": found.id, "sheet": sheet, "page": page.verdict.page, "same": same, "figures": rows}
+        )
+    else:
+        table = Table(title=f"Sheet {sheet} of run {found.id}, {page.verdict.page}", title_justify="left")
+        for heading in ("", "recorded", "again", ""):
+            table.add_column(heading)
+        for figure in figures:
+            word = "[green]same[/]" if figure.same else "[bold red]differs[/]"
+            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), word)
+        show.people.print(table)
+    if not same:
+        raise typer.Exit(DIFFERS)
+
+
+@app.command()
+def tidy(
+    days: Annotated[float, typer.Option(help="Keep runs so long after they ended.", min=0.001)] = float(
+        "inf"
+    ),
+    megabytes: Annotated[
+        float, typer.Option(help="Keep so much: the oldest evidence goes first, then runs.", min=0.001)
+    ] = float("inf"),
+    journal: JournalUrl = None,
+    json: Json = False,
+) -> None:
+    """Remove what is older or larger than wanted; the last run stays."""
+    with Journal.open(_url(journal)) as opened:
+        before = opened.runs()
+        opened.tidy(Retention(days=days, megabytes=megabytes), now_s=time.time())
+        after = opened.runs()
+        size = opened.megabytes
+    removed = {run.id for run in before} - {run.id for run in after}
+    if json:
+        show.print_json({"removed_runs": sorted(removed), "runs": len(after), "megabytes": round(size, 3)})
+    else:
+        show.people.print(
+            f"{count(len(removed), 'run')} removed; {count(len(after), 'run')}, {size:.1f} MB left"
+        )
+
+
+@contextmanager
+def _reading(journal: str | None) -> Iterator[Journal]:
+    with Journal.open(_url(journal), read_only=True) as opened:
+        yield opened
+
+
+def _url(journal: str | None) -> str:
+    return journal or str(default_journal())
+
+
+def _run(journal: Journal, number: str) -> RunRow:
+    if number.isdecimal():
+        return journal.run(int(number))
+    if number != "last":
+        raise RequestError("run", f"{number!r} is no number", remedy="see `prooflight runs`, or say `last`")
+    return journal.last_run()
+
+
+def _write(pages: Iterable[PageRecord], file: TextIO, *, json: bool) -> None:
+    if not json:
+        write_csv(pages, file)
+        return
+    from prooflight.inspecting.journaling.schema import json_text
+
+    for page in pages:
+        file.write(json_text(page_facts(page)) + "\n")
+
+
+def _local(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def _facts_table(run: RunRow) -> Table:
+    facts, end = run.facts, run.end
+    table = Table(title=f"Run {run.id}", title_justify="left", show_header=False)
+    of_planned = f" of {facts.sheets:,}" if facts.sheets else ""
+    rows: dict[str, Any] = {
+        "job": facts.job,
+        "press": f"{facts.press}, digest {facts.press_digest[:16]}",
+        "detector": facts.detector,
+        "source": facts.source,
+        "began": _local(facts.started_s),
+        "ended": _local(end.ended_s) if end else "",
+        "state": f"{run.state}{f': {end.detail}' if end and end.detail else ''}",
+        "pages": f"{run.pages:,}{of_planned}",
+        "misprints": run.misprints,
+        "not inspected": run.not_inspected,
+        "late": run.late,
+        "with faults": run.faulty,
+        "not recorded": run.dropped_pages,
+        "evidence given up": run.dropped_evidence,
+    }
+    for name, value in rows.items():
+        if value not in ("", 0) or name == "misprints":
+            table.add_row(name, escape(str(value)))
+    return table
+
+
+def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
+    table = Table(title=title, title_justify="left")
+    for heading in ("sheet", "page", "verdict", "action", "score", "what"):
+        table.add_column(heading, justify="right" if heading in ("sheet", "score") else "left")
+    for page in pages:
+        verdict = page.verdict
+        what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
+        what += ["late"] if page.late else []
+        table.add_row(
+            str(page.sheet),
+            escape(verdict.page),
+            f"[{show.VERDICT_STYLE[verdict.verdict]}]{verdict.verdict}[/]",
+            verdict.action,
+            "" if verdict.score is None else f"{verdict.score:.3g}",
+            escape("; ".join(filter(None, (*what, *page.faults, *page.notes)))),
+        )
+    return table

@@ -1,0 +1,61 @@
+"""``prooflight study press``: our detector in the press world."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight.cli.study import Json, PressFileAt, Quick, Results
+from prooflight.cli.study_world import CACHE, Cache, PagesDir
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to ``prooflight study``."""
+    app.command()(press)
+
+
+def press(
+    press_file: PressFileAt = None,
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    pages: PagesDir = None,
+    designs: Annotated[
+        int | None, typer.Option(help="Composed designs that are judged; 1500 if not given.", min=50)
+    ] = None,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md."""
+    from dataclasses import replace
+
+    from prooflight.press_file import PressFile
+    from prooflight.studies.corpus import Folder
+    from prooflight.studies.paper_study import REDUCED_PITCH_MM
+    from prooflight.studies.press_study import PressPlan, run_press_study
+
+    if press_file is None:
+        press_file = Path(str(resources.files("prooflight").joinpath("two-sensors.toml")))
+    plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
+    if designs is not None:
+        plan = replace(plan, designs=designs)
+    out.mkdir(parents=True, exist_ok=True)
+    found = run_press_study(
+        PressFile.read(press_file),
+        out,
+        cache=cache / "press",
+        plan=plan,
+        processes=processes,
+        real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        methods = found.verdicts.methods
+        show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
+    else:
+        show.people.print(f"Written: [bold]{out / 'press.md'}[/bold]")

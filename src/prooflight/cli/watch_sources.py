@@ -1,0 +1,131 @@
+"""``--source`` of ``prooflight watch``: where lines come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from prooflight.acquiring.lines import LineSource
+    from prooflight.pages.job import JobSource
+    from prooflight.press import Press
+    from prooflight.simulating.drum import Turn
+    from prooflight.simulating.scans import SimulatedScan
+
+REMEDY = "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input) or tcp:HOST:PORT"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrumWishes:
+    """What the simulated drum should show."""
+
+    world: str
+    misprint: str | None
+    every: int
+    """Every so many prints is a misprint."""
+    fault_every: int | None
+    """A fault of the paper path or the camera about every so many sheets."""
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """A source, and whether it has a clock of its own pace."""
+
+    source: LineSource
+    waits: bool
+    """Whether it can be made to wait."""
+
+
+def open_source(
+    text: str,
+    *,
+    press: Press,
+    job: JobSource,
+    pages: int,
+    sheets: int,
+    framed: bool,
+    wishes: DrumWishes,
+    shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
+) -> Opened:
+    """What ``--source`` names; RequestError if there is no such thing. shown: shows how rendering goes on."""
+    kind, _, rest = text.partition(":")
+    sensors, pixels = len(press.sensors), press.geometry.pixels
+    if kind == "drum":
+        rate = _rate(text, rest)
+        drum = _drum(press, job, pages=pages, sheets=sheets, rate=rate, wishes=wishes, shown=shown)
+        return Opened(source=drum, waits=rate is None)
+    if kind == "replay" and rest:
+        from prooflight.acquiring.replay import Replay, recorded_scans
+
+        scans = recorded_scans(Path(rest), sensors=sensors)
+        return Opened(source=Replay(scans, sensors=sensors, pixels=pixels), waits=True)
+    if (kind == "raw" and rest) or kind in ("tcp", "unix"):
+        from prooflight.acquiring.raw import open_raw
+
+        address = rest if kind == "raw" else text
+        return Opened(source=open_raw(address, sensors=sensors, pixels=pixels, framed=framed), waits=True)
+    raise RequestError("source", f"there is no {text!r}", remedy=REMEDY)
+
+
+def _rate(text: str, rest: str) -> float | None:
+    try:
+        rate = float(rest) if rest else None
+    except ValueError:
+        rate = float("nan")
+    if rate is not None and not 0 < rate < 1000:
+        raise RequestError("source", f"{text!r} names no speed", remedy="write e.g. drum:5 [pages/s]")
+    return rate
+
+
+def _drum(
+    press: Press,
+    job: JobSource,
+    *,
+    pages: int,
+    sheets: int,
+    rate: float | None,
+    wishes: DrumWishes,
+    shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
+) -> LineSource:
+    from prooflight.simulating.drum import Drum
+    from prooflight.simulating.ring import RingPrint, rendered, ring_size
+    from prooflight.simulating.scans import MisprintRequest
+    from prooflight.simulating.worlds import known_world
+
+    request = MisprintRequest.parse(wishes.misprint) if wishes.misprint else None
+    prints = RingPrint(
+        job=job,
+        press=press,
+        pages=pages,
+        world=known_world(wishes.world),
+        request=request,
+        every=wishes.every,
+        seed=wishes.seed,
+    )
+    count = ring_size(pages, sheets)
+    scans = [one.dn for one in shown(rendered(prints, count), count)]
+    blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
+    return Drum(
+        scans, press=press, passing=_passing(sheets, wishes), pages_per_s=rate, blank=blank, foreign=foreign
+    )
+
+
+def _passing(sheets: int, wishes: DrumWishes) -> Iterable[Turn]:
+    """The sheets as they pass, with faults of all kinds in turn where they are wished for."""
+    from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, turns
+
+    faults = {}
+    if wishes.fault_every:
+        rng = np.random.default_rng([wishes.seed, 9])
+        kinds = (*ORDER_FAULTS, *LINE_FAULTS)
+        for turn, start in enumerate(range(wishes.fault_every, sheets - 2, wishes.fault_every)):
+            faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)
+    return turns(sheets, faults)

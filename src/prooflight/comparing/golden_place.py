@@ -1,0 +1,239 @@
+"""Where a scan lies on a golden scan: one displacement field, stiff against bending, from tiles with edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import cv2
+import numpy as np
+from scipy import fft, sparse
+from scipy.sparse.linalg import splu
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+TILE_PIXELS: Final = 32
+"""Least side of a tile; larger ones on large scans, of which ``MOST_TILES`` lie along the longer side."""
+MOST_TILES: Final = 48
+COARSE_PIXELS: Final = 512
+"""The first shift is looked for with the longer side shrunk to at most this."""
+REACH: Final = 0.06
+"""Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints lie off (worlds.toml)."""
+SHRINKS: Final = (8, 8, 4, 4, 2, 2, 1, 1, 1)
+"""Resolutions at which the field is measured in turn; each step is linear and leaves about a tenth."""
+SMOOTH_PIXELS: Final = 1.0
+"""Standard deviation of the blur before gradients are taken: scans may be binary."""
+BEND_PIXELS: Final = 0.05
+"""Standard deviation of the field's second difference between tiles. [pixels of the full scan]"""
+TILE_SD_PIXELS: Final = 0.3
+"""Of a tile's displacement beyond its noise: edges that moved by themselves (widths that vary)."""
+EDGE_SD: Final = 0.1
+"""Of a pixel's residual while the field is fitted, as a share of the scan's contrast."""
+LEAST_INFORMATION: Final = 1e-6
+"""Of a tile, so that one without edges has a place: its own. [1/pixel^2]"""
+MOST_STEP: Final = 2.0
+"""Of a tile in one step, in pixels of the resolution at hand: a linear step reaches no further."""
+MARGIN_PIXELS: Final = 4
+"""Of a golden, which are not judged: how far its border moves is told by half a tile only."""
+LEAST_EDGE: Final = 0.02
+"""Of gradients [contrast/pixel]: a golden scan without any such edge has no place."""
+LIKE: Final = 0.5
+"""Least correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
+MOST_BENT: Final = 0.02
+"""Of the longer side, by which displacements may differ: 6 mm of A4 (good prints: 1 mm; worlds.toml)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenPlace:
+    """How far each place of the golden scan lies too far right and down in a scan."""
+
+    nodes: NDArray[np.float32]
+    """(2, rows, columns) displacement across and along at the centres of tiles. [pixels]"""
+    tile_pixels: int
+    likeness: float
+    """Correlation of the edges of both, the golden moved. [-]"""
+
+    @classmethod
+    def same(cls, shape: tuple[int, ...]) -> Self:
+        """Of a scan (..., lines, pixels) that lies just as the golden does."""
+        return cls(nodes=np.zeros((2, 1, 1), np.float32), tile_pixels=max(shape[-2:]), likeness=1.0)
+
+    @property
+    def found(self) -> bool:
+        """Whether the scan shows what the golden shows, and not bent out of shape."""
+        bent = max(float(np.ptp(node)) for node in self.nodes)
+        return self.likeness >= LIKE and bent <= MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
+
+    @property
+    def shift_pixels(self) -> tuple[float, float]:
+        """Mean displacement across and along. [pixels]"""
+        return float(self.nodes[0].mean()), float(self.nodes[1].mean())
+
+    def moved(self, image: NDArray[np.float32], *, shrink: int = 1) -> NDArray[np.float32]:
+        """``image`` (lines, pixels) of the golden, ``shrink`` times smaller, where this scan shows it.
+
+        NaN within ``MARGIN_PIXELS`` of the golden's border and beyond.
+        """
+        lines, pixels = image.shape
+        across, along = (
+            _upsampled(node, image.shape, self.tile_pixels // shrink) / shrink for node in self.nodes
+        )
+        x = np.arange(pixels, dtype=np.float32) - across
+        y = np.arange(lines, dtype=np.float32)[:, None] - along
+        shown = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        outer = MARGIN_PIXELS / shrink - 0.5
+        shown[(x < outer) | (x > pixels - 1 - outer) | (y < outer) | (y > lines - 1 - outer)] = np.nan
+        return shown
+
+
+def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace:
+    """Find where ``scan`` shows ``golden``, both (lines, pixels) of one shape, contrast about 1.
+
+    A shift by correlation of edges, then a field of displacements from coarse to fine: at each tile one linear step of
+    least squares (Lucas and Kanade), all tiles together under a penalty on second differences, tiles that do not fit
+    left out step by step.
+    """
+    tile = max(TILE_PIXELS, 8 * int(np.ceil(max(golden.shape) / MOST_TILES / 8)))
+    rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
+    shift = _first_shift(golden, scan)
+    nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
+    stiff = _stiffness(rows, columns) / BEND_PIXELS**2
+    pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in set(SHRINKS)}
+    for shrink in SHRINKS:
+        nodes = _step(
+            GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0), *pictures[shrink], shrink, stiff
+        )
+    where = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
+    small, seen = pictures[8]
+    likeness = _likeness(small, where.moved(small, shrink=8), seen)
+    return GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=likeness)
+
+
+def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
+    """Padded to whole tiles, area means over shrink x shrink pixels, blurred."""
+    lines, pixels = (-extent % tile for extent in image.shape)
+    padded = cv2.copyMakeBorder(image, 0, lines, 0, pixels, cv2.BORDER_REPLICATE)
+    if shrink > 1:
+        size = (padded.shape[1] // shrink, padded.shape[0] // shrink)
+        padded = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
+    return cv2.GaussianBlur(padded, (0, 0), SMOOTH_PIXELS)
+
+
+def _upsampled(node: NDArray[np.float32], shape: tuple[int, ...], tile: int) -> NDArray[np.float32]:
+    rows, columns = node.shape
+    full = cv2.resize(node, (columns * tile, rows * tile), interpolation=cv2.INTER_LINEAR)
+    return full[: shape[0], : shape[1]]
+
+
+def _edges(image: NDArray[np.float32]) -> NDArray[np.complex64]:
+    across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    along = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    return np.asarray(across + 1j * along, np.complex64)
+
+
+def _first_shift(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> tuple[float, float]:
+    """Shift across and along at which the edges correlate most, to a coarse pixel. [pixels]"""
+    shrink = max(1, int(np.ceil(max(golden.shape) / COARSE_PIXELS)))
+    size = (golden.shape[1] // shrink, golden.shape[0] // shrink)
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (golden, scan)]
+    reach = int(REACH * max(size)) + 1
+    one, two = (np.pad(_edges(image), ((0, reach), (0, reach))) for image in small)
+    likeness = fft.ifft2(np.conj(fft.fft2(one)) * fft.fft2(two)).real
+    near = np.arange(-reach, reach + 1)
+    window = likeness[np.ix_(near, near)]
+    along, across = np.unravel_index(window.argmax(), window.shape)
+    return float(near[across] * shrink), float(near[along] * shrink)
+
+
+def _likeness(golden: NDArray[np.float32], moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
+    """Of the scan's edges to the golden's where it shows them; what of either has no partner counts against it."""
+    known = np.isfinite(moved)
+    whole, other = _edges(golden), _edges(scan)
+    if np.abs(whole).max(initial=0) < LEAST_EDGE:
+        return 0.0
+    likely = (np.conj(_edges(np.where(known, moved, scan))) * other)[known].sum().real
+    energy = np.sqrt((np.abs(whole) ** 2).sum() * (np.abs(other) ** 2).sum())
+    return float(likely) / max(float(energy), 1e-9)
+
+
+def _step(
+    now: GoldenPlace,
+    golden: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    shrink: int,
+    stiff: sparse.csc_matrix,
+) -> NDArray[np.float32]:
+    """The field after one linear step at one resolution."""
+    own, precision = _tile_moves(now, golden, scan, shrink)
+    start = now.nodes.reshape(2, -1).T.astype(np.float64)
+    goal = start + own
+    weight = np.ones(len(goal))
+    field = start
+    for _ in range(4):
+        field = _solved(precision * weight[:, None, None], goal, stiff)
+        far = goal - field
+        far2 = np.einsum("na,nab,nb->n", far, precision, far)
+        weight = 1 / (1 + far2 / 4)
+    return np.ascontiguousarray(field.T.reshape(now.nodes.shape), np.float32)
+
+
+def _tile_moves(
+    now: GoldenPlace, golden: NDArray[np.float32], scan: NDArray[np.float32], shrink: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each tile wants to move by itself (tiles, 2) [pixels], and how surely (tiles, 2, 2) [1/pixel^2]."""
+    moved = now.moved(golden, shrink=shrink)
+    known = np.isfinite(moved)
+    moved = np.where(known, moved, scan)
+    slope = np.where(known, _edges(moved), np.complex64(0)) / np.float32(shrink * EDGE_SD)
+    off = (moved - scan) / np.float32(EDGE_SD)
+    tile = now.tile_pixels // shrink
+    gx, gy = np.asarray(slope.real, np.float32), np.asarray(slope.imag, np.float32)
+    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off)
+    xx, xy, yy, x, y = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
+    normal = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) + np.eye(2) * LEAST_INFORMATION
+    own = np.linalg.solve(normal, np.stack([x, y], axis=-1)[..., None])[..., 0]
+    most = MOST_STEP * shrink
+    own *= np.minimum(1, most / np.maximum(np.abs(own).max(axis=1, keepdims=True), 1e-9))
+    spread = np.linalg.inv(normal) + np.eye(2) * TILE_SD_PIXELS**2
+    return np.asarray(own, np.float64), np.asarray(np.linalg.inv(spread), np.float64)
+
+
+def _tile_sums(image: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
+    rows, columns = image.shape[0] // tile, image.shape[1] // tile
+    return image.reshape(rows, tile, columns, tile).sum(axis=(1, 3))
+
+
+def _stiffness(rows: int, columns: int) -> sparse.csc_matrix:
+    """Sum of squared second differences of a grid (rows x columns) as a quadratic form."""
+
+    def difference(count: int, order: int) -> sparse.csr_matrix:
+        matrix = sparse.eye(count, format="csr")
+        for _ in range(min(order, count - 1)):
+            matrix = matrix[1:] - matrix[:-1]
+        return matrix
+
+    along, across = sparse.eye(rows), sparse.eye(columns)
+    total = sparse.csc_matrix((rows * columns, rows * columns))
+    if columns > 2:
+        part = sparse.kron(along, difference(columns, 2))
+        total = total + part.T @ part
+    if rows > 2:
+        part = sparse.kron(difference(rows, 2), across)
+        total = total + part.T @ part
+    if rows > 1 and columns > 1:
+        part = sparse.kron(difference(rows, 1), difference(columns, 1))
+        total = total + 2 * part.T @ part
+    return sparse.csc_matrix(total)
+
+
+def _solved(
+    precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: sparse.csc_matrix
+) -> NDArray[np.float64]:
+    """Field (tiles, 2) that weighs the tiles' own goals against stiffness; weakly held where nothing tells."""
+    count = len(goal)
+    xx, xy, yy = (sparse.diags(precision[:, a, b]) for a, b in ((0, 0), (0, 1), (1, 1)))
+    weak = sparse.eye(count) * 1e-6
+    matrix = sparse.bmat([[xx + stiff + weak, xy], [xy, yy + stiff + weak]], format="csc")
+    wanted = np.einsum("nab,nb->an", precision, goal).ravel() + 1e-6 * goal.T.ravel()
+    return splu(matrix).solve(wanted).reshape(2, count).T

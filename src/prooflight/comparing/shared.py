@@ -1,0 +1,121 @@
+"""One prediction for all copies of a page: moved to where a print lies, with each ink plane where it was printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from prooflight.comparing.modes import seen_as, shadow_sensors
+from prooflight.comparing.summing.moving_kernels import move, move_shadow
+from prooflight.predicting.kernels import to_columns
+from prooflight.predicting.predict import Prediction, shot_slope
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.comparing.modes import Sight
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.tables import SensorModel
+
+INKS: Final = 4
+MOST_PLANE_MM: Final = 0.114
+"""Good planes are off by no more (worlds.toml)."""
+LEAST_PLANE_PIXELS: Final = 0.02
+"""Planes closer to their place are left to the fit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SharedPrediction:
+    """What the camera would see of a page in its place in bare columns of gain 1."""
+
+    light: NDArray[np.float32]
+    """(sensors, lines, pixels) above the backing's. [DN]"""
+    variance: NDArray[np.float32]
+    """The same of the temporal variance; only of sensors where that is not linear in the light. [DN^2]"""
+    shadows: NDArray[np.float32]
+    """(sensors, 4, lines, pixels) how much lighter it would be without an ink; 0 of one that the page does not have."""
+
+    @classmethod
+    def of(
+        cls,
+        page: Page,
+        expected: Prediction,
+        *,
+        sensors: Sequence[SensorModel],
+        geometry: ScanGeometry,
+        threads: int | None = 1,
+    ) -> Self:
+        """From a page's prediction in its place."""
+        light, variance = np.empty_like(expected.expected_dn), np.zeros_like(expected.expected_dn[:0])
+        shadows = np.zeros((len(sensors), INKS, *light.shape[1:]), np.float32)
+        kept = []
+        for index, sensor in enumerate(sensors):
+            gain = np.maximum(sensor.column_gain, np.float32(1e-3))
+            light[index] = (expected.expected_dn[index] - sensor.column_offset_dn) / gain - np.float32(
+                sensor.backing_dn
+            )
+            if shot_slope(sensor) == 0:
+                dark = np.float32(sensor.dark_variance_dn2)
+                above = np.float32(sensor.backing_variance_dn2 - sensor.dark_variance_dn2)
+                kept.append((expected.variance_dn2[index] - dark) / gain - above)
+            for ink in range(INKS):
+                if page.cmyk[::2, ::2, ink].any():
+                    model = shadow_sensors(sensor)[ink]
+                    shadows[index, ink] = seen_as(page, model, geometry=geometry, threads=threads)
+        if kept:
+            variance = np.stack(kept)
+        return cls(light=light, variance=variance, shadows=shadows)
+
+    def seen(
+        self, where: Sight, planes: NDArray[np.float64], *, sensors: Sequence[SensorModel]
+    ) -> Prediction:
+        """What the camera sees of a print that lies so; planes (4, 2): how far each lies too far right and down.
+
+        A plane that is displaced casts its shadow where it lies: exact where one ink lies on paper, and where what
+        others print is alike nearby. [pixels]
+        """
+        expected, variance = np.empty_like(self.light), np.zeros_like(self.light)
+        lines = expected.shape[1]
+        off = [ink for ink in range(INKS) if np.abs(planes[ink]).max() > LEAST_PLANE_PIXELS]
+        stated = 0
+        for index, sensor in enumerate(sensors):
+            move(self.light[index], where.across, where.along, expected[index])
+            for ink in off:
+                shadow = self.shadows[index, ink]
+                if shadow[::8].any():
+                    right, down = (np.float32(value) for value in planes[ink])
+                    move_shadow(shadow, where.across, where.along, right, down, expected[index])
+            slope = shot_slope(sensor)
+            if slope == 0:
+                move(self.variance[stated], where.across, where.along, variance[index])
+                stated += 1
+            to_columns(
+                np.float32(sensor.backing_dn),
+                np.float32(sensor.backing_variance_dn2),
+                np.float32(slope),
+                sensor.column_offset_dn,
+                sensor.column_gain,
+                np.float32(sensor.dark_variance_dn2),
+                np.float32(sensor.top_code_dn),
+                0,
+                lines,
+                expected[index],
+                variance[index],
+            )
+        return Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+def planes_taken(
+    planes_mm: NDArray[np.float64], *, most_mm: float = MOST_PLANE_MM
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Displacements of planes (4, 2) that prediction follows, no more than good prints have, and what is left [mm].
+
+    A plane that is a misprint's stays one.
+    """
+    taken = planes_mm.clip(-most_mm, most_mm)
+    return taken, planes_mm - taken

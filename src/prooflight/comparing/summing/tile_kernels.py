@@ -1,0 +1,199 @@
+"""Compiled loops: what residuals say of every mode, summed over tiles and down columns.
+
+Row by row, one array written at a time: so the loops run in vectors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+INKS = 4
+LINE_MODES = 10
+"""Light, each ink added (4), each ink's gain (4), void."""
+MODES = 12
+"""The same, and blur and all inks' gain."""
+_MOST_SQUARE = np.float32(25)
+_FLOOR = np.float32(1e-12)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type: ignore[no-untyped-def]
+    """A row (pixels,) ready to be summed up, out (4, pixels): r / V with r kept below ``most`` sigma, 1 / V, light / V
+    and the edges' part of 1 / V. Pixels more of whose variance than ``most_edge`` is edges' count nothing.
+    """
+    push, power, shared, edges = out[0], out[1], out[2], out[3]
+    for x in range(residual.size):
+        power[x] = weight[x] if of_edges[x] <= most_edge else np.float32(0)
+    for x in range(residual.size):
+        r, w = residual[x], power[x]
+        push[x] = r * w * min(np.float32(1), most / np.sqrt(r * r * w + _FLOOR))
+    for x in range(residual.size):
+        shared[x] = light[x] * power[x]
+    for x in range(residual.size):
+        edges[x] = of_edges[x] * power[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
+    """Add what a row says of one mode (pixels,) to its four sums; push .. edge: as ``weigh_row`` makes them."""
+    for x in range(mode.size):
+        pushes[x] += mode[x] * push[x]
+    for x in range(mode.size):
+        powers[x] += mode[x] * mode[x] * power[x]
+    for x in range(mode.size):
+        shared[x] += mode[x] * light[x]
+    for x in range(mode.size):
+        edges[x] += mode[x] * mode[x] * edge[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def void_row(light, white, out):  # type: ignore[no-untyped-def]
+    """What is missing to bare paper."""
+    for x in range(out.size):
+        out[x] = white[x] - light[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def blur_row(light, line, out):  # type: ignore[no-untyped-def]
+    """Half the sum of four neighbours less twice the middle; 0 at both ends."""
+    above, here, below = light[line - 1], light[line], light[line + 1]
+    out[0], out[out.size - 1] = np.float32(0), np.float32(0)
+    for x in range(1, out.size - 1):
+        around = here[x + 1] + here[x - 1] + above[x] + below[x]
+        out[x] = around * np.float32(0.5) - np.float32(2) * here[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def line_sums(  # type: ignore[no-untyped-def]
+    residual,
+    weight,
+    light,
+    white,
+    add,
+    gain,
+    of_edges,
+    most_edge,
+    shift,
+    segments,
+    segment_lines,
+    pushes,
+    powers,
+    shared,
+    edges,
+):
+    """Sums down the columns of a page, in segments of its height, added to (modes, segments, pixels).
+
+    Modes: ``LINE_MODES``. pushes: sum P r / V; powers: P^2 / V; shared: P light / V; edges: the edges' part of powers.
+    white (pixels,): bare paper's light. r is kept below 4 sigma. shift (lines,): whole pixels by which a line is moved
+    left, so that columns of a page that is turned lie on each other; pixels more of whose variance than most_edge is
+    edges' are left out.
+    """
+    lines, pixels = residual.shape
+    row = np.empty((4, pixels), np.float32)
+    void = np.empty(pixels, np.float32)
+    for line in range(2, lines - 2):
+        segment = min(line // segment_lines, segments - 1)
+        by = shift[line]
+        left, right = max(by, 0), min(pixels + by, pixels)
+        if left >= right:
+            continue
+        weigh_row(residual[line], weight[line], light[line], of_edges[line], np.float32(4), most_edge, row)
+        void_row(light[line], white, void)
+        to = slice(left - by, right - by)
+        push, power = row[0, left:right], row[1, left:right]
+        shine, edge = row[2, left:right], row[3, left:right]
+        for m in range(LINE_MODES):
+            if m == 0:
+                mode = light[line, left:right]
+            elif m < 1 + INKS:
+                mode = add[m - 1, line, left:right]
+            elif m < 1 + 2 * INKS:
+                mode = gain[m - 1 - INKS, line, left:right]
+            else:
+                mode = void[left:right]
+            add_mode(
+                mode,
+                push,
+                power,
+                shine,
+                edge,
+                pushes[m, segment, to],
+                powers[m, segment, to],
+                shared[m, segment, to],
+                edges[m, segment, to],
+            )
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def tile_sums(residual, weight, light, white, add, gain, of_edges, side, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
+    """Sums over tiles of one sensor, added to pushes, powers, shared, edges (MODES + 1, tile rows, tile columns).
+
+    As ``line_sums``, r kept below 10 sigma; the last place is the energy: sum of r^2 / V, each at most 25, and pixels.
+    """
+    lines, pixels = residual.shape
+    row = np.empty((4, pixels), np.float32)
+    sums = np.zeros((4, MODES + 1, pixels), np.float32)
+    made = np.empty((3, pixels), np.float32)
+    rows, columns = pushes.shape[1], pushes.shape[2]
+    for line in range(2, min(lines - 2, rows * side)):
+        weigh_row(
+            residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), row
+        )
+        void_row(light[line], white, made[0])
+        blur_row(light, line, made[1])
+        whole, c, g, y, k = made[2], gain[0, line], gain[1, line], gain[2, line], gain[3, line]
+        for x in range(pixels):
+            whole[x] = c[x] + g[x] + y[x] + k[x]
+        add_mode(light[line], row[0], row[1], row[2], row[3], sums[0, 0], sums[1, 0], sums[2, 0], sums[3, 0])
+        for ink in range(INKS):
+            m = 1 + ink
+            add_mode(
+                add[ink, line], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
+            )
+        for ink in range(INKS):
+            m = 1 + INKS + ink
+            add_mode(
+                gain[ink, line],
+                row[0],
+                row[1],
+                row[2],
+                row[3],
+                sums[0, m],
+                sums[1, m],
+                sums[2, m],
+                sums[3, m],
+            )
+        for of_light in range(3):
+            m = 1 + 2 * INKS + of_light
+            add_mode(
+                made[of_light], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
+            )
+        energy, count = sums[0, MODES], sums[1, MODES]
+        r, w = residual[line], weight[line]
+        for x in range(pixels):
+            energy[x] += min(r[x] * r[x] * w[x], _MOST_SQUARE)
+        for x in range(pixels):
+            count[x] += np.float32(w[x] > 0)
+        if line % side == side - 1 or line == lines - 3:
+            tile = line // side
+            for m in range(MODES + 1):
+                gather(sums[0, m], side, columns, pushes[m, tile])
+                gather(sums[1, m], side, columns, powers[m, tile])
+                gather(sums[2, m], side, columns, shared[m, tile])
+                gather(sums[3, m], side, columns, edges[m, tile])
+            sums[:] = np.float32(0)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def gather(sums, side, columns, out):  # type: ignore[no-untyped-def]
+    """Sums (pixels,) added up in tiles of ``side``, into out (columns,)."""
+    if side == 2:
+        for column in range(columns):
+            out[column] += sums[2 * column] + sums[2 * column + 1]
+        return
+    for column in range(columns):
+        total = np.float32(0)
+        for x in range(column * side, (column + 1) * side):
+            total += sums[x]
+        out[column] += total

@@ -1,0 +1,104 @@
+"""Statistics of one page against its own scatter, and the exchange of two inks over all of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from prooflight.comparing.local_evidence import FLAT, HARMONICS, LEAST_POWER, MODES, without_common
+from prooflight.deciding.page_scale_kernels import against_own, box_maps
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.comparing.boxed_evidence import Cells
+    from prooflight.comparing.local_evidence import Sums
+
+NEIGHBOURS: Final = 81
+"""Frequencies about one, whose median is the level of the spectrum there."""
+MEDIAN_OF_WAVES: Final = 1.386
+"""Of chi-square with 2 degrees of freedom: 2 ln 2."""
+PAIRS: Final = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+BLOCK_TILES: Final = 16
+EXCHANGE_SD: Final = 0.3
+"""Of an exchanged share, before it is seen: wide, so that one seen badly is not taken for none."""
+EXCHANGE_TOLERANCE: Final = 0.01
+
+
+class Most(NamedTuple):
+    """Extremes of one map of T."""
+
+    high: float
+    low: float
+    own_high: float
+    """Over the page's own scatter."""
+    own_low: float
+    energy: float
+    """Mean of T^2, each at most 100."""
+    places: NDArray[np.int64]
+    """(4, 2) row and column of the four extremes."""
+
+
+def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> Most:
+    """Extremes of T over N', D' and the edges' part of it, (3, h, w); overlap: neighbours that say the same."""
+    values, places = np.zeros(5, np.float32), np.zeros((4, 2), np.int64)
+    how = (scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap))
+    against_own(maps[0], maps[1], maps[2], *how, values, places)
+    high, low, own_high, own_low, energy = values.tolist()
+    return Most(high=high, low=low, own_high=own_high, own_low=own_low, energy=energy, places=places)
+
+
+def maps_of(cells: Cells) -> NDArray[np.float32]:
+    """N', D' and the edges' part of D' at all boxes: (3, modes, rows, columns)."""
+    out = np.empty((3, len(MODES), *cells.sums.shape[-2:]), np.float32)
+    box_maps(cells.sums, cells.gains, cells.level, np.float32(1 / cells.common**2), out)
+    return out
+
+
+def flat_part(sums: Sums) -> Sums:
+    """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
+    calm = sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]
+    return replace(sums, tiles=sums.tiles * calm, columns=sums.flat_columns)
+
+
+def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64]) -> tuple[float, float]:
+    """The greatest wave over the level of waves of about its length, alone and with its harmonics."""
+    level = ndimage.median_filter(waves, NEIGHBOURS, mode="nearest") / MEDIAN_OF_WAVES
+    ratio = waves / np.maximum(level, 0.7)
+    first = round(frequency[0] / (frequency[1] - frequency[0]))
+    index = first + np.arange(ratio.size)
+    together = np.zeros(ratio.size)
+    for k in range(1, HARMONICS + 1):
+        place = k * index - first
+        known = place < ratio.size
+        together += np.where(known, ratio[np.minimum(place, ratio.size - 1)] - 2, 0)
+    return float(ratio.max()), float(together.max() / np.sqrt(HARMONICS))
+
+
+def exchanged(sums: Sums) -> list[float]:
+    """Share by which each of ``PAIRS`` is exchanged over the page, over its standard deviation.
+
+    Ink area a becomes a + s (b - a) and b the reverse. The standard deviation is found from the page's own blocks.
+    """
+    rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
+    cut = (slice(rows * BLOCK_TILES), slice(columns * BLOCK_TILES))
+    own, power, _ = without_common(sums.tiles[:, :9])
+    push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
+    found = []
+    for a, b in PAIRS:
+        step = sums.cover[b] - sums.cover[a]
+        n, d = (
+            np.ascontiguousarray(one[cut])
+            .reshape(rows, BLOCK_TILES, columns, BLOCK_TILES)
+            .sum(axis=(1, 3))
+            .ravel()
+            for one in (step * (push[a] - push[b]), step**2 * (said[a] + said[b]))
+        )
+        known = float(d.sum()) + 1 / EXCHANGE_SD**2
+        share = float(n.sum()) / known
+        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known
+        found.append(share / float(np.hypot(sd, EXCHANGE_TOLERANCE)))
+    return found

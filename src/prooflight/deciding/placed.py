@@ -1,0 +1,178 @@
+"""Statistics with a place: boxes, streaks, waves, echoes and stray energy; on the whole page, and away from edges."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.comparing.boxed_evidence import cells_of, echoes
+from prooflight.comparing.local_evidence import (
+    GHOST_BOXES_MM,
+    LEAST_POWER,
+    LINE_MODES,
+    MODES,
+    SEGMENTS,
+    SPANS,
+    WIDTH_UNIT_MM,
+    WIDTHS,
+    periodogram,
+    rows,
+    statistic,
+    streaks,
+)
+from prooflight.comparing.nuisance import INKS
+from prooflight.deciding.page_scale import PAIRS, above_neighbours, exchanged, extremes_of, maps_of
+from prooflight.deciding.said import NOWHERE, Said
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.comparing.boxed_evidence import Echoes
+    from prooflight.comparing.local_evidence import Scatter, Sums
+    from prooflight.deciding.said import Box
+
+INK: Final = "CMYK"
+LEAST_BOXES: Final = 12
+OVERLAP: Final = 4
+"""Boxes that overlap by half count as so many fewer."""
+ENERGY: Final = np.array([2.0, 2.0, 0.0])
+"""Variance of a pixel's squared residual in its own variance."""
+NOISE: Final = np.array([1.0, 1.0, 0.0])
+ONE_SIGMA: Final = 0.6827
+
+
+def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Said]:
+    """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
+    for place, cells in enumerate(cells_of(sums)):
+        size, maps = cells.size, maps_of(cells)
+        for mode, name in enumerate(MODES):
+            most = extremes_of(maps[:, mode], scatter.boxes[mode, place], overlap=OVERLAP)
+            box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
+            yield Said(name=f"box/{name}+/{size}", value=most.high, box=box[0])
+            yield Said(name=f"box/{name}-/{size}", value=-most.low, box=box[1])
+            yield Said(name=f"apart/{name}+/{size}", value=most.own_high, box=box[2])
+            yield Said(name=f"apart/{name}-/{size}", value=-most.own_low, box=box[3])
+            yield Said(name=f"spread/{name}/{size}", value=float(np.log(most.energy + 0.1)))
+
+
+def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Said]:
+    """The same against this page's own, where there are no edges."""
+    for place, cells in enumerate(cells_of(flat)):
+        maps = maps_of(cells)
+        for mode, name in enumerate(MODES):
+            if name == "blur":
+                continue
+            most = extremes_of(maps[:, mode], scatter.boxes[mode, place], overlap=OVERLAP)
+            box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
+            yield Said(name=f"flat/{name}+/{cells.size}", value=most.own_high, box=box[0])
+            yield Said(name=f"flat/{name}-/{cells.size}", value=-most.own_low, box=box[1])
+
+
+def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Said]:
+    """Streaks of every mode, width and length against this page's own scatter, and against good prints if named."""
+    for w, width in enumerate(WIDTHS):
+        for s, span in enumerate(SPANS):
+            maps = np.stack(streaks(sums, width, span))
+            for mode, name in enumerate(MODES[:LINE_MODES]):
+                most = extremes_of(maps[:, mode], scatter.streaks[mode, w, s], overlap=width)
+                for family, high, low, place in (
+                    (good, most.high, most.low, 0),
+                    (own, most.own_high, most.own_low, 2),
+                ):
+                    if family:
+                        part, column = most.places[place + (high < -low)]
+                        box = _streak_mm(sums, int(part), int(column), width, span)
+                        yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
+
+
+def _streak_mm(sums: Sums, part: int, column: int, width: int, span: str) -> Box:
+    height_mm, width_mm = sums.tiles.shape[2] * sums.tile_mm, width * WIDTH_UNIT_MM
+    x = (column + 0.5) * sums.pixel_mm + sums.left_mm
+    length = {"quarter": 1, "half": 2, "full": SEGMENTS}[span]
+    top = part / SEGMENTS * height_mm + sums.top_mm
+    return x - width_mm / 2, top, width_mm, length / SEGMENTS * height_mm
+
+
+def of_bands(sums: Sums, scatter: Scatter) -> Iterator[Said]:
+    """Waves along the travel of every mode against good prints, and single rows."""
+    own, power, edges = rows(sums)
+    for mode, name in enumerate(MODES):
+        _, waves, together = periodogram(
+            own[mode], power[mode], edges[mode], scatter.bands[mode], sums.tile_mm
+        )
+        yield Said(name=f"band/{name}/wave", value=float(waves.max()))
+        yield Said(name=f"band/{name}/harmonics", value=float(together.max()))
+        t = statistic(own[mode], power[mode], edges[mode], scatter.bands[mode])
+        row = int(np.argmax(np.abs(t)))
+        y = float(row * sums.tile_mm + sums.top_mm)
+        yield Said(name=f"band/{name}/row", value=float(abs(t[row])), box=(0.0, y, np.inf, sums.tile_mm))
+
+
+def of_waves(sums: Sums, scatter: Scatter, *, family: str) -> Iterator[Said]:
+    """Waves along the travel against others of about their length on this page."""
+    own, power, edges = rows(sums)
+    for mode, name in enumerate(MODES):
+        frequency, waves, _ = periodogram(
+            own[mode], power[mode], edges[mode], scatter.bands[mode], sums.tile_mm
+        )
+        wave, harmonics = above_neighbours(frequency, waves)
+        yield Said(name=f"{family}/{name}/one", value=wave)
+        yield Said(name=f"{family}/{name}/harmonics", value=harmonics)
+
+
+def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str = "") -> Iterator[Said]:
+    """Echoes of each ink's detail further down, against those that this page has anyway, and good prints if named."""
+    seen = echoes(sums)
+    for ink in range(INKS):
+        for b, (height, width) in enumerate(GHOST_BOXES_MM):
+            value, middle = seen.greatest(ink, (height, width), scatters[ink, b])
+            box = NOWHERE
+            if middle is not None:
+                x, y = middle[0] + sums.left_mm - width / 2, middle[1] + sums.top_mm - height / 2
+                box = (x, y, width, height)
+            if good:
+                yield Said(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
+            usual = _usual_echo(seen, ink, (height, width), scatters[ink, b]) if value else 1.0
+            yield Said(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
+
+
+def _usual_echo(seen: Echoes, ink: int, box_mm: tuple[float, float], scatter: NDArray[np.float64]) -> float:
+    """What T of echoes of this ink on this page scatters by."""
+    drawn = np.stack([seen.boxes(ink, int(lag), box_mm) for lag in seen.lags[::8]])
+    t = statistic(drawn[:, 0], drawn[:, 1], drawn[:, 2], scatter)
+    t = np.abs(t[drawn[:, 1] > LEAST_POWER])
+    return max(float(np.quantile(t, ONE_SIGMA)), 0.5) if t.size >= LEAST_BOXES else 1.0
+
+
+def of_exchange(sums: Sums) -> Iterator[Said]:
+    """Inks exchanged over the page."""
+    for (one, other), t in zip(PAIRS, exchanged(sums), strict=True):
+        yield Said(name=f"swap/{INK[one]}{INK[other]}", value=abs(t))
+
+
+def of_energy(sums: Sums) -> Iterator[Said]:
+    """Squared residuals over their variance, in no one's shape."""
+    energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
+    share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
+    yield Said(name="energy/page", value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)))
+    for size in (2, 8, 32):
+        rows_, columns = (extent // size * size for extent in energy.shape)
+        if not rows_ or not columns:
+            yield Said(name=f"energy/{size}", value=0.0)
+            yield Said(name=f"excess/{size}", value=0.0)
+            continue
+        cut = np.stack([energy, pixels, share])[:, :rows_, :columns]
+        e, n, of_edges = cut.reshape(3, rows_ // size, size, columns // size, size).sum(axis=(2, 4))
+        full = n >= 0.5 * n.max()
+        mean = np.where(full, e / np.maximum(n, 1), 0)
+        row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)
+        extent = size * sums.tile_mm
+        box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
+        yield Said(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
+        most = extremes_of(np.stack([e - n, n * full, of_edges]), ENERGY, overlap=1)
+        row, column = most.places[2]
+        box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
+        yield Said(name=f"excess/{size}", value=most.own_high, box=box)

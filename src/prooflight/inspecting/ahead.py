@@ -1,0 +1,152 @@
+"""Designs made ready ahead of their sheets, in threads of their own, each once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from prooflight.pages.raster import Page
+
+Ready = TypeVar("Ready")
+
+
+class PageBook(Protocol):
+    """The sheets of a job."""
+
+    def __len__(self) -> int: ...
+
+    def design(self, sheet: int) -> Hashable:
+        """What tells one design from another: sheets of one design look the same."""
+        ...
+
+    def page(self, sheet: int) -> Page:
+        """What is printed on a sheet, from 0, as it enters the press; always called by the same thread."""
+        ...
+
+
+def size_bytes(value: object) -> int:
+    """Memory of all arrays in nested dataclasses, tuples and lists, each counted once."""
+    arrays: dict[int, int] = {}
+
+    def walk(one: object) -> None:
+        if isinstance(one, np.ndarray):
+            arrays[id(one)] = one.nbytes
+        elif isinstance(one, (tuple, list)):
+            for part in one:
+                walk(part)
+        elif is_dataclass(one) and not isinstance(one, type):
+            for part in fields(one):
+                walk(getattr(one, part.name))
+
+    walk(value)
+    return sum(arrays.values())
+
+
+class Ahead(Generic[Ready]):
+    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows."""
+
+    def __init__(
+        self,
+        book: PageBook,
+        prepare: Callable[[Page], Ready],
+        *,
+        depth: int,
+        room_bytes: int,
+        threads: int = 1,
+        took: Callable[[float], None] = lambda _seconds: None,
+        size: Callable[[Ready], int] = size_bytes,
+        made: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
+    ) -> None:
+        self._book, self._prepare = book, prepare
+        self._took, self._size, self._told = took, size, made
+        self._depth, self._room_bytes = depth, room_bytes
+        self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
+        self._bytes: dict[Hashable, int] = {}
+        self._stale: set[Hashable] = set()
+        self._guard = threading.Lock()
+        self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
+
+    @property
+    def ready(self) -> int:
+        """Designs that are ready."""
+        return len(self._bytes)
+
+    def expect(self, sheet: int) -> None:
+        """A sheet of the job and those after it come next."""
+        last = len(self._book) if len(self._book) else sheet + self._depth
+        for number in range(sheet, min(sheet + self._depth, last)):
+            self._asked(number)
+
+    def get(self, sheet: int) -> Ready:
+        """The design of a sheet, made ready now if it is not yet; raises what its making raised."""
+        return self._asked(sheet).result()
+
+    def renew(self, prepare: Callable[[Page], Ready]) -> None:
+        """From now on designs are made so; what is ready may be used until it is made again."""
+        with self._guard:
+            self._prepare = prepare
+            self._stale = set(self._bytes)
+
+    def close(self) -> None:
+        """End the threads; what is under way is finished, what is not is dropped."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._reader.shutdown(wait=True, cancel_futures=True)
+
+    def _asked(self, sheet: int) -> Future[Ready]:
+        design = self._book.design(sheet)
+        with self._guard:
+            known = self._kept.get(design)
+            if known is not None:
+                self._kept.move_to_end(design)
+                if design in self._stale:
+                    self._stale.discard(design)
+                    self._pool.submit(self._again, design, sheet)
+                return known
+            asked = self._pool.submit(self._made, design, sheet)
+            self._kept[design] = asked
+            return asked
+
+    def _made(self, design: Hashable, sheet: int) -> Ready:
+        try:
+            ready = self._timed(sheet)
+        except BaseException:
+            with self._guard:
+                self._kept.pop(design, None)  # the next sheet of it tries again
+            raise
+        self._told(design, ready)
+        with self._guard:
+            self._bytes[design] = self._size(ready)
+            self._make_room(design)
+        return ready
+
+    def _again(self, design: Hashable, sheet: int) -> None:
+        ready: Future[Ready] = Future()
+        ready.set_result(self._timed(sheet))
+        with self._guard:
+            if design in self._kept:
+                self._kept[design] = ready
+
+    def _timed(self, sheet: int) -> Ready:
+        page = self._reader.submit(self._book.page, sheet).result()
+        started = time.perf_counter()
+        ready = self._prepare(page)
+        self._took(time.perf_counter() - started)
+        return ready
+
+    def _make_room(self, but: Hashable) -> None:
+        for design in list(self._kept):
+            if sum(self._bytes.values()) <= self._room_bytes:
+                return
+            if design != but and design in self._bytes:
+                del self._kept[design], self._bytes[design]
+                self._stale.discard(design)

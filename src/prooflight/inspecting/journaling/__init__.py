@@ -1,0 +1,1 @@
+"""Parts of the journal: what it keeps, its tables, its files."""

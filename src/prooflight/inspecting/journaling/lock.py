@@ -1,0 +1,72 @@
+"""One process writes a journal at a time; the lock goes with the process, however it ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+from prooflight.inspecting.journaling.schema import JournalError
+
+if sys.platform != "win32":
+    import fcntl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PATIENCE_S: Final = 1.0
+"""A reader that looks whether a writer lives holds the lock for an instant."""
+
+
+@dataclass(frozen=True, slots=True)
+class WriterLock:
+    """Held by whoever writes."""
+
+    handle: int
+
+    @classmethod
+    def take(cls, journal: Path) -> Self:
+        """JournalError: another process holds it."""
+        path = _lock_file(journal)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        give_up = time.monotonic() + PATIENCE_S
+        while not _locked(handle, alone=True):
+            if time.monotonic() > give_up:
+                os.close(handle)
+                what = "is being written by another process"
+                raise JournalError(journal, what, remedy="give this one its own with --journal")
+            time.sleep(0.05)
+        return cls(handle)
+
+    def release(self) -> None:
+        """Let others write."""
+        os.close(self.handle)
+
+
+def writer_lives(journal: Path) -> bool:
+    """Whether some process writes this journal now."""
+    try:
+        handle = os.open(_lock_file(journal), os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return not _locked(handle, alone=False)
+    finally:
+        os.close(handle)
+
+
+def _lock_file(journal: Path) -> Path:
+    return journal.with_name(journal.name + ".lock")
+
+
+def _locked(handle: int, *, alone: bool) -> bool:
+    if sys.platform == "win32":  # no such lock there: SQLite's own keeps the tables whole
+        return True
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -1,0 +1,116 @@
+"""What the running inspection asks of whoever judges: make a design ready, look at one scan of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
+
+import numpy as np
+
+from prooflight.deciding.run_level import PageEvidence
+from prooflight.inspecting.rejudging import kept_evidence
+from prooflight.inspecting.run_evidence import run_evidence
+from prooflight.inspecting.sheets.thumbnails import thumbnail_of
+from prooflight.predicting.predict import predict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.deciding.verdict import Verdict
+    from prooflight.inspecting.inspection import Prepared
+    from prooflight.inspecting.inspector import Inspector
+    from prooflight.inspecting.sheets.thumbnails import Thumbnail
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
+    from prooflight.press import Press
+
+Ready = TypeVar("Ready")
+Keep = Literal["all", "misprints", "none"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """One sheet's verdict, what it adds to its run, and what the journal keeps of it."""
+
+    verdict: Verdict
+    evidence: PageEvidence = field(default_factory=PageEvidence)
+    kept: Mapping[str, NDArray[Any]] | None = None
+
+
+class Judge(Protocol[Ready]):
+    """Judges sheets; called from several threads at once."""
+
+    def prepare(self, page: Page) -> Ready:
+        """All that can be known of a design ahead of its sheets."""
+        ...
+
+    def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
+        """Look at one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
+        ...
+
+    def thumbnail(self, ready: Ready) -> Thumbnail:
+        """By which the design's sheets are known."""
+        ...
+
+    def rehearse(self, ready: Ready) -> None:
+        """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
+        ...
+
+    def following(self, press: Press) -> Judge[Ready]:
+        """The same judge on a press that has changed a little."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """A design ready for its sheets."""
+
+    prepared: Prepared
+    thumbnail: Thumbnail
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressJudge:
+    """An ``Inspector`` as a judge."""
+
+    inspector: Inspector
+    keep: Keep = "none"
+    """Of which sheets evidence is kept for the journal."""
+
+    def prepare(self, page: Page) -> Known:
+        """See ``Judge``."""
+        prepared = self.inspector.prepare(page)
+        expected = self._expected(prepared)
+        return Known(prepared=prepared, thumbnail=thumbnail_of(prepared.page, expected, self.inspector.press))
+
+    def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
+        """See ``Judge``; ScanError: the scan does not fit press or page."""
+        prepared, press = ready.prepared, self.inspector.press
+        inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
+        evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
+        kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
+        return Judged(
+            verdict=inspection.verdict,
+            evidence=evidence,
+            kept=kept_evidence(inspection, prepared, self.inspector) if kept else None,
+        )
+
+    def thumbnail(self, ready: Known) -> Thumbnail:
+        """See ``Judge``."""
+        return ready.thumbnail
+
+    def rehearse(self, ready: Known) -> None:
+        """See ``Judge``; on the scan that is expected."""
+        expected = self._expected(ready.prepared).expected_dn
+        self.inspect(ready, np.rint(expected).clip(0).astype(np.uint16), name="rehearsal", seed=0)
+
+    def following(self, press: Press) -> Self:
+        """See ``Judge``."""
+        return replace(self, inspector=replace(self.inspector, press=press))
+
+    def _expected(self, ready: Prepared) -> Prediction:
+        if ready.sought is not None:
+            return ready.sought.nominal
+        press = self.inspector.press
+        return predict(ready.page, sensors=press.sensors, geometry=press.geometry)

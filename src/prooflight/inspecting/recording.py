@@ -1,0 +1,65 @@
+"""Outcomes into the journal: committed together, by a thread of its own, so that no verdict waits for a disk."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Final, Self
+
+from prooflight.inspecting.journal import RunEnd
+from prooflight.inspecting.status import Phase
+
+if TYPE_CHECKING:
+    from prooflight.inspecting.journal import Journal, PageRecord
+    from prooflight.inspecting.journaling.records import Ending
+    from prooflight.inspecting.status import Status
+
+COMMIT_S: Final = 0.5
+COMMIT_PAGES: Final = 64
+"""What is recorded is durable after half a second or 64 pages."""
+
+
+class Recorder:
+    """Writes one run of a journal; use it as a context."""
+
+    def __init__(self, journal: Journal, run_id: int) -> None:
+        self.journal, self.run_id = journal, run_id
+        self._recorded = 0
+        self._due, self._ended = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._commit_all, name="journal", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._due.set()
+        self._thread.join()
+        self.journal.commit()
+
+    @property
+    def durable(self) -> int:
+        """Pages that are on the disk."""
+        health = self.journal.health
+        return max(self._recorded - health.waiting - health.dropped_pages, 0)
+
+    def record(self, page: PageRecord) -> None:
+        """Queue a page; never waits."""
+        self.journal.record(self.run_id, page)
+        self._recorded += 1
+        if self._recorded % COMMIT_PAGES == 0:
+            self._due.set()
+
+    def end(self, status: Status, *, stopped: bool) -> None:
+        """The run is over; stopped: by a person, before the source ended."""
+        ending: Ending = "fault" if status.phase is Phase.FAULT else "stopped" if stopped else "finished"
+        end = RunEnd(ended_s=time.time(), ending=ending, detail=status.detail, counts=asdict(status))
+        self.journal.end_run(self.run_id, end)
+
+    def _commit_all(self) -> None:
+        while not self._ended.is_set():
+            self._due.wait(COMMIT_S)
+            self._due.clear()
+            self.journal.commit()

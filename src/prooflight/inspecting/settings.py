@@ -1,0 +1,32 @@
+"""How a run is watched: deadline, queues, threads, memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+DEADLINE_S: Final = 0.5
+"""From a sheet's last line to its verdict: the reject gate is a metre further on at 2 m/s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How a run is watched."""
+
+    source_waits: bool
+    """Whether the source can be made to wait; if not, sheets have deadlines and may be lost."""
+    source_clock: bool = False
+    """Whether the source's times are by the watcher's clock; if not, a sheet counts from when it was received."""
+    deadline_s: float = DEADLINE_S
+    room: int = 6
+    """Sheets that may wait."""
+    inspectors: int = 2
+    """Threads that inspect; kernels let go of the interpreter's lock."""
+    ahead: int = 10
+    """Sheets whose designs are made ready ahead; the pager thinks of the next 8."""
+    preparers: int = 1
+    """Threads that make designs ready."""
+    ahead_bytes: int = 4_000_000_000
+    """Of memory for designs."""
+    seed: int = 0
+    """Of randomised integral transforms."""

@@ -1,0 +1,65 @@
+"""Compiled loops over lines and thumbnails, one core, nothing allocated."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SHRINK = 8
+"""Camera pixels in a thumbnail's pixel, either way: 0.84 mm of the prototype's page."""
+STEPS = 200
+"""Steps of a thumbnail's byte in paper white."""
+
+
+@njit(cache=True, nogil=True)
+def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
+    """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; what is left over to sums.
+
+    held: how many lines sums (pixels,) uint32 already hold. scale (pixels,): light of a digital number in this mean.
+    """
+    row = 0
+    for line in lines:
+        for pixel in range(line.size):
+            sums[pixel] += line[pixel]
+        held += 1
+        if held == SHRINK:
+            for column in range(light.shape[1]):
+                total = np.float32(0)
+                for pixel in range(SHRINK * column, SHRINK * (column + 1)):
+                    total += sums[pixel] * scale[pixel]
+                light[row, column] += total
+            sums[:] = 0
+            held, row = 0, row + 1
+
+
+@njit(cache=True, nogil=True)
+def log_ratio(seen, here, there, box, skip, floor, blur, ink, least):  # type: ignore[no-untyped-def]
+    """Log P(seen | there) - log P(seen | here), where the two pages differ inside ``box``.
+
+    seen (rows, columns) light; here, there: bytes of thumbnails. Residuals are normal with variance floor^2 +
+    (blur slope)^2 + (ink darkness)^2, the greater of both pages', and count as no more than 3 standard deviations, for
+    a misprint is neither page's. box: first and last row, first and last column, the last not included;
+    skip (rows,): rows that do not count. Every fourth row is looked at first, and no more where the
+    sum is then below ``least``.
+    """
+    total, step = 0.0, 1.0 / STEPS
+    for turn in range(4):
+        for row in range(box[0] + turn, box[1], 4):
+            if skip[row]:
+                continue
+            for column in range(box[2], box[3]):
+                p, q = int(here[row, column]), int(there[row, column])
+                if -2 <= p - q <= 2:
+                    continue
+                ax = int(here[row, column + 1]) - int(here[row, column - 1])
+                ay = int(here[row + 1, column]) - int(here[row - 1, column])
+                bx = int(there[row, column + 1]) - int(there[row, column - 1])
+                by = int(there[row + 1, column]) - int(there[row - 1, column])
+                slope2 = max(ax * ax + ay * ay, bx * bx + by * by) * (step * step / 4)
+                dark = max(1 - min(p, q) * step, 0.0)
+                variance = floor * floor + blur * blur * slope2 + ink * ink * dark * dark
+                from_a, from_b = seen[row, column] - p * step, seen[row, column] - q * step
+                total += min(from_a * from_a / variance, 9.0) - min(from_b * from_b / variance, 9.0)
+        if total / 2 < least:
+            break
+    return total / 2

@@ -1,0 +1,67 @@
+"""What is said of the sheets that passed, and of those that did not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+FaultKind = Literal[
+    "slip",
+    "stretch",
+    "lost-lines",
+    "extra-lines",
+    "blank",
+    "repeated",
+    "missing",
+    "out-of-order",
+    "splice",
+    "unknown",
+]
+FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """Something that went wrong on the way from the press to the lines; not a misprint.
+
+    slip: the sheet came early or late against those before it. stretch: it is longer or shorter than it should be.
+    lost-lines, extra-lines: the camera's count jumps or goes back, or the sheet lacks lines or has too many at one
+    place. blank: nothing is printed on it. repeated: a page that had passed already. missing: pages before this one
+    have not come. out-of-order: a page came later than its turn. splice: a tape lies across the sheet. unknown: it is
+    no page of the job, or less than a sheet.
+    """
+
+    kind: FaultKind
+    first_line: int
+    """Where it begins, in the camera's count."""
+    detail: str
+    """For a person."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenPage:
+    """One sheet that passed."""
+
+    scan: NDArray[np.uint16]
+    """(sensors, lines, pixels), cut as ``ScanGeometry`` says: the sheet's edge lies lead-in below its first line.
+    [DN]"""
+    first_line: int
+    """The camera's count at the scan's first line."""
+    last_line_time_s: float
+    """When the scan's last line was read, by the source's clock."""
+    job_page: int | None
+    """Which of ``expected`` it shows; None: none of them."""
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingPage:
+    """A page of the job that has not come, said when the pages behind it have."""
+
+    job_page: int
+    """Which of ``expected``."""
+    faults: tuple[Fault, ...]

@@ -1,0 +1,66 @@
+"""Everything that a run of a press needs, put together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from prooflight.deciding.run_level import RunLevel
+from prooflight.inspecting.adapting import Adapting
+from prooflight.inspecting.judging import PressJudge
+from prooflight.inspecting.outcomes import RunWatch
+from prooflight.inspecting.paging import Pager, SheetEdge
+from prooflight.inspecting.run_evidence import columns_mm
+from prooflight.inspecting.running import Running
+from prooflight.inspecting.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.acquiring.lines import LineSource
+    from prooflight.inspecting.ahead import PageBook
+    from prooflight.inspecting.inspector import Inspector
+    from prooflight.inspecting.judging import Keep
+    from prooflight.inspecting.paging import PageStart
+    from prooflight.inspecting.sheets.thumbnails import Thumbnail
+
+
+def watched(
+    inspector: Inspector,
+    *,
+    source: LineSource,
+    book: PageBook,
+    settings: Settings,
+    start: PageStart | None = None,
+    keep: Keep = "none",
+    follow: bool = True,
+    false_alarms: float = 1.0,
+    **told: Any,
+) -> Running:
+    """A run ready to start.
+
+    follow: whether slow changes of lamp and paper are followed. false_alarms: of the run level, a 100,000 pages.
+    told: ``tell``, ``durable`` and ``clock`` of ``Running``.
+    """
+    press = inspector.press
+
+    def pager(known: Sequence[Thumbnail | None]) -> Pager:
+        return Pager(press, expected=known, start=start or SheetEdge())
+
+    level = RunLevel.begin(
+        sensors=[sensor.name for sensor in press.sensors],
+        columns_mm=columns_mm(press),
+        costs=press.costs,
+        false_alarms=false_alarms,
+    )
+    return Running(
+        press=press,
+        source=source,
+        pager=pager,
+        book=book,
+        judge=PressJudge(inspector=inspector, keep=keep),
+        watch=RunWatch(
+            level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
+        ),
+        settings=settings,
+        **told,
+    )

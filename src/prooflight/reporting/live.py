@@ -1,0 +1,206 @@
+"""The running press for people at a terminal: speed, a strip of verdicts, the last alarms, drift curves.
+
+It is made of outcomes as they are told and of the status snapshot, and asks nothing else of the inspection.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from rich.columns import Columns
+from rich.console import Group
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from prooflight.deciding.channels import drift_channels
+from prooflight.inspecting.status import Phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+
+    from prooflight.deciding.channels import Channel
+    from prooflight.deciding.run_level import Announcement
+    from prooflight.inspecting.outcomes import Outcome
+    from prooflight.inspecting.status import Status
+
+STRIP: Final = 240
+"""Sheets shown."""
+ALARMS: Final = 6
+ANNOUNCEMENTS: Final = 4
+CURVE_PAGES: Final = 240
+CURVE_CELLS: Final = 30
+CURVES: Final = 7
+"""Channels shown: those that have gone furthest of their tolerance."""
+LEAST_SPAN: Final = 0.4
+"""Of the tolerance: a curve that moves less is drawn flat."""
+BARS: Final = "▁▂▃▄▅▆▇█"
+VERDICTS: Final = {"good": ("■", "green"), "misprint": ("■", "bold red"), "not-inspected": ("□", "yellow")}
+PHASES: Final = {Phase.INSPECTING: "green", Phase.FAULT: "bold red"}
+ACTIONS: Final = {"accept": "green", "reprint": "yellow", "stop": "bold red"}
+
+
+@dataclass(slots=True)
+class Recent:
+    """What is remembered of the last sheets; outcomes come from one thread, pictures are drawn by another."""
+
+    channels: tuple[Channel, ...]
+    strip: deque[tuple[str, bool]] = field(default_factory=lambda: deque(maxlen=STRIP))
+    """Verdict, and whether the paper path or the camera was at fault."""
+    alarms: deque[Outcome] = field(default_factory=lambda: deque(maxlen=ALARMS))
+    announcements: deque[Announcement] = field(default_factory=lambda: deque(maxlen=ANNOUNCEMENTS))
+    curves: dict[str, deque[float]] = field(default_factory=dict)
+    guard: threading.Lock = field(default_factory=threading.Lock)
+
+    @classmethod
+    def of(cls, sensors: Sequence[str]) -> Recent:
+        """Nothing has come yet."""
+        return cls(channels=drift_channels(sensors))
+
+    def add(self, outcome: Outcome) -> None:
+        """One sheet."""
+        record = outcome.record
+        with self.guard:
+            self.strip.append((record.verdict.verdict, bool(record.faults)))
+            if record.verdict.verdict == "misprint":
+                self.alarms.append(outcome)
+            self.announcements.extend(outcome.announcements)
+            for name, value in outcome.evidence.values.items():
+                if np.isfinite(value):
+                    self.curves.setdefault(name, deque(maxlen=CURVE_PAGES)).append(float(value))
+
+
+def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float | None) -> RenderableType:
+    """All of it, as high as it needs; title: job, press and source. deadline_s None: the source waits for us."""
+    with recent.guard:
+        parts: list[RenderableType] = [_figures(status, deadline_s), _strip(recent)]
+        if recent.announcements:
+            parts.append(_announcements(recent))
+        parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(0, 2)))
+    if status.detail:
+        parts.append(Text(status.detail, style="bold red"))
+    style = PHASES.get(status.phase, "yellow")
+    speed = f"{status.pages_per_s:.2f} pages/s"
+    head = Text.assemble(
+        (f" {status.phase.upper()} ", f"reverse {style}"), f"  {title}   ", (speed, "bold"), " "
+    )
+    return Panel(Group(*parts), title=head, title_align="left", padding=(0, 1), expand=False)
+
+
+def sparkline(values: Sequence[float], tolerance: float, *, cells: int = CURVE_CELLS) -> str:
+    """Means of consecutive values as bars; the scale is theirs, but never finer than 0.4 of the tolerance.
+
+    >>> sparkline([0.0, 0.0, 1.0, 1.0, 2.0, 2.0], 1.0, cells=3)
+    '▁▅█'
+    """
+    parts = np.array_split(np.asarray(values, float), min(cells, len(values)))
+    means = np.array([part.mean() for part in parts])
+    middle = (means.min() + means.max()) / 2
+    span = max(float(np.ptp(means)), LEAST_SPAN * tolerance)
+    steps = np.clip((means - middle) / span + 0.5, 0, 1) * len(BARS)
+    return "".join(BARS[min(int(step), len(BARS) - 1)] for step in steps)
+
+
+def _figures(status: Status, deadline_s: float | None) -> RenderableType:
+    table = Table.grid(padding=(0, 3))
+    verdict = status.stages["verdict"]
+    limit = "" if deadline_s is None else f" of {deadline_s * 1e3:.0f}"
+    rows = (
+        ("sheets", f"{status.pages_seen}", "good", f"{status.good}", "misprints", f"{status.misprints}"),
+        (
+            "not inspected", f"{status.not_inspected}",
+            "late", f"{status.late}",
+            "missing", f"{status.missing}",
+        ),
+        (
+            "verdict, median", f"{verdict.median_ms:.0f} ms",
+            "99.9 %", f"{verdict.p999_ms:.0f}{limit} ms",
+            "inspecting", f"{status.stages['inspect'].median_ms:.0f} ms",
+        ),
+        (
+            "waiting", f"{status.queue_depth}",
+            "designs ready", f"{status.ahead}",
+            "in the journal", f"{status.journalled}",
+        ),
+    )  # fmt: skip
+    bad = {"misprints": status.misprints, "late": status.late, "not inspected": status.not_inspected}
+    for row in rows:
+        cells = []
+        for name, value in zip(row[::2], row[1::2], strict=True):
+            style = "bold red" if bad.get(name) else "bold"
+            cells += [Text(name, style="dim"), Text(value, style=style)]
+        table.add_row(*cells)
+    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(status.faults.items()))
+    return Group(table, Text(f"paper path: {faults}", style="yellow")) if faults else table
+
+
+def _strip(recent: Recent) -> Text:
+    text = Text()
+    for verdict, fault in recent.strip:
+        mark, style = VERDICTS[verdict]
+        text.append("▲" if fault else mark, style="magenta" if fault and verdict == "good" else style)
+    text.append("\n" if recent.strip else "no sheet yet\n", style="dim")
+    text.append("■ good  ", style="green").append("■ misprint  ", style="bold red")
+    return text.append("□ not inspected  ", style="yellow").append("▲ paper path or camera", style="magenta")
+
+
+def _announcements(recent: Recent) -> RenderableType:
+    table = Table.grid(padding=(0, 1))
+    for one in reversed(recent.announcements):
+        what = one.text.rpartition(":")[0]
+        table.add_row(
+            Text(f"sheet {one.sheet}", style="dim"),
+            Text(one.action.upper(), style=f"reverse {ACTIONS[one.action]}"),
+            Text(what),
+        )
+    return Panel(table, title="The run", title_align="left", border_style="yellow", expand=False)
+
+
+def _alarms(recent: Recent) -> RenderableType:
+    table = Table(title="Last alarms", title_justify="left", box=None, padding=(0, 1), title_style="bold")
+    for heading in ("sheet", "page", "what"):
+        table.add_column(heading, style="dim" if heading == "sheet" else "")
+    for outcome in reversed(recent.alarms):
+        verdict = outcome.record.verdict
+        what = verdict.reason or " ".join(filter(None, (verdict.kind or "misprint", _where(outcome))))
+        table.add_row(f"{outcome.record.sheet}", verdict.page, Text(what[:46], style="red"))
+    if not recent.alarms:
+        table.add_row("", "", Text("none", style="dim"))
+    return table
+
+
+def _where(outcome: Outcome) -> str:
+    if not outcome.record.verdict.regions:
+        return ""
+    region = outcome.record.verdict.regions[0]
+    return f"at {region.x_mm + region.width_mm / 2:.0f}, {region.y_mm + region.height_mm / 2:.0f} mm"
+
+
+def _curves(recent: Recent) -> RenderableType:
+    table = Table(
+        title=f"Last {CURVE_PAGES} sheets", title_justify="left", box=None, padding=(0, 1), title_style="bold"
+    )
+    for heading in ("drift", "", "now", "tolerance"):
+        table.add_column(heading, justify="right" if heading in ("now", "tolerance") else "left")
+    known = [
+        (channel, recent.curves[channel.name]) for channel in recent.channels if channel.name in recent.curves
+    ]
+    levels = {channel.name: float(np.mean(list(values)[-16:])) for channel, values in known}
+    known.sort(key=lambda one: -abs(levels[one[0].name]) / one[0].tolerance)
+    for channel, values in known[:CURVES]:
+        level = levels[channel.name]
+        share = abs(level) / channel.tolerance
+        style = "red" if share > 0.7 else "yellow" if share > 0.35 else "cyan"
+        table.add_row(
+            channel.what,
+            Text(sparkline(values, channel.tolerance), style=style),
+            Text(f"{level * channel.scale:+.2f} {channel.unit}", style=style),
+            Text(f"{channel.tolerance * channel.scale:.2g}", style="dim"),
+        )
+    return table

@@ -1,0 +1,77 @@
+"""What the press study is to do, and what it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from prooflight.studies.press_judging import TREES
+from prooflight.studies.protocol import Day
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from prooflight.studies.press_judging import Judged, Verdicts
+    from prooflight.studies.shards import Rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressPlan:
+    """How many designs; each is printed once well and so often wrong, the pilot's and the looser press's never."""
+
+    seed: int
+    pilot: int = 30
+    """They teach how statistics scatter."""
+    designs: int = 1500
+    """Judged, each part by what others taught."""
+    misprints: int = 1
+    """Of each design that is judged: designs tell more than copies."""
+    looser_known: int = 200
+    """Good pages that are learned from a press that varies more than was assumed."""
+    looser: int = 150
+    """Good pages of that press that are judged."""
+    ideal: int = 150
+    """Designs of the ideal world."""
+    per_day: int = 10
+    """Designs printed on one press day; there must be five days to cut into parts."""
+    trees: int = TREES
+    ablations: bool = True
+
+    @classmethod
+    def quick(cls, seed: int) -> PressPlan:
+        """To see that all of it works."""
+        return cls(
+            seed=seed,
+            pilot=6,
+            designs=60,
+            looser_known=12,
+            looser=6,
+            ideal=20,
+            per_day=4,
+            trees=40,
+            ablations=False,
+        )
+
+    def days(self, first: int, count: int) -> list[Day]:
+        """Press days on which designs ``first`` and further are printed."""
+        per_day = self.per_day
+        return [
+            Day(of="test", designs=tuple(range(start, min(start + per_day, first + count))))
+            for start in range(first, first + count, per_day)
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressFindings:
+    """All that ``press.md`` says."""
+
+    plan: PressPlan
+    pitch_mm: float
+    main: Rows
+    verdicts: Verdicts
+    looser: dict[str, NDArray[np.bool_]]
+    """Whether each good page of the looser press alarmed, by what the threshold rests on."""
+    ideal: Verdicts
+    real: Judged | None
+    """On real pages; None: there were none."""

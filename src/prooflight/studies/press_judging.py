@@ -1,0 +1,239 @@
+"""Rows of the press study -> who is caught: each fifth of the designs judged by what other fifths taught and set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.boosting import forested
+from prooflight.commissioning.learn import Pages, learn_tolerance, promised
+from prooflight.deciding.calibrated import WRONG_PAGE
+from prooflight.deciding.operating import Scored, area_under_roc, caught_at, least_cost
+from prooflight.deciding.tolerance import family_columns, ranked_columns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from prooflight.comparing.local_evidence import Scatter
+    from prooflight.deciding.tolerance import TolerancePress
+    from prooflight.studies.shards import Rows
+
+PARTS: Final = 5
+"""Of the press days: in turn one is judged, the next sets thresholds, the other three teach."""
+ALPHAS: Final = (0.1, 1.0, 10.0)
+PROMISE: Final = 0.01
+OURS: Final = "ours"
+GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
+    "places away from edges": ("flat", "calm", "swell", "double"),
+    "the page's own scatter": ("apart", "line", "wave", "echo", "excess"),
+    "boxes": ("box", "apart", "spread", "flat"),
+    "streaks": ("streak", "line", "calm"),
+    "waves": ("band", "wave", "swell"),
+    "echoes": ("ghost", "echo", "double"),
+    "nuisances found": ("fit", "swap"),
+    "registration": ("place",),
+}
+"""First words of statistics that are left out together."""
+TREES: Final = 300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """One method on every page, each part by itself."""
+
+    name: str
+    scored: Scored
+    part: NDArray[np.int64]
+    alarms: NDArray[np.bool_]
+    """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
+    promised: NDArray[np.bool_]
+    """(pages,) above the conformal threshold of the tuning designs' good pages for ``PROMISE``."""
+
+    @property
+    def area(self) -> float:
+        """Mean over parts of the area under the curve."""
+        return float(np.mean([area_under_roc(one) for one in self.parts()]))
+
+    @property
+    def caught(self) -> float:
+        """Mean over parts of the share caught at ``PROMISE`` false alarms on these pages themselves."""
+        return float(np.mean([caught_at(one, PROMISE) for one in self.parts()]))
+
+    def parts(self) -> Iterator[Scored]:
+        """The pages of each part."""
+        for index in np.unique(self.part):
+            here = self.part == index
+            yield Scored(
+                score=self.scored.score[here], bad=self.scored.bad[here], design=self.scored.design[here]
+            )
+
+    def at(self, alarms: NDArray[np.bool_]) -> Scored:
+        """Pages whose score is whether they alarmed."""
+        return replace(self.scored, score=alarms.astype(np.float64))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdicts:
+    """All methods on all pages; and ours, as each part taught it."""
+
+    methods: dict[str, Judged]
+    detectors: list[TolerancePress]
+    """With the threshold of the promise."""
+    kinds: NDArray[np.str_]
+    """(pages,) what ours takes each page for."""
+    boxes: NDArray[np.float32]
+    """(pages, 4) where ours says it is. [mm]"""
+
+
+def pages_of(rows: Rows) -> Pages:
+    """Rows as learning wants them."""
+    return Pages(
+        values=rows["values"],
+        portraits=rows["portrait"],
+        design=rows["design"],
+        bad=rows["kind"] != "",
+        kind=rows["kind"],
+    )
+
+
+def judged(
+    rows: Rows,
+    scatter: Scatter,
+    *,
+    seed: int,
+    trees: int = TREES,
+    ablations: bool = True,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> Verdicts:
+    """Every page of every part."""
+    names, pages = rows["names"][: rows["values"].shape[1]].tolist(), pages_of(rows)
+    part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
+    scores: dict[str, NDArray[np.float64]] = {}
+    detectors = []
+    kinds = np.zeros(len(part), "U16")
+    boxes = np.full((len(part), 4), np.nan, np.float32)
+    for index in range(PARTS):
+        progress(f"part {index + 1} of {PARTS}: learning")
+        test, tune = part == index, part == (index + 1) % PARTS
+        rng = np.random.default_rng([seed, index, 5])
+        learn = pages.rows(~test & ~tune)
+        found = learn_tolerance(learn, names=names, scatter=scatter, rng=rng, trees=trees)
+        other = test | tune
+        for name, rank in _rankings(found, rows["another"][other]).items():
+            # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
+            scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, other] = rank(
+                pages.rows(other)
+            )
+        if ablations:
+            for name, score in _without(learn, pages.rows(other), names, scatter, rng, trees // 2):
+                scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, other] = score
+        good = pages.rows(tune & ~pages.bad)
+        detectors.append(promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))))
+        kinds[test] = kinds_said(found, rows, test)
+        boxes[test] = places_said(found, rows["values"][test], rows["portrait"][test], rows["boxes"][test])
+    methods = {name: _judged(name, score, pages, part) for name, score in scores.items()}
+    return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
+
+
+def ours_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Our score; a scan that shows another page is certain."""
+    score = found.score(pages.values, pages.portraits)
+    return np.where(another, np.maximum(score, WRONG_PAGE), score)
+
+
+def kinds_said(found: TolerancePress, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """The kind that ours gives to each of some pages."""
+    said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
+    return np.where(rows["another"][which], "wrong-page", said)
+
+
+def places_said(
+    found: TolerancePress,
+    values: NDArray[np.floating],
+    portraits: NDArray[np.floating],
+    boxes: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Where each page's most telling statistic with a place has it, (pages, 4) [mm]; NaN: nowhere."""
+    deviations = found.deviations(values, portraits)
+    placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
+    best = np.where(placed, deviations, -np.inf).argmax(axis=1)
+    return np.asarray(boxes[np.arange(len(boxes)), best])
+
+
+def _rankings(
+    found: TolerancePress, another: NDArray[np.bool_]
+) -> dict[str, Callable[[Pages], NDArray[np.float64]]]:
+    def evidence(pages: Pages) -> NDArray[np.float64]:
+        return found.family_evidence(found.deviations(pages.values, pages.portraits))
+
+    def boosted_statistics(pages: Pages) -> NDArray[np.float64]:
+        assert found.trees is not None
+        deviations = found.deviations(pages.values, pages.portraits)
+        families = family_columns(found.family_evidence(deviations))
+        return found.trees.score(ranked_columns(pages.values, deviations, pages.portraits, families))
+
+    def boosted_families(pages: Pages) -> NDArray[np.float64]:
+        assert found.family_trees is not None
+        return found.family_trees.score(family_columns(evidence(pages)))
+
+    def forest(pages: Pages) -> NDArray[np.float64]:
+        assert found.forest is not None
+        return found.forest.score(family_columns(evidence(pages)))
+
+    return {
+        OURS: lambda pages: ours_score(found, pages, another),
+        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
+        "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
+        "boosted statistics alone": boosted_statistics,
+        "boosted families alone": boosted_families,
+        "forest of families alone": forest,
+    }
+
+
+def _without(
+    learn: Pages, other: Pages, names: list[str], scatter: Scatter, rng: np.random.Generator, trees: int
+) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """The forest of families without some of the statistics, or without what a page's content foretells."""
+    weight = np.where(learn.bad, 0.5 / learn.bad.mean(), 0.5 / (~learn.bad).mean())
+    firsts = [name.split("/")[0] for name in names]
+    sets: dict[str, tuple[NDArray[np.bool_], float]] = {
+        f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)
+        for group, left in GROUPS.items()
+    }
+    sets["forest without what the content foretells"] = (np.ones(len(names), bool), 0.0)
+    for name, (kept, content) in sets.items():
+        some = [one for one, keep in zip(names, kept, strict=True) if keep]
+        fewer, judged_ = (
+            replace(pages, values=pages.values[:, kept], portraits=pages.portraits * content)
+            for pages in (learn, other)
+        )
+        found = learn_tolerance(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
+        taught, said = (
+            family_columns(found.family_evidence(found.deviations(pages.values, pages.portraits)))
+            for pages in (fewer, judged_)
+        )
+        yield name, forested(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
+
+
+def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> Judged:
+    score = np.empty(len(part))
+    alarms = np.zeros((len(ALPHAS), len(part)), bool)
+    promised_ = np.zeros(len(part), bool)
+    for index in range(PARTS):
+        test, tune = part == index, part == (index + 1) % PARTS
+        of_tune = Scored(score=scores[index, tune], bad=pages.bad[tune], design=pages.design[tune])
+        score[test] = scores[index, test]
+        for row, alpha in enumerate(ALPHAS):
+            alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
+        promised_[test] = score[test] > np.quantile(of_tune.score[~of_tune.bad], 1 - PROMISE, method="higher")
+    return Judged(
+        name=name,
+        scored=Scored(score=score, bad=pages.bad, design=pages.design),
+        part=part,
+        alarms=alarms,
+        promised=promised_,
+    )

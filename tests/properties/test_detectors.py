@@ -1,0 +1,89 @@
+"""What holds for every detector: it changes nothing that it is given, and a page's verdict is the page's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prooflight.comparing.evidence import Evidence, gather
+from prooflight.comparing.windows import window_statistics
+from prooflight.deciding.bayes import BayesDetector, BayesianNetwork
+from prooflight.deciding.chi_square import ChiSquare
+from prooflight.studies.peers import VariationModel, all_scores
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.deciding.verdict import Detector
+
+SENSORS = 2
+SHAPE = (SENSORS, 128, 128)
+
+
+def pages(seed: int, count: int = 5) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Scans with what was expected of them; every other one has a lighter square. Nothing may be written to."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(count):
+        expected = rng.uniform(300, 3000, SHAPE).astype(np.float32)
+        variance = (4 + expected / 100).astype(np.float32)
+        seen = expected + rng.standard_normal(SHAPE) * np.sqrt(variance)
+        seen[:, 30:60, 30:60] += 40 * rng.random() * (number % 2)
+        arrays = (np.rint(seen).clip(0, 4095).astype(np.uint16), expected, variance)
+        for array in arrays:
+            array.setflags(write=False)
+        found.append(arrays)
+    return found
+
+
+def evidence_of(page: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Evidence:
+    evidence = gather(*page, top_codes_dn=[4095] * SENSORS, seed=1, threads=1)
+    for name in ("tile_histogram", "block_z", "tile_energy", "line_sum", "column_sum"):
+        getattr(evidence, name).setflags(write=False)
+    return evidence
+
+
+@pytest.fixture(scope="module")
+def network() -> BayesianNetwork:
+    learned = [evidence_of(page) for page in pages(99, 16)]
+    statistics = np.stack([window_statistics(one.block_z).ravel() for one in learned])
+    labels = ["correct" if number % 2 == 0 else "misprint" for number in range(16)]
+    return BayesianNetwork.learn(statistics, labels, misprint_rate=0.1, bins=4)
+
+
+@pytest.fixture(scope="module", params=["chi-square", "chi-square of the page", "bayes"])
+def detector(request: pytest.FixtureRequest, network: BayesianNetwork) -> Detector:
+    made: dict[str, Callable[[], Detector]] = {
+        "chi-square": lambda: ChiSquare(good_pages_per_false_alarm=100, misprint_rate=0.01),
+        "chi-square of the page": lambda: ChiSquare(
+            good_pages_per_false_alarm=100, misprint_rate=0.01, tiles=False
+        ),
+        "bayes": lambda: BayesDetector(network=network, threshold=0.5, unit=np.ones(SENSORS)),
+    }
+    return made[request.param]()
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
+def test_permuting_pages_permutes_verdicts_and_changes_no_input(
+    detector: Detector, seed: int, order: list[int]
+) -> None:
+    evidence = [evidence_of(page) for page in pages(seed)]
+    told = [detector.judge(one) for one in evidence]
+    assert [detector.judge(evidence[place]) for place in order] == [told[place] for place in order]
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
+def test_permuting_pages_permutes_the_scores_of_peers_and_changes_no_input(
+    seed: int, order: list[int]
+) -> None:
+    model = VariationModel(floor=0.01, edge=0.1, signal=0.01)
+    scans = pages(seed)
+    scores = np.stack([all_scores(*page, variation=model, white_dn=[3000.0] * 2) for page in scans])
+    again = [all_scores(*scans[place], variation=model, white_dn=[3000.0] * 2) for place in order]
+    np.testing.assert_array_equal(np.stack(again), scores[order])

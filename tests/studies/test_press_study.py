@@ -1,0 +1,135 @@
+"""The press study's judging on rows that are drawn: parts are kept apart, and the page says what was found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from prooflight.comparing.local_evidence import Scatter
+from prooflight.simulating.misprints import KINDS
+from prooflight.studies.press_judging import ALPHAS, OURS, PARTS, judged
+from prooflight.studies.press_page import near, page_lines
+from prooflight.studies.press_scans import PLACES, Scene
+from prooflight.studies.press_study import PressFindings, PressPlan
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.studies.press_judging import Verdicts
+    from prooflight.studies.shards import Rows
+
+NAMES = [
+    "box/add-C+/8",
+    "flat/void+/4",
+    "line/void/1/full",
+    "echo/C/0",
+    "wave/light/one",
+    "fit/gain-C",
+    "place/skew",
+]
+DESIGNS = 150
+
+
+def drawn_rows(seed: int) -> Rows:
+    """A good print and a misprint of each design; a misprint raises one number, which also says where it is."""
+    rng = np.random.default_rng(seed)
+    design = np.repeat(np.arange(DESIGNS), 2)
+    bad = np.arange(design.size) % 2 == 1
+    kind = np.where(bad, np.array(KINDS)[design % len(KINDS)], "").astype("U16")
+    severity = np.where(bad, rng.random(design.size), 0.0)
+    values = np.exp(0.3 * rng.standard_normal((design.size, len(NAMES))))
+    raised = design % len(NAMES)
+    values[bad, raised[bad]] *= 1 + 20 * severity[bad]
+    boxes = np.broadcast_to(np.array([10, 10, 4, 4], np.float32), (*values.shape, 4)).copy()
+    boxes[:, -2:] = np.nan
+    places = np.full((design.size, PLACES, 4), np.nan, np.float32)
+    places[bad, 0] = 10, 10, 4, 4
+    return {
+        "design": design,
+        "day": design // 10 * 10,
+        "kind": kind,
+        "severity": severity,
+        "values": values.astype(np.float32),
+        "boxes": boxes,
+        "portrait": rng.standard_normal((design.size, 3)),
+        "another": kind == "wrong-page",
+        "places": places,
+        "sigma_error": rng.uniform(0.7, 1.4, (design.size, 2)),
+        "unmade_kind": np.array([], "U16"),
+        "names": np.array(NAMES * 2),
+    }
+
+
+@pytest.fixture(scope="module")
+def rows() -> Rows:
+    return drawn_rows(1)
+
+
+@pytest.fixture(scope="module")
+def verdicts(rows: Rows) -> Verdicts:
+    return judged(rows, Scatter.white(), seed=1, trees=30, ablations=False)
+
+
+def test_misprints_are_caught_and_good_pages_pass(verdicts: Verdicts) -> None:
+    ours = verdicts.methods[OURS]
+    assert ours.area > 0.85
+    assert ours.alarms[1][ours.scored.bad].mean() > 0.6
+    assert ours.alarms[1][~ours.scored.bad].mean() < 0.3
+    assert ours.alarms.shape == (len(ALPHAS), 2 * DESIGNS)
+
+
+def test_a_wrong_page_is_certain(rows: Rows, verdicts: Verdicts) -> None:
+    assert verdicts.methods[OURS].promised[rows["another"]].all()
+    assert (verdicts.kinds[rows["another"]] == "wrong-page").all()
+
+
+def test_no_day_judges_itself(rows: Rows) -> None:
+    """What a part's own pages are changes nothing of the detector that judges them, nor of its thresholds."""
+    part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
+    altered = {name: column.copy() for name, column in rows.items()}
+    altered["values"][part == 2] *= 3
+    before, after = (
+        judged(each, Scatter.white(), seed=1, trees=8, ablations=False).detectors[2]
+        for each in (rows, altered)
+    )
+    assert before.threshold == after.threshold
+    assert np.array_equal(before.baseline, after.baseline)
+
+
+def test_places_are_right_within_five_millimetres() -> None:
+    places = np.full((3, PLACES, 4), np.nan, np.float32)
+    places[:, 0] = 100, 100, 10, 2
+    places[:, 1] = 10, 10, 1, 1
+    boxes = np.array([[108, 104, 4, 4], [120, 100, 4, 4], [8, 8, 2, 2]], np.float32)
+    assert near(boxes, places).tolist() == [True, False, True]
+    assert not near(np.full((1, 4), np.nan, np.float32), places[:1]).any()
+
+
+def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
+    alarms = np.array([False] * 40 + [True])
+    found = PressFindings(
+        plan=PressPlan(seed=1, designs=DESIGNS),
+        pitch_mm=0.254,
+        main=rows,
+        verdicts=verdicts,
+        looser={"variations 1.5 times those assumed": alarms},
+        ideal=verdicts,
+        real=verdicts.methods[OURS],
+    )
+    text = "\n".join(page_lines(found))
+    assert "nan" not in text
+    for word in (*KINDS, *verdicts.methods, "2.44%", "Real pages", "ideal world"):
+        assert word in text
+
+
+def test_kinds_take_turns_and_no_two_scenes_share_a_day(tmp_path: Path) -> None:
+    scene = Scene(press=tmp_path, pages=None, seed=1, number=1, misprints=1)  # type: ignore[arg-type]
+    kinds = [scene.kind(index, 1) for index in range(144)]
+    assert {kind: kinds.count(kind) for kind in KINDS} == dict.fromkeys(KINDS, 12)
+    assert len({scene.kind(index, 1) for index in range(0, 144, 12)}) == len(KINDS)
+    assert scene.kind(5, 0) == ""
+    plan = PressPlan(seed=1)
+    assert [day.designs[0] for day in plan.days(30, 25)] == [30, 40, 50]
+    assert plan.days(30, 25)[-1].designs == (50, 51, 52, 53, 54)

@@ -1,0 +1,84 @@
+"""How the running study counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from prooflight.pages.raster import Page
+from prooflight.simulating.drum import DrumFault, turns
+from prooflight.studies.running_drift import streaked
+from prooflight.studies.running_live import _alarms, _in_step, _named, soak_faults
+from prooflight.studies.running_page import running_page
+
+FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
+SHEETS = 16
+Seen = tuple[int | None, str, tuple[str, ...], bool]
+
+
+def seen() -> list[Seen]:
+    """What a run that understands everything says."""
+    rows: list[Seen] = []
+    for page in range(SHEETS):
+        if page == 4:
+            rows += [(None, "misprint", ("blank",), True), (4, "not-inspected", ("missing",), False)]
+        elif page == 8:
+            rows += [(8, "good", (), True), (8, "good", ("repeated",), True)]
+        else:
+            rows.append((page, "good", ("slip",) if page == 12 else (), True))
+    return rows
+
+
+def came(rows: list[Seen]) -> list[Seen]:
+    return [one for one in rows if one[3]]
+
+
+def test_a_run_that_understands_everything_counts_as_such() -> None:
+    shown, rows = turns(SHEETS, FAULTS), seen()
+    assert _named(FAULTS, rows)["named"] == {"blank": "1 of 1", "repeated": "1 of 1", "slip": "1 of 1"}
+    assert _in_step(shown, came(rows), FAULTS) == {"taken_for_another_page": 0, "steps_lost": 0}
+    alarms = _alarms(shown, came(rows), 16)["alarms"]
+    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (0, 0)
+
+
+def test_a_run_out_of_step_is_counted_from_its_fault() -> None:
+    rows = seen()
+    at = rows.index((13, "good", (), True))
+    rows[at] = (14, "good", (), True)
+    assert _in_step(turns(SHEETS, FAULTS), came(rows), FAULTS) == {
+        "taken_for_another_page": 1,
+        "steps_lost": 2,
+    }
+
+
+def test_an_alarm_behind_a_fault_is_told_from_one_elsewhere() -> None:
+    """Two prints over and over; the misprint behind the slip is one of a print that otherwise passes."""
+    rows = seen()
+    rows[rows.index((13, "good", (), True))] = (13, "misprint", (), True)
+    alarms = _alarms(turns(SHEETS, FAULTS), came(rows), 2)["alarms"]
+    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (1, 0)
+
+
+def test_a_fault_that_nobody_names_is_listed() -> None:
+    rows: list[Seen] = [(page, "good", (), True) for page in range(SHEETS)]
+    assert [one["kind"] for one in _named(FAULTS, rows)["unnamed"]] == ["blank", "repeated", "slip"]
+
+
+def test_soak_faults_lie_apart_and_are_of_all_kinds() -> None:
+    faults = soak_faults(8000, np.random.default_rng(1))
+    assert np.diff(sorted(faults)).min() >= 12
+    assert len({fault.kind for fault in faults.values()}) == 10
+    assert len(faults) == pytest.approx(8000 / 40, rel=0.2)
+
+
+def test_a_streak_of_less_than_a_step_is_dithered() -> None:
+    page = Page(cmyk=np.zeros((2000, 120, 4), np.uint8), dpi=100.0, name="p", number=1)
+    more = streaked(page, 0.001, np.random.default_rng(2)).astype(float)[..., 3]
+    assert more.any(axis=0).sum() == 2
+    assert more[:, more.any(axis=0)].mean() / 255 == pytest.approx(0.001, rel=0.2)
+
+
+def test_the_page_is_written_as_far_as_it_is_measured() -> None:
+    page = running_page({}, cores=2)
+    assert "on 2 cores" in page
+    assert "##" not in page

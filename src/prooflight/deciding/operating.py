@@ -223,8 +223,10 @@ def _curve(pages: Scored) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
     scores, place = np.unique(pages.score, return_inverse=True)
     good = np.bincount(place[~pages.bad], minlength=len(scores))
     bad = np.bincount(place[pages.bad], minlength=len(scores))
-    with np.errstate(invalid="ignore"):  # scores may be infinite
-        between = np.where(np.isfinite(scores[1:] - scores[:-1]), (scores[:-1] + scores[1:]) / 2, scores[:-1])
+    with np.errstate(invalid="ignore", over="ignore"):  # scores may be infinite
+        middle = (scores[:-1] + scores[1:]) / 2
+    # the middle of neighbouring numbers rounds to the upper, that of infinities is none
+    between = np.where(middle < scores[1:], middle, scores[:-1])
     thresholds = np.concatenate([[-np.inf], between, [np.inf]])
     false_alarms = 1 - np.append(0, np.cumsum(good)) / good.sum()
     misses = np.append(0, np.cumsum(bad)) / bad.sum()

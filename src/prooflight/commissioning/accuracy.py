@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
-from prooflight.predicting.kernels import look_up_row
+from prooflight.predicting.predict import looked_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,8 +57,7 @@ def table_accuracy(
     for sensor, model in zip(camera.sensors, sensors, strict=True):
         electrons = sensor.electrons(irradiance)
         exact, sigma = signal_dn(sensor, electrons), np.sqrt(variance_dn2(sensor, electrons))
-        mean, variance = np.empty(len(recipes), np.float32), np.empty(len(recipes), np.float32)
-        look_up_row(recipes, model.interleaved(), mean, variance)
+        mean, variance = looked_up(recipes, model)
         error = (mean - exact) / sigma
         results.append(
             TableAccuracy(

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prooflight.commissioning.boosting import boosted
 from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, promised
+from prooflight.commissioning.ranking import forested, weighed
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.deciding.operating import Scored, area_under_roc
-from prooflight.deciding.tolerance import TolerancePress
+from prooflight.deciding.taught import TolerancePress
 
 NAMES = ["box/add-C+/8", "box/add-C-/8", "streak/void/1/full", "ghost/C/0", "place/skew"]
 
@@ -84,10 +84,20 @@ def test_scatter_tells_noise_from_edges_and_tolerance() -> None:
     assert scatter.boxes[0] == pytest.approx([1.5, 6, 1e-3], rel=0.3)
 
 
-def test_trees_rank_what_no_single_column_can() -> None:
+def test_a_forest_ranks_what_no_single_column_can() -> None:
     rng = np.random.default_rng(3)
     x = rng.standard_normal((1500, 6))
     bad = x[:, 0] * x[:, 1] > 0
-    trees = boosted(x[:1000], bad[:1000], np.ones(1000), rng=rng, trees=80, column_share=1.0)
-    test = Scored(score=trees.score(x[1000:]), bad=bad[1000:], design=np.arange(500))
+    forest = forested(x[:1000], bad[:1000], np.ones(1000), rng=rng, trees=80, column_share=1.0)
+    test = Scored(score=forest.score(x[1000:]), bad=bad[1000:], design=np.arange(500))
     assert area_under_roc(test) > 0.9
+
+
+def test_weights_are_those_of_the_logistic_model_that_drew_the_pages() -> None:
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((20_000, 3)) * [1, 10, 0.1]
+    bad = rng.random(20_000) < 1 / (1 + np.exp(-(0.5 + x @ [1, -0.1, 0])))
+    found = weighed(x, bad, np.ones(20_000))
+    # standard errors of such weights are 0.02 over a column's standard deviation
+    assert found.weights * [1, 10, 0.1] == pytest.approx([1, -1, 0], abs=0.08)
+    assert found.start == pytest.approx(0.5, abs=0.08)

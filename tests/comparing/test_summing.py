@@ -94,7 +94,8 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     tiles[1, :, :8, :8] = tiles[2, :, :8, :8] = 0
     sums = Sums(
         tiles=tiles, columns=np.zeros((4, 10, 4, 60), np.float32), flat_columns=np.zeros((4, 10, 4, 60), np.float32),
-        cover=np.zeros((4, 41, 30), np.float32), tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
+        cover=np.zeros((4, 41, 30), np.float32), shifts=np.zeros((4, 4)),
+        tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
     )  # fmt: skip
     scatter = rng.uniform(0.5, 2, (len(MODES), 3)) * [1, 1, 1e-4]
     for cells, size in zip(cells_of(sums), SIZES, strict=True):

@@ -14,7 +14,7 @@ from prooflight.comparing.local_evidence import Scatter
 from prooflight.deciding.calibrated import ENOUGH_REAL, CalibratedDetector
 
 if TYPE_CHECKING:
-    from prooflight.deciding.tolerance import TolerancePress
+    from prooflight.deciding.taught import TolerancePress
 
 NAMES = ["box/add-C+/8", "fit/white"]
 

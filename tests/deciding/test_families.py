@@ -40,6 +40,7 @@ def drawn(seed: int, *, of_edges: float = 0.0) -> Sums:
         columns=columns,
         flat_columns=columns.copy(),
         cover=rng.random((4, ROWS, COLUMNS)).astype(np.float32),
+        shifts=np.zeros((4, 4)),
         tile_mm=TILE_MM,
         pixel_mm=TILE_MM / 2,
         left_mm=-1.0,

@@ -11,14 +11,9 @@ import pytest
 from prooflight.commissioning.learn import Pages, learn_tolerance
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.deciding.families import all_said
-from prooflight.deciding.tolerance import (
-    TolerancePress,
-    compressed,
-    families_of,
-    look,
-    prepare_page,
-    stated,
-)
+from prooflight.deciding.said import stated
+from prooflight.deciding.taught import TolerancePress, compressed, families_of
+from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.scans import ideal_scan

@@ -8,17 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.boosting import boosted, forested
+from prooflight.commissioning.ranking import forested, weighed
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.operating import conformal_threshold
-from prooflight.deciding.tolerance import (
-    TolerancePress,
-    compressed,
-    families_of,
-    family_columns,
-    ranked_columns,
-)
+from prooflight.deciding.ranking import family_columns, group_columns
+from prooflight.deciding.taught import TolerancePress, compressed, families_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,8 +27,11 @@ FOLDS: Final = 3
 TAIL_FROM: Final = 0.8
 STEPS: Final = 81
 LEAST_EXCESS: Final = 0.02
-POOLED: Final = 25.0
+POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
 """Exceedances that all families together lend to each."""
+LEAST_SQUARES: Final = 1.3
+KIND_SHARE: Final = 0.15
+"""Of columns among which a cut is chosen that tells kinds apart."""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
@@ -132,14 +130,12 @@ def learn_tolerance(
         spread=spread or Spread(),
         **_baseline(good),
         quantiles=np.zeros((len(kinds), STEPS)),
-        tail=np.ones((len(kinds), 2)),
+        tail=np.ones((len(kinds), 3)),
         tail_from=TAIL_FROM,
-        tail_shape=LEAST_SHAPE,
-        trees=None,
-        family_trees=None,
+        logit=None,
         forest=None,
         kinds=(),
-        kind_trees=(),
+        kind_forests=(),
         threshold=np.inf,
         good_designs=0,
     )
@@ -147,34 +143,37 @@ def learn_tolerance(
     found = replace(blank, **_tails(deviations[~pages.bad], blank))
     if not ranked or not pages.bad.any():
         return found
-    families_said = family_columns(found.family_evidence(deviations))
-    columns = ranked_columns(pages.values, deviations, pages.portraits, families_said)
-    weight = np.where(pages.bad, 0.5 / pages.bad.mean(), 0.5 / (~pages.bad).mean())
+    evidence = found.family_evidence(deviations)
+    columns = family_columns(evidence)
+    weight = _even(pages.bad)
     return replace(
         found,
-        trees=boosted(columns, pages.bad, weight, rng=rng, trees=trees, column_share=0.1),
-        family_trees=boosted(families_said, pages.bad, weight, rng=rng, trees=trees, column_share=0.3),
-        forest=forested(families_said, pages.bad, weight, rng=rng, trees=trees),
-        **_kinds(pages, families_said, rng, trees // 3),
+        logit=weighed(group_columns(evidence, kinds), pages.bad, weight),
+        forest=forested(columns, pages.bad, weight, rng=rng, trees=trees),
+        **_kinds(pages, columns, rng, trees // 3),
     )
 
 
+def _even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights with which both sides count the same."""
+    return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
+
+
 def _kinds(
-    pages: Pages, families: NDArray[np.float64], rng: np.random.Generator, trees: int
+    pages: Pages, columns: NDArray[np.float64], rng: np.random.Generator, trees: int
 ) -> dict[str, Any]:
     """Each kind of misprint told from all others."""
     if pages.kind is None:
         return {}
-    kind, families = pages.kind[pages.bad], families[pages.bad]
+    kind, columns = pages.kind[pages.bad], columns[pages.bad]
     kinds = tuple(np.unique(kind).tolist())
     if len(kinds) < 2:
         return {}
-    told = []
-    for one in kinds:
-        mine = kind == one
-        weight = np.where(mine, 0.5 / mine.mean(), 0.5 / (~mine).mean())
-        told.append(boosted(families, mine, weight, rng=rng, trees=trees, column_share=0.3))
-    return {"kinds": kinds, "kind_trees": tuple(told)}
+    told = [
+        forested(columns, kind == one, _even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
+        for one in kinds
+    ]
+    return {"kinds": kinds, "kind_forests": tuple(told)}
 
 
 def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:
@@ -218,8 +217,8 @@ def _out_of_fold(pages: Pages, blank: TolerancePress) -> NDArray[np.float64]:
 def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, Any]:
     """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
 
-    A family's few exceedances say little by themselves: all share one shape, by the method of moments, and mean
-    excesses are drawn towards the families' median.
+    By the method of moments; a family's few exceedances say little by themselves, so that its mean excess and its
+    shape are drawn towards the families' medians.
     """
     quantiles = np.empty_like(blank.quantiles)
     beyond = []
@@ -229,18 +228,13 @@ def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, 
         begin = quantiles[index, -1]
         above = greatest[greatest > begin] - begin
         beyond.append(above if above.size else np.zeros(1))
-    usual = float(np.median([above.mean() for above in beyond]))
-    excess = np.array([(above.sum() + POOLED * usual) / (above.size + POOLED) for above in beyond])
-    squares = float(np.median([(above**2).mean() / max(above.mean(), LEAST_EXCESS) ** 2 for above in beyond]))
+    count = np.array([above.size for above in beyond])
+    excess = np.array([above.mean() for above in beyond])
+    squares = np.array([(above**2).mean() for above in beyond]) / np.maximum(excess, LEAST_EXCESS) ** 2
+    excess = (excess * count + POOLED_EXCESS * np.median(excess)) / (count + POOLED_EXCESS)
+    squares = (squares * count + POOLED_SHAPE * np.median(squares)) / (count + POOLED_SHAPE)
+    squares = np.maximum(squares, LEAST_SQUARES)
     # <x^2> / <x>^2 of a generalised Pareto distribution is 2 (1 - shape) / (1 - 2 shape).
-    shape = (
-        float(np.clip((squares - 2) / (2 * squares - 2), LEAST_SHAPE, MOST_SHAPE))
-        if squares > 1
-        else LEAST_SHAPE
-    )
+    shape = ((squares - 2) / (2 * squares - 2)).clip(LEAST_SHAPE, MOST_SHAPE)
     scale = np.maximum(excess, LEAST_EXCESS) * (1 - shape)
-    return {
-        "quantiles": quantiles,
-        "tail": np.stack([quantiles[:, -1], scale], axis=1),
-        "tail_shape": shape,
-    }
+    return {"quantiles": quantiles, "tail": np.stack([quantiles[:, -1], scale, shape], axis=1)}

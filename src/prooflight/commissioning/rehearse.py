@@ -11,7 +11,8 @@ import numpy as np
 from prooflight.comparing.windows import window_statistics
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
-from prooflight.deciding.tolerance import look, prepare_page, stated
+from prooflight.deciding.said import stated
+from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.fast import fast_scan
 from prooflight.simulating.misprints import KINDS, draw_misprint

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from prooflight.comparing.plane_shifts import plane_shifts
 from prooflight.comparing.summing.kernels import column_gains, take_columns
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
 
@@ -71,6 +72,8 @@ class Sums:
     """The same of pixels away from edges."""
     cover: NDArray[np.float32]
     """(4, tile rows, tile columns) mean ink area."""
+    shifts: NDArray[np.float64]
+    """(4, 4) ``plane_shifts``."""
     tile_mm: float
     pixel_mm: float
     left_mm: float
@@ -131,6 +134,7 @@ def summed(
         columns=columns,
         flat_columns=flat_columns,
         cover=cover,
+        shifts=plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm),
         tile_mm=side * geometry.pixel_pitch_mm,
         pixel_mm=geometry.pixel_pitch_mm,
         left_mm=-geometry.left_mm(page_width_mm),

@@ -10,7 +10,8 @@ import numpy as np
 from prooflight.deciding.chi_square import posterior_bound
 from prooflight.deciding.operating import least_promise
 from prooflight.deciding.promise import GoodScores, Promise
-from prooflight.deciding.tolerance import TolerancePress, stated
+from prooflight.deciding.said import stated
+from prooflight.deciding.taught import TolerancePress
 from prooflight.deciding.verdict import Judgement
 from prooflight.errors import PressError
 

@@ -12,27 +12,31 @@ from prooflight.deciding.verdict import Ink, Region
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.comparing.nuisance import Fit
     from prooflight.comparing.register import Registration
-    from prooflight.deciding.families import Said
+    from prooflight.deciding.said import Said
+    from prooflight.deciding.tolerance import Looked
 
 INKS: Final = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 LIGHTENING: Final = ("light", "void")
 """Modes of which more makes a place lighter."""
+MOST_OF_PLANE: Final = 0.5
 GONE_PERCENT: Final = -60.0
 """An ink of which less than 40 % is there is called missing, not weak."""
 
 
-def inks_found(fit: Fit, found: Registration, present: str) -> dict[str, Ink]:
-    """What a print does with the inks of ``present``, letters of CMYK."""
+def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
+    """What a print does with the inks of ``present``, letters of CMYK.
+
+    A plane of which most lies further off than registration follows is that far out of register.
+    """
+    fit, found = looked.fit, looked.found
+    far = looked.sums.shifts[:, 1] > MOST_OF_PLANE
+    register_mm = found.planes_mm + np.where(far[:, None], looked.sums.shifts[:, 2:], 0)
     return {
         letter: Ink(
             gain_percent=round(100 * float(fit.gain[ink, 0]), 2),
             dot_gain_percent=round(100 * float(fit.dot[ink]), 2),
-            register_mm=(
-                round(float(found.planes_mm[ink, 0]), 4),
-                round(float(found.planes_mm[ink, 1]), 4),
-            ),
+            register_mm=(round(float(register_mm[ink, 0]), 4), round(float(register_mm[ink, 1]), 4)),
         )
         for ink, letter in enumerate(INKS)
         if letter in present

@@ -63,6 +63,7 @@ def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> lis
         *of_exchange(sums),
         *_of_fit(fit),
         *_of_place(found),
+        *_of_shifts(sums),
         *of_energy(sums),
     ]
 
@@ -104,6 +105,12 @@ def _of_place(found: Registration) -> Iterator[Said]:
     for ink in range(INKS):
         yield Said(name=f"place/plane-{INK[ink]}", value=float(np.abs(found.planes_mm[ink]).max()))
     yield Said(name="place/planes", value=float(np.ptp(found.planes_mm, axis=0).max()))
+
+
+def _of_shifts(sums: Sums) -> Iterator[Said]:
+    for ink, (sure, share, *_) in zip(INK, sums.shifts, strict=True):
+        yield Said(name=f"moved/{ink}/sure", value=float(sure))
+        yield Said(name=f"moved/{ink}/share", value=float(share))
 
 
 def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:

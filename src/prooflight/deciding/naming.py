@@ -23,6 +23,7 @@ FIRST: Final = {
     "wave": "banding",
     "swell": "banding",
     "swap": "swapped-planes",
+    "moved": "plane-register",
 }
 """Kinds by the first word of a statistic's name."""
 

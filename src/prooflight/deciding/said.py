@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
 Box = tuple[float, float, float, float]
 """x, y, width, height. [mm]"""
@@ -22,3 +27,8 @@ class Said:
     """Higher is worse."""
     box: Box = NOWHERE
     """Where; NaN: the page as a whole."""
+
+
+def stated(said: Sequence[Said]) -> NDArray[np.float32]:
+    """Values of statistics, (n,)."""
+    return np.array([one.value for one in said], np.float32)

@@ -14,7 +14,7 @@ import numpy as np
 from prooflight.comparing.evidence import Evidence
 from prooflight.deciding.calibrated import WRONG_PAGE, CalibratedDetector, shows_another
 from prooflight.deciding.families import all_said
-from prooflight.deciding.tolerance import stated
+from prooflight.deciding.said import stated
 from prooflight.errors import RequestError
 from prooflight.inspecting.inspector import detector
 

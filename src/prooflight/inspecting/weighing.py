@@ -13,6 +13,7 @@ from prooflight.deciding.calibrated import page_score, shows_another
 from prooflight.deciding.explaining import inks_found, reason_for, regions_of, whole_page
 from prooflight.deciding.families import all_said
 from prooflight.deciding.naming import UNKNOWN, kind_of, named
+from prooflight.deciding.said import stated
 from prooflight.deciding.tolerance import look
 from prooflight.deciding.verdict import Verdict
 from prooflight.inspecting.finding import inside
@@ -48,12 +49,13 @@ def weigh(
     judgement = ours.judge(page_score(ours.tolerance, said, known.portrait, looked.found))
     strongest = ours.tolerance.strongest(said, known.portrait, most=STRONGEST)
     placement = looked.found.placement if looked.found.found else IN_PLACE
-    inks = inks_found(looked.fit, looked.found, prepared.inks)
+    inks = inks_found(looked, prepared.inks)
     kind, reason = None, ""
     regions: tuple[Region, ...] = ()
     if judgement.misprint:
         another = shows_another(looked.found)
-        kind = WRONG if another else _kind(strongest)
+        learned = ours.tolerance.kinds_of(stated(said)[None], known.portrait[None])[0]
+        kind = WRONG if another else learned or _kind(strongest)
         regions = _regions(strongest, kind, looked, press, prepared)
         speaking = next((said for _, said in strongest if kind_of(said) == kind), None)
         place = regions[0] if regions else None
@@ -91,7 +93,10 @@ def weigh(
 
 
 def _kind(strongest: list[tuple[str, Said]]) -> str:
-    """What the evidence speaks of; that tiles do not look as designed says least of what is wrong with them."""
+    """What the evidence speaks of, where no misprint taught kinds.
+
+    That tiles do not look as designed says least of what is wrong with them.
+    """
     kind, _ = named(strongest)
     if kind != WRONG:
         return kind

@@ -89,6 +89,7 @@ FAMILIES = {
     **dict.fromkeys(("wave", "swell"), "waves along the travel"),
     **dict.fromkeys(("ghost", "echo", "double"), "echoes of the page's own content"),
     "swap": "inks that have changed places",
+    "moved": "ink planes that lie elsewhere",
     "fit": "amounts that the page as a whole is off by",
     "place": "where page and ink planes lie, and whether they look as designed",
     "energy": "differences of any kind",

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.boosting import forested
 from prooflight.commissioning.learn import Pages, learn_tolerance, promised
+from prooflight.commissioning.ranking import forested
 from prooflight.deciding.calibrated import WRONG_PAGE
 from prooflight.deciding.operating import Scored, area_under_roc, caught_at, least_cost
-from prooflight.deciding.tolerance import family_columns, ranked_columns
+from prooflight.deciding.ranking import family_columns, group_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.comparing.local_evidence import Scatter
-    from prooflight.deciding.tolerance import TolerancePress
+    from prooflight.deciding.taught import TolerancePress
     from prooflight.studies.shards import Rows
 
 PARTS: Final = 5
@@ -36,6 +36,7 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "echoes": ("ghost", "echo", "double"),
     "nuisances found": ("fit", "swap"),
     "registration": ("place",),
+    "planes far out of register": ("moved",),
 }
 """First words of statistics that are left out together."""
 TREES: Final = 300
@@ -170,15 +171,9 @@ def _rankings(
     def evidence(pages: Pages) -> NDArray[np.float64]:
         return found.family_evidence(found.deviations(pages.values, pages.portraits))
 
-    def boosted_statistics(pages: Pages) -> NDArray[np.float64]:
-        assert found.trees is not None
-        deviations = found.deviations(pages.values, pages.portraits)
-        families = family_columns(found.family_evidence(deviations))
-        return found.trees.score(ranked_columns(pages.values, deviations, pages.portraits, families))
-
-    def boosted_families(pages: Pages) -> NDArray[np.float64]:
-        assert found.family_trees is not None
-        return found.family_trees.score(family_columns(evidence(pages)))
+    def weighed(pages: Pages) -> NDArray[np.float64]:
+        assert found.logit is not None
+        return found.logit.score(group_columns(evidence(pages), found.families))
 
     def forest(pages: Pages) -> NDArray[np.float64]:
         assert found.forest is not None
@@ -188,8 +183,7 @@ def _rankings(
         OURS: lambda pages: ours_score(found, pages, another),
         "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
-        "boosted statistics alone": boosted_statistics,
-        "boosted families alone": boosted_families,
+        "weighed groups of families alone": weighed,
         "forest of families alone": forest,
     }
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
-from prooflight.deciding.tolerance import look, prepare_page, stated
+from prooflight.deciding.said import stated
+from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.press import Press
 from prooflight.simulating.misprints import KINDS, draw_misprint
 from prooflight.simulating.scans import TRIES, passes_gate

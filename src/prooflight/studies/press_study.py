@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from prooflight.studies.protocol import Day
     from prooflight.studies.shards import Rows
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 """Of the rows; a change of what is measured makes kept results void."""
 LOOSER: Final = 1.5
 """How much more good prints vary where a press is worse than it was taken for."""

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of, extremes
-from prooflight.comparing.local_evidence import MODES, SIZES, Sums, statistic
+from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of
+from prooflight.comparing.local_evidence import GHOST_BOXES_MM, MODES, SIZES, Sums, statistic
 from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES, block_sums
 from prooflight.comparing.summing.moving_kernels import STRETCH, move, move_smooth
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
+from prooflight.deciding.page_scale import extremes_of_boxes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     tiles = np.abs(rng.normal(0, 50, (4, len(MODES) + 1, 41, 30))).astype(np.float32)
     tiles[0] -= 40
     tiles[3] = tiles[1] * rng.random((len(MODES) + 1, 41, 30))
-    tiles[1, :, :8, :8] = tiles[2, :, :8, :8] = 0
+    tiles[1:, :, :8, :8] = 0  # nothing is known there
     sums = Sums(
         tiles=tiles, columns=np.zeros((4, 10, 4, 60), np.float32), flat_columns=np.zeros((4, 10, 4, 60), np.float32),
         cover=np.zeros((4, 41, 30), np.float32), tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
@@ -100,13 +101,14 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     for cells, size in zip(cells_of(sums), SIZES, strict=True):
         assert cells.size == size
         own, power, edges = boxes(cells)
-        for mode, found in enumerate(extremes(cells, scatter)):
+        for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
             t = statistic(own[mode], power[mode], edges[mode], scatter[mode])
-            assert found.greatest == pytest.approx(t.max(), rel=2e-3, abs=1e-3)
-            assert t[found.at_greatest] == pytest.approx(t.max(), rel=2e-3, abs=1e-3)
-            assert found.least == pytest.approx(t.min(), rel=2e-3, abs=1e-3)
-            if found.informed == (t != 0).sum():
-                assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
+            high, low = max(t.max(), 0), min(t.min(), 0)
+            assert found.high == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.low == pytest.approx(low, rel=2e-3, abs=1e-3)
+            if high > 0:
+                assert t[tuple(found.places[0])] == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
 
 
 @few
@@ -148,23 +150,18 @@ def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
         own=own, power=one, edges=0 * one, detail=detail, present=np.ones(4, bool),
         lags=np.arange(3, 21), square_mm=1.0,
     )  # fmt: skip
-    best, middle = seen.greatest(1, (15.0, 40.0), np.array([1.0, 1.0, 0.0]))
-    assert middle is not None
-    rows, columns = seen.bands((15.0, 40.0))
-    asked = 0.0
-    for down in seen.lags:
+    found = seen.through(1)[0].said(np.array([1.0, 1.0, 0.0]))
+    rows, columns = seen.bands(GHOST_BOXES_MM[0])
+    asked = np.zeros_like(found)
+    for which, down in enumerate(seen.lags):
         echo = np.zeros((60, 80))
         echo[down:] = detail[1, : 60 - down]
-        for top, bottom in rows:
-            for left, right in columns:
+        for n, (top, bottom) in enumerate(rows):
+            for m, (left, right) in enumerate(columns):
                 power = (echo[top:bottom, left:right] ** 2).sum()
                 push = (own[1] * echo)[top:bottom, left:right].sum()
-                asked = max(asked, push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0)
-    assert best == pytest.approx(asked, rel=1e-3)
-    assert best == pytest.approx(
-        np.max(seen.boxes(1, lag, (15.0, 40.0))[0] / np.sqrt(seen.boxes(1, lag, (15.0, 40.0))[1] + 1e-6)),
-        rel=1e-3,
-    )
+                asked[which, n, m] = push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0
+    np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-3)
 
 
 @few

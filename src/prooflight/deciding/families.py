@@ -134,8 +134,7 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
     for mode in range(len(MODES)):
         put(found["bands"][mode], *(one[mode] for one in of_rows))
     seen = echoes(sums)
-    for ink in np.flatnonzero(seen.present):
-        for b, box_mm in enumerate(GHOST_BOXES_MM):
-            drawn = [seen.boxes(int(ink), int(lag), box_mm) for lag in seen.lags[::10]]
-            put(found["ghosts"][ink, b], *np.stack(drawn, axis=1))
+    for ink in range(INKS):
+        for b, echoed in enumerate(seen.through(ink)):
+            put(found["ghosts"][ink, b], *np.moveaxis(echoed.sums[::10], 1, 0))
     return found

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.local_evidence import FLAT, HARMONICS, LEAST_POWER, MODES, without_common
-from prooflight.deciding.page_scale_kernels import against_own, box_maps
+from prooflight.comparing.local_evidence import FLAT, HARMONICS, LEAST_POWER, without_common
+from prooflight.deciding.page_scale_kernels import boxes_against_own, each_against_own
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,20 +42,41 @@ class Most(NamedTuple):
     """(4, 2) row and column of the four extremes."""
 
 
-def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> Most:
-    """Extremes of T over N', D' and the edges' part of it, (3, h, w); overlap: neighbours that say the same."""
-    values, places = np.zeros(5, np.float32), np.zeros((4, 2), np.int64)
-    how = (scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap))
-    against_own(maps[0], maps[1], maps[2], *how, values, places)
-    high, low, own_high, own_low, energy = values.tolist()
-    return Most(high=high, low=low, own_high=own_high, own_low=own_low, energy=energy, places=places)
+def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
+    """Extremes of T of every mode over N', D' and the edges' part of it, (3, modes, h, w).
+
+    scatter (modes, 3); overlap: neighbours that say the same.
+    """
+    values, places = _nothing(len(scatter))
+    each_against_own(
+        maps, scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap), values, places
+    )
+    return _said(values, places)
 
 
-def maps_of(cells: Cells) -> NDArray[np.float32]:
-    """N', D' and the edges' part of D' at all boxes: (3, modes, rows, columns)."""
-    out = np.empty((3, len(MODES), *cells.sums.shape[-2:]), np.float32)
-    box_maps(cells.sums, cells.gains, cells.level, np.float32(1 / cells.common**2), out)
-    return out
+def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
+    """The same of all boxes of 2 x 2 cells."""
+    values, places = _nothing(len(scatter))
+    boxes_against_own(
+        cells.sums,
+        cells.gains,
+        cells.level,
+        np.float32(1 / cells.common**2),
+        scatter.astype(np.float32),
+        np.float32(LEAST_POWER),
+        float(overlap),
+        values,
+        places,
+    )
+    return _said(values, places)
+
+
+def _nothing(modes: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    return np.zeros((modes, 5), np.float32), np.zeros((modes, 4, 2), np.int64)
+
+
+def _said(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Most]:
+    return [Most._make((*numbers, where)) for numbers, where in zip(values.tolist(), places, strict=True)]
 
 
 def flat_part(sums: Sums) -> Sums:

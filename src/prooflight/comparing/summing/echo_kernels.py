@@ -9,51 +9,70 @@ _LEAST = np.float32(1e-6)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def echo_boxes(own, power, of_edges, detail, lag, rows, columns, running, out):  # type: ignore[no-untyped-def]
-    """Sums over boxes of N' e, D' e^2 and the edges' e^2, e: ``detail`` ``lag`` rows further up, 0 above that.
-
-    own, power, of_edges, detail (h, w); rows (n, 2), columns (m, 2): where boxes begin and end; out (3, n, m). running
-    (3, h + 1, w) is working space.
-    """
-    height, width = own.shape
-    running[:, lag] = np.float32(0)
-    for y in range(lag, height):
-        echo, n, d, e = detail[y - lag], own[y], power[y], of_edges[y]
-        for x in range(width):
-            running[0, y + 1, x] = running[0, y, x] + n[x] * echo[x]
-        for x in range(width):
-            running[1, y + 1, x] = running[1, y, x] + d[x] * (echo[x] * echo[x])
-        for x in range(width):
-            running[2, y + 1, x] = running[2, y, x] + e[x] * (echo[x] * echo[x])
-    band = np.empty(width + 1, np.float32)
-    band[0] = np.float32(0)
-    for part in range(3):
-        for n in range(rows.shape[0]):
-            low, high = running[part, max(rows[n, 0], lag)], running[part, max(rows[n, 1], lag)]
-            so_far = np.float32(0)
-            for x in range(width):
-                so_far += high[x] - low[x]
-                band[x + 1] = so_far
-            for m in range(columns.shape[0]):
-                out[part, n, m] = band[columns[m, 1]] - band[columns[m, 0]]
+def add_row(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
+    """Add N' e, D' e^2 and the edges' e^2 of a row to sums (3, w)."""
+    pushes, powers, edges = sums[0], sums[1], sums[2]
+    for x in range(echo.size):
+        pushes[x] += n[x] * echo[x]
+    for x in range(echo.size):
+        powers[x] += d[x] * (echo[x] * echo[x])
+    for x in range(echo.size):
+        edges[x] += e[x] * (echo[x] * echo[x])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def greatest_echo(own, power, of_edges, detail, lags, rows, columns, noise, at_edges, tolerance, least):  # type: ignore[no-untyped-def]
-    """The greatest T of ``echo_boxes`` over lags (n,), 0 at least; and the row and column of its box, -1 if none."""
-    height, width = own.shape
-    running = np.empty((3, height + 1, width), np.float32)
-    sums = np.empty((3, rows.shape[0], columns.shape[0]), np.float32)
-    best, row, column = np.float32(0), -1, -1
-    for lag in lags:
-        echo_boxes(own, power, of_edges, detail, lag, rows, columns, running, sums)
-        for n in range(rows.shape[0]):
-            for m in range(columns.shape[0]):
-                d, e = sums[1, n, m], max(sums[2, n, m], np.float32(0))
-                if d <= least:
-                    continue
-                spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
-                t = sums[0, n, m] / np.sqrt(spread + _LEAST)
-                if t > best:
-                    best, row, column = t, n, m
-    return best, row, column
+def between(row, first, last):  # type: ignore[no-untyped-def]
+    """Sum of a row from ``first`` to before ``last``."""
+    total = np.float32(0)
+    for x in range(first, last):
+        total += row[x]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def echo_tables(own, power, of_edges, detail, lags, rows, columns, tables):  # type: ignore[no-untyped-def]
+    """Sums of N' e, D' e^2 and the edges' e^2 above and left of cuts; e: ``detail`` a lag further up, 0 above.
+
+    own, power, of_edges, detail (h, w); lags (l,); rows (n,), columns (m,): where cuts lie, rising; tables
+    (l, 3, n, m), from the first cuts on.
+    """
+    sums = np.empty((3, own.shape[1]), np.float32)
+    for index in range(lags.size):
+        lag, table = lags[index], tables[index]
+        table[:, 0] = 0
+        for k in range(1, rows.size):
+            sums[:] = 0
+            for y in range(max(rows[k - 1], lag), rows[k]):
+                add_row(own[y], power[y], of_edges[y], detail[y - lag], sums)
+            for part in range(3):
+                so_far = 0.0
+                table[part, k, 0] = 0
+                for m in range(1, columns.size):
+                    if rows[k] > lag:
+                        so_far += between(sums[part], columns[m - 1], columns[m])
+                    table[part, k, m] = table[part, k - 1, m] + so_far
+
+
+@njit(cache=True, nogil=True)
+def boxed(tables, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Boxes that begin and end at cuts, rows (n, 2) and columns (m, 2), summed by tables: out (lags, 3, n, m)."""
+    for index in range(out.shape[0]):
+        for part in range(3):
+            of = tables[index, part]
+            for n in range(rows.shape[0]):
+                low, high = of[rows[n, 0]], of[rows[n, 1]]
+                for m in range(columns.shape[0]):
+                    first, last = columns[m, 0], columns[m, 1]
+                    out[index, part, n, m] = high[last] - high[first] - low[last] + low[first]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
+    """T of sums (n, 3, m) into out (n, m); 0 where there is no more information than ``least``."""
+    for n in range(out.shape[0]):
+        pushes, powers, edges, row = sums[n, 0], sums[n, 1], sums[n, 2], out[n]
+        for m in range(row.size):
+            d, e = powers[m], max(edges[m], np.float32(0))
+            spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
+            t = pushes[m] / np.sqrt(spread + _LEAST)
+            row[m] = t if d > least else np.float32(0)

@@ -12,7 +12,9 @@ from scipy import ndimage
 
 from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of
 from prooflight.comparing.local_evidence import GHOST_BOXES_MM, MODES, SIZES, Sums, statistic
+from prooflight.comparing.nuisance import Colours
 from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES, block_sums
+from prooflight.comparing.summing.kernels import residuals
 from prooflight.comparing.summing.moving_kernels import STRETCH, move, move_smooth
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
 from prooflight.deciding.page_scale import extremes_of_boxes
@@ -191,3 +193,43 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
         here = (slice(top, top + 8), slice(left, left + 8))
         asked = np.array([(one * inside)[here].sum() for one in channels])
         np.testing.assert_allclose(found[block], asked, rtol=2e-3, atol=np.abs(asked).max() * 1e-6 + 1e-2)
+
+
+@few
+@given(seeds)
+def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape, pixels = (24, 32), 32
+    measured = rng.integers(0, 4000, shape).astype(np.uint16)
+    expected, offset = rng.random(shape).astype(np.float32) * 3000, rng.random(pixels).astype(np.float32)
+    gain, dot = -rng.random((2, 4, *shape)).astype(np.float32) * 100
+    cover, inside = rng.random((4, *shape)).astype(np.float32), rng.random(shape) < 0.9
+    cover[2], gain[2], dot[2] = 0, 0, 0
+    centres = rng.random((5, 4)).astype(np.float32)
+    root = np.linalg.inv(np.linalg.cholesky(np.eye(5) + 0.5)).astype(np.float32)
+    colours, amounts = Colours(centres=centres, root=root), 0.01 * rng.standard_normal(5)
+    columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
+    dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
+    found = np.empty(shape, np.float32)
+    residuals(
+        measured, expected, offset, inside, gain, dot, cover, colours.bells(), colours.weights(amounts),
+        columns, gains, dots, planes, found,
+    )  # fmt: skip
+    kernel = np.exp(-((cover[None] - centres[:, :, None, None]) ** 2).sum(axis=1) / 0.25)
+    relative = np.einsum("i,ij,jyx->yx", amounts, root, kernel) + columns
+    v, u = np.meshgrid(*(2 * (np.arange(n) + 0.5) / n - 1 for n in shape), indexing="ij")
+    fitted = (expected - offset) * relative
+    for ink in range(4):
+        tilted = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+        fitted += gain[ink] * tilted + dot[ink] * dots[ink]
+        along, across = np.gradient(cover[ink])
+        printed = np.maximum(cover[ink], 0.02)
+        fitted -= (
+            (cover[ink] > 0.02) * gain[ink] / printed * (across * planes[ink, 0] + along * planes[ink, 1])
+        )
+    asked = np.where(inside, measured - expected - fitted, 0)[1:-1, 1:-1]
+    np.testing.assert_allclose(
+        found[1:-1, 1:-1], asked, atol=0.5, rtol=1e-3
+    )  # recipes that are alike share a value
+    assert not found[0].any()
+    assert not found[:, -1].any()

@@ -127,6 +127,12 @@ class Colours:
         found[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
         return found
 
+    def weights(self, amounts: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Of bells, (SHAPES,): amounts (n,) are of features."""
+        found = np.zeros(SHAPES, np.float32)
+        found[: len(self.root)] = self.root.T @ amounts
+        return found
+
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
     """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""

@@ -135,7 +135,7 @@ def test_images_move_as_splines_and_lines_say(seed: int, right: float, down: flo
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move(plane, across, along, found)
+    move(plane[None, None], across, along, found)
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -162,7 +162,7 @@ def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
             for m, (left, right) in enumerate(columns):
                 power = (echo[top:bottom, left:right] ** 2).sum()
                 push = (own[1] * echo)[top:bottom, left:right].sum()
-                asked[which, n, m] = push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0
+                asked[n, m, which] = push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0
     np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-3)
 
 

@@ -18,8 +18,8 @@ from prooflight.comparing.local_evidence import (
     smooth_level,
     without_common,
 )
-from prooflight.comparing.summing.box_kernels import merged
-from prooflight.comparing.summing.echo_kernels import boxed, echo_tables, t_of_boxes
+from prooflight.comparing.summing.box_kernels import merged, squares
+from prooflight.comparing.summing.echo_kernels import boxed, echo_parts, t_of_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -122,13 +122,15 @@ class Echoes:
             return []
         bands = [self.bands(box_mm) for box_mm in GHOST_BOXES_MM]
         rows, columns = (np.unique(np.concatenate([band[axis] for band in bands])) for axis in (0, 1))
-        tables = np.empty((self.lags.size, 3, rows.size, columns.size))
-        parts = (self.own[ink], self.power[ink], self.edges[ink], self.detail[ink])
-        echo_tables(*parts, self.lags, rows, columns, tables)
+        above = np.zeros((self.detail.shape[2], self.lags[-1]), np.float32)
+        detail = np.concatenate([above, self.detail[ink].T], axis=1)
+        parts = np.empty((rows.size - 1, columns.size - 1, 3, self.lags.size), np.float32)
+        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, rows, columns, parts)
         found = []
         for down, right in bands:
-            sums = np.empty((self.lags.size, 3, len(down), len(right)), np.float32)
-            boxed(tables, np.searchsorted(rows, down), np.searchsorted(columns, right), sums)
+            sums = np.empty((len(down), len(right), *parts.shape[2:]), np.float32)
+            cuts = np.searchsorted(rows, down), np.searchsorted(columns, right)
+            boxed(parts.reshape(*parts.shape[:2], -1), *cuts, sums.reshape(*sums.shape[:2], -1))
             middles = down.mean(axis=1) * self.square_mm, right.mean(axis=1) * self.square_mm
             found.append(EchoBoxes(sums=sums, rows_mm=middles[0], columns_mm=middles[1]))
         return found
@@ -139,18 +141,18 @@ class EchoBoxes:
     """Echoes of one ink in boxes of one size."""
 
     sums: NDArray[np.float32]
-    """(lags, 3, rows, columns) N', D', edges."""
+    """(rows, columns, 3, lags) N', D', edges; from the most lag down."""
     rows_mm: NDArray[np.float64]
     """Middles of boxes, from the first tile."""
     columns_mm: NDArray[np.float64]
 
     def said(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
-        """T: (lags, rows, columns); 0 where nothing is known."""
-        lags, _, rows, columns = self.sums.shape
-        t = np.empty((lags, rows * columns), np.float32)
+        """T: (rows, columns, lags), from the least lag up; 0 where nothing is known."""
+        rows, columns, _, lags = self.sums.shape
+        t = np.empty((rows * columns, lags), np.float32)
         how = (*(np.float32(one) for one in scatter), np.float32(LEAST_POWER))
-        t_of_boxes(self.sums.reshape(lags, 3, -1), *how, t)
-        return t.reshape(lags, rows, columns)
+        t_of_boxes(self.sums.reshape(-1, 3, lags), *how, t)
+        return t.reshape(rows, columns, lags)[..., ::-1]
 
 
 def echoes(sums: Sums) -> Echoes:
@@ -175,8 +177,8 @@ def echoes(sums: Sums) -> Echoes:
 
 
 def _in_squares(maps: NDArray[np.float32], halves: list[int]) -> NDArray[np.float32]:
-    """Sums of 2 x 2."""
-    rows, columns = halves
-    cut = maps[..., : 2 * rows, : 2 * columns]
-    down = cut[..., ::2, :] + cut[..., 1::2, :]
-    return np.ascontiguousarray(down[..., ::2] + down[..., 1::2])
+    """Sums of 2 x 2 tiles of maps (..., rows, columns)."""
+    out = np.empty((*maps.shape[:-2], *halves), np.float32)
+    for images, target in zip(maps, out, strict=True) if maps.ndim > 3 else [(maps, out)]:
+        squares(images, target)
+    return out

@@ -165,7 +165,7 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
 
 
 def fit_nuisances(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,
@@ -190,7 +190,7 @@ def fit_nuisances(
 
 
 def _summed(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,

@@ -38,7 +38,7 @@ NOISE_FACTORS: Final = (0.4, 2.6)
 
 
 def residual_images(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.local_evidence import FLAT, HARMONICS, LEAST_POWER, without_common
+from prooflight.comparing.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
+from prooflight.deciding.exchange_kernels import exchange_sums
 from prooflight.deciding.page_scale_kernels import boxes_against_own, each_against_own
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _said(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Most]:
 
 def flat_part(sums: Sums) -> Sums:
     """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
-    calm = sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]
+    calm = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
     return replace(sums, tiles=sums.tiles * calm, columns=sums.flat_columns)
 
 
@@ -105,21 +106,13 @@ def exchanged(sums: Sums) -> list[float]:
     Ink area a becomes a + s (b - a) and b the reverse. The standard deviation is found from the page's own blocks.
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
-    cut = (slice(rows * BLOCK_TILES), slice(columns * BLOCK_TILES))
-    own, power, _ = without_common(sums.tiles[:, :9])
-    push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
+    blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
+    known = np.float32(1 / COMMON**2)
+    exchange_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
     found = []
-    for a, b in PAIRS:
-        step = sums.cover[b] - sums.cover[a]
-        n, d = (
-            np.ascontiguousarray(one[cut])
-            .reshape(rows, BLOCK_TILES, columns, BLOCK_TILES)
-            .sum(axis=(1, 3))
-            .ravel()
-            for one in (step * (push[a] - push[b]), step**2 * (said[a] + said[b]))
-        )
-        known = float(d.sum()) + 1 / EXCHANGE_SD**2
-        share = float(n.sum()) / known
-        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known
+    for n, d in zip(*blocks.reshape(2, len(PAIRS), -1).astype(np.float64), strict=True):
+        known_by = float(d.sum()) + 1 / EXCHANGE_SD**2
+        share = float(n.sum()) / known_by
+        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known_by
         found.append(share / float(np.hypot(sd, EXCHANGE_TOLERANCE)))
     return found

@@ -1,4 +1,4 @@
-"""Compiled loop: the most and the least of a statistic against what places of the same sort on this page scatter by."""
+"""Compiled loops: the most and least of a statistic against what places of the same sort on this page scatter by."""
 
 from __future__ import annotations
 

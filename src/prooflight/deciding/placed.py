@@ -12,6 +12,7 @@ from prooflight.comparing.local_evidence import (
     LINE_MODES,
     MODES,
     SEGMENTS,
+    SPAN_SEGMENTS,
     SPANS,
     WIDTH_UNIT_MM,
     WIDTHS,
@@ -71,27 +72,25 @@ def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Said]:
 
 def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Said]:
     """Streaks of every mode, width and length against this page's own scatter, and against good prints if named."""
-    for w, width in enumerate(WIDTHS):
-        for s, span in enumerate(SPANS):
-            maps = np.stack(streaks(sums, width, span))
-            said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-            for name, most in zip(MODES[:LINE_MODES], said, strict=True):
-                for family, high, low, place in (
-                    (good, most.high, most.low, 0),
-                    (own, most.own_high, most.own_low, 2),
-                ):
-                    if family:
-                        part, column = most.places[place + (high < -low)]
-                        box = _streak_mm(sums, int(part), int(column), width, span)
-                        yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
+    for w, s, maps in streaks(sums):
+        width, span = WIDTHS[w], SPANS[s]
+        said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
+        for name, most in zip(MODES[:LINE_MODES], said, strict=True):
+            for family, high, low, place in (
+                (good, most.high, most.low, 0),
+                (own, most.own_high, most.own_low, 2),
+            ):
+                if family:
+                    part, column = most.places[place + (high < -low)]
+                    box = _streak_mm(sums, int(part), int(column), width, s)
+                    yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
 
 
-def _streak_mm(sums: Sums, part: int, column: int, width: int, span: str) -> Box:
+def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
     height_mm, width_mm = sums.tiles.shape[2] * sums.tile_mm, width * WIDTH_UNIT_MM
     x = (column + 0.5) * sums.pixel_mm + sums.left_mm
-    length = {"quarter": 1, "half": 2, "full": SEGMENTS}[span]
     top = part / SEGMENTS * height_mm + sums.top_mm
-    return x - width_mm / 2, top, width_mm, length / SEGMENTS * height_mm
+    return x - width_mm / 2, top, width_mm, SPAN_SEGMENTS[span] / SEGMENTS * height_mm
 
 
 def of_bands(sums: Sums, scatter: Scatter) -> Iterator[Said]:
@@ -130,10 +129,10 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
             value, usual, box = 0.0, 1.0, NOWHERE
             if found:
                 t = found[b].said(scatters[ink, b])
-                _, row, column = np.unravel_index(int(t.argmax()), t.shape)
+                row, column, _ = np.unravel_index(int(t.argmax()), t.shape)
                 value = max(float(t.max()), 0.0)
                 if value:
-                    usual = _usual(t[::EVERY_LAG])
+                    usual = _usual(t[..., ::EVERY_LAG])
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             if good:

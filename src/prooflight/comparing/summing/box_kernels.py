@@ -64,3 +64,13 @@ def merged(cells, gains, out):  # type: ignore[no-untyped-def]
                 target = out[part, mode, k]
                 for i in range(target.size):
                     target[i] = line[2 * i] + line[2 * i + 1]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def squares(maps, out):  # type: ignore[no-untyped-def]
+    """Sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""
+    for n in range(out.shape[0]):
+        for y in range(out.shape[1]):
+            above, below, row = maps[n, 2 * y], maps[n, 2 * y + 1], out[n, y]
+            for x in range(row.size):
+                row[x] = above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1]

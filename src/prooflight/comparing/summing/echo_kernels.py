@@ -9,70 +9,65 @@ _LEAST = np.float32(1e-6)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def add_row(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
-    """Add N' e, D' e^2 and the edges' e^2 of a row to sums (3, w)."""
-    pushes, powers, edges = sums[0], sums[1], sums[2]
-    for x in range(echo.size):
-        pushes[x] += n[x] * echo[x]
-    for x in range(echo.size):
-        powers[x] += d[x] * (echo[x] * echo[x])
-    for x in range(echo.size):
-        edges[x] += e[x] * (echo[x] * echo[x])
+def add_lags(n, d, e, echo, pushes, powers, edges):  # type: ignore[no-untyped-def]
+    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags, echo (lags,): what was printed there."""
+    for lag in range(echo.size):
+        pushes[lag] += n * echo[lag]
+    for lag in range(echo.size):
+        powers[lag] += d * (echo[lag] * echo[lag])
+    for lag in range(echo.size):
+        edges[lag] += e * (echo[lag] * echo[lag])
+
+
+@njit(cache=True, nogil=True)
+def echo_parts(own, power, of_edges, detail, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at all lags.
+
+    own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;
+    rows (n + 1,), columns (m + 1,): where cuts lie, rising; out (n, m, 3, lags), from the most lag down.
+    """
+    lags = out.shape[3]
+    out[:] = 0
+    for k in range(out.shape[0]):
+        for y in range(rows[k], rows[k + 1]):
+            for m in range(out.shape[1]):
+                sums = out[k, m]
+                for x in range(columns[m], columns[m + 1]):
+                    if power[y, x] > 0:
+                        echo = detail[x, y : y + lags]
+                        how = own[y, x], power[y, x], of_edges[y, x]
+                        add_lags(*how, echo, sums[0], sums[1], sums[2])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def between(row, first, last):  # type: ignore[no-untyped-def]
-    """Sum of a row from ``first`` to before ``last``."""
-    total = np.float32(0)
-    for x in range(first, last):
-        total += row[x]
-    return total
+def add_to(row, out):  # type: ignore[no-untyped-def]
+    """Add a row to another."""
+    for i in range(out.size):
+        out[i] += row[i]
 
 
 @njit(cache=True, nogil=True)
-def echo_tables(own, power, of_edges, detail, lags, rows, columns, tables):  # type: ignore[no-untyped-def]
-    """Sums of N' e, D' e^2 and the edges' e^2 above and left of cuts; e: ``detail`` a lag further up, 0 above.
-
-    own, power, of_edges, detail (h, w); lags (l,); rows (n,), columns (m,): where cuts lie, rising; tables
-    (l, 3, n, m), from the first cuts on.
-    """
-    sums = np.empty((3, own.shape[1]), np.float32)
-    for index in range(lags.size):
-        lag, table = lags[index], tables[index]
-        table[:, 0] = 0
-        for k in range(1, rows.size):
-            sums[:] = 0
-            for y in range(max(rows[k - 1], lag), rows[k]):
-                add_row(own[y], power[y], of_edges[y], detail[y - lag], sums)
-            for part in range(3):
-                so_far = 0.0
-                table[part, k, 0] = 0
-                for m in range(1, columns.size):
-                    if rows[k] > lag:
-                        so_far += between(sums[part], columns[m - 1], columns[m])
-                    table[part, k, m] = table[part, k - 1, m] + so_far
-
-
-@njit(cache=True, nogil=True)
-def boxed(tables, rows, columns, out):  # type: ignore[no-untyped-def]
-    """Boxes that begin and end at cuts, rows (n, 2) and columns (m, 2), summed by tables: out (lags, 3, n, m)."""
-    for index in range(out.shape[0]):
-        for part in range(3):
-            of = tables[index, part]
-            for n in range(rows.shape[0]):
-                low, high = of[rows[n, 0]], of[rows[n, 1]]
-                for m in range(columns.shape[0]):
-                    first, last = columns[m, 0], columns[m, 1]
-                    out[index, part, n, m] = high[last] - high[first] - low[last] + low[first]
+def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Boxes, rows (n, 2) and columns (m, 2) of cuts, from parts (rows, columns, l): out (n, m, l)."""
+    across = np.zeros((parts.shape[0], columns.shape[0], parts.shape[2]), np.float32)
+    for k in range(parts.shape[0]):
+        for m in range(columns.shape[0]):
+            for j in range(columns[m, 0], columns[m, 1]):
+                add_to(parts[k, j], across[k, m])
+    out[:] = 0
+    for n in range(rows.shape[0]):
+        for k in range(rows[n, 0], rows[n, 1]):
+            for m in range(columns.shape[0]):
+                add_to(across[k, m], out[n, m])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
-    """T of sums (n, 3, m) into out (n, m); 0 where there is no more information than ``least``."""
+    """T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
     for n in range(out.shape[0]):
         pushes, powers, edges, row = sums[n, 0], sums[n, 1], sums[n, 2], out[n]
-        for m in range(row.size):
-            d, e = powers[m], max(edges[m], np.float32(0))
+        for lag in range(row.size):
+            d, e = powers[lag], max(edges[lag], np.float32(0))
             spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
-            t = pushes[m] / np.sqrt(spread + _LEAST)
-            row[m] = t if d > least else np.float32(0)
+            t = pushes[lag] / np.sqrt(spread + _LEAST)
+            row[lag] = t if d > least else np.float32(0)

@@ -10,11 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of, extremes
-from prooflight.comparing.local_evidence import MODES, SIZES, Sums, statistic
+from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of
+from prooflight.comparing.local_evidence import GHOST_BOXES_MM, MODES, SIZES, Sums, statistic
+from prooflight.comparing.nuisance import Colours
 from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES, block_sums
+from prooflight.comparing.summing.kernels import residuals
 from prooflight.comparing.summing.moving_kernels import STRETCH, move, move_smooth
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
+from prooflight.deciding.page_scale import extremes_of_boxes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +94,7 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     tiles = np.abs(rng.normal(0, 50, (4, len(MODES) + 1, 41, 30))).astype(np.float32)
     tiles[0] -= 40
     tiles[3] = tiles[1] * rng.random((len(MODES) + 1, 41, 30))
-    tiles[1, :, :8, :8] = tiles[2, :, :8, :8] = 0
+    tiles[1:, :, :8, :8] = 0  # nothing is known there
     sums = Sums(
         tiles=tiles, columns=np.zeros((4, 10, 4, 60), np.float32), flat_columns=np.zeros((4, 10, 4, 60), np.float32),
         cover=np.zeros((4, 41, 30), np.float32), shifts=np.zeros((4, 4)),
@@ -101,13 +104,14 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     for cells, size in zip(cells_of(sums), SIZES, strict=True):
         assert cells.size == size
         own, power, edges = boxes(cells)
-        for mode, found in enumerate(extremes(cells, scatter)):
+        for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
             t = statistic(own[mode], power[mode], edges[mode], scatter[mode])
-            assert found.greatest == pytest.approx(t.max(), rel=2e-3, abs=1e-3)
-            assert t[found.at_greatest] == pytest.approx(t.max(), rel=2e-3, abs=1e-3)
-            assert found.least == pytest.approx(t.min(), rel=2e-3, abs=1e-3)
-            if found.informed == (t != 0).sum():
-                assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
+            high, low = max(t.max(), 0), min(t.min(), 0)
+            assert found.high == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.low == pytest.approx(low, rel=2e-3, abs=1e-3)
+            if high > 0:
+                assert t[tuple(found.places[0])] == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
 
 
 @few
@@ -132,7 +136,7 @@ def test_images_move_as_splines_and_lines_say(seed: int, right: float, down: flo
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move(plane, across, along, found)
+    move(plane[None, None], across, along, found)
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -149,23 +153,18 @@ def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
         own=own, power=one, edges=0 * one, detail=detail, present=np.ones(4, bool),
         lags=np.arange(3, 21), square_mm=1.0,
     )  # fmt: skip
-    best, middle = seen.greatest(1, (15.0, 40.0), np.array([1.0, 1.0, 0.0]))
-    assert middle is not None
-    rows, columns = seen.bands((15.0, 40.0))
-    asked = 0.0
-    for down in seen.lags:
+    found = seen.through(1)[0].said(np.array([1.0, 1.0, 0.0]))
+    rows, columns = seen.bands(GHOST_BOXES_MM[0])
+    asked = np.zeros_like(found)
+    for which, down in enumerate(seen.lags):
         echo = np.zeros((60, 80))
         echo[down:] = detail[1, : 60 - down]
-        for top, bottom in rows:
-            for left, right in columns:
+        for n, (top, bottom) in enumerate(rows):
+            for m, (left, right) in enumerate(columns):
                 power = (echo[top:bottom, left:right] ** 2).sum()
                 push = (own[1] * echo)[top:bottom, left:right].sum()
-                asked = max(asked, push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0)
-    assert best == pytest.approx(asked, rel=1e-3)
-    assert best == pytest.approx(
-        np.max(seen.boxes(1, lag, (15.0, 40.0))[0] / np.sqrt(seen.boxes(1, lag, (15.0, 40.0))[1] + 1e-6)),
-        rel=1e-3,
-    )
+                asked[n, m, which] = push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0
+    np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-3)
 
 
 @few
@@ -195,3 +194,43 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
         here = (slice(top, top + 8), slice(left, left + 8))
         asked = np.array([(one * inside)[here].sum() for one in channels])
         np.testing.assert_allclose(found[block], asked, rtol=2e-3, atol=np.abs(asked).max() * 1e-6 + 1e-2)
+
+
+@few
+@given(seeds)
+def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape, pixels = (24, 32), 32
+    measured = rng.integers(0, 4000, shape).astype(np.uint16)
+    expected, offset = rng.random(shape).astype(np.float32) * 3000, rng.random(pixels).astype(np.float32)
+    gain, dot = -rng.random((2, 4, *shape)).astype(np.float32) * 100
+    cover, inside = rng.random((4, *shape)).astype(np.float32), rng.random(shape) < 0.9
+    cover[2], gain[2], dot[2] = 0, 0, 0
+    centres = rng.random((5, 4)).astype(np.float32)
+    root = np.linalg.inv(np.linalg.cholesky(np.eye(5) + 0.5)).astype(np.float32)
+    colours, amounts = Colours(centres=centres, root=root), 0.01 * rng.standard_normal(5)
+    columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
+    dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
+    found = np.empty(shape, np.float32)
+    residuals(
+        measured, expected, offset, inside, gain, dot, cover, colours.bells(), colours.weights(amounts),
+        columns, gains, dots, planes, found,
+    )  # fmt: skip
+    kernel = np.exp(-((cover[None] - centres[:, :, None, None]) ** 2).sum(axis=1) / 0.25)
+    relative = np.einsum("i,ij,jyx->yx", amounts, root, kernel) + columns
+    v, u = np.meshgrid(*(2 * (np.arange(n) + 0.5) / n - 1 for n in shape), indexing="ij")
+    fitted = (expected - offset) * relative
+    for ink in range(4):
+        tilted = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+        fitted += gain[ink] * tilted + dot[ink] * dots[ink]
+        along, across = np.gradient(cover[ink])
+        printed = np.maximum(cover[ink], 0.02)
+        fitted -= (
+            (cover[ink] > 0.02) * gain[ink] / printed * (across * planes[ink, 0] + along * planes[ink, 1])
+        )
+    asked = np.where(inside, measured - expected - fitted, 0)[1:-1, 1:-1]
+    np.testing.assert_allclose(
+        found[1:-1, 1:-1], asked, atol=0.5, rtol=1e-3
+    )  # recipes that are alike share a value
+    assert not found[0].any()
+    assert not found[:, -1].any()

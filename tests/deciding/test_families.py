@@ -75,7 +75,7 @@ def test_a_page_is_judged_by_its_own_scatter() -> None:
     own = (5 * rng.standard_normal((200, 200)) * np.sqrt(POWER)).astype(np.float32)
     own[100, 70] = 100 * np.sqrt(POWER)
     maps = np.stack([own, np.full_like(own, POWER), np.zeros_like(own)])
-    found = extremes_of(maps, np.array([1.0, 1.0, 0.0]), overlap=1)
+    found = extremes_of(maps[:, None], np.array([[1.0, 1.0, 0.0]]), overlap=1)[0]
     assert found.high == pytest.approx(100, rel=1e-3)
     assert found.own_high == pytest.approx(20, rel=0.1)  # the scatter is known by bins of a tenth
     assert found.places[0].tolist() == found.places[2].tolist() == [100, 70]
@@ -85,7 +85,7 @@ def test_a_page_is_judged_by_its_own_scatter() -> None:
 
 def test_nothing_informed_says_nothing() -> None:
     none = np.zeros((3, 10, 10), np.float32)
-    found = extremes_of(none, np.array([1.0, 1.0, 0.0]), overlap=4)
+    found = extremes_of(none[:, None], np.array([[1.0, 1.0, 0.0]]), overlap=4)[0]
     assert (found.high, found.low, found.own_high, found.own_low, found.energy) == (0, 0, 0, 0, 0)
 
 

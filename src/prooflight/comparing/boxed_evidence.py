@@ -10,6 +10,7 @@ import numpy as np
 
 from prooflight.comparing.local_evidence import (
     COMMON,
+    GHOST_BOXES_MM,
     LEAST_POWER,
     MODES,
     SIZES,
@@ -17,8 +18,8 @@ from prooflight.comparing.local_evidence import (
     smooth_level,
     without_common,
 )
-from prooflight.comparing.summing.box_kernels import box_statistics, merged
-from prooflight.comparing.summing.echo_kernels import echo_boxes, greatest_echo
+from prooflight.comparing.summing.box_kernels import merged, squares
+from prooflight.comparing.summing.echo_kernels import boxed, echo_parts, t_of_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 SMALL: Final = 4
 COMMON_NEAR: Final = 0.001
 """As ``COMMON``, within a few millimetres."""
-QUANTILES_OF: Final = 4096
-"""Places, at least half of them, that stand for all of a page."""
 LAGS_MM: Final = (3.0, 60.0)
 DETAIL_MM: Final = 15.0
 LEAST_DETAIL: Final = 1e-3
@@ -82,56 +81,8 @@ def cells_of(sums: Sums) -> Iterator[Cells]:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Extremes:
-    """T of one mode at all boxes of one size."""
-
-    greatest: float
-    at_greatest: tuple[int, int]
-    """Row and column."""
-    least: float
-    at_least: tuple[int, int]
-    energy: float
-    """Mean of T^2, each at most 100, over places with information; NaN: there are none."""
-    informed: int
-    """Places with information."""
-    drawn: NDArray[np.float32]
-    """T at places with information: all, or some spread evenly, from half of ``QUANTILES_OF`` up to that."""
-
-
-def extremes(cells: Cells, scatter: NDArray[np.float64]) -> list[Extremes]:
-    """T of every mode; scatter (modes, 3)."""
-    modes = len(scatter)
-    values, places = np.empty((modes, 3), np.float32), np.empty((modes, 5), np.int64)
-    counters, drawn = np.empty((modes, 3), np.int64), np.empty((modes, QUANTILES_OF), np.float32)
-    box_statistics(
-        cells.sums,
-        cells.gains,
-        cells.level,
-        np.float32(1 / cells.common**2),
-        scatter.astype(np.float32),
-        np.float32(LEAST_POWER),
-        values,
-        places,
-        counters,
-        drawn,
-    )
-    return [
-        Extremes(
-            greatest=float(high),
-            at_greatest=(int(at[0]), int(at[1])),
-            least=float(low),
-            at_least=(int(at[2]), int(at[3])),
-            energy=float(squares) / int(at[4]) if at[4] else np.nan,
-            informed=int(at[4]),
-            drawn=drawn[mode, : counters[mode, 0]],
-        )
-        for mode, ((high, low, squares), at) in enumerate(zip(values, places, strict=True))
-    ]
-
-
 def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """N', D' and the edges' part of D' at all boxes, (modes, rows, columns) each: what ``extremes`` looks through."""
+    """N', D' and the edges' part of D' at all boxes, (modes, rows, columns) each."""
     maps = cells.sums[:, : len(MODES)].copy()
     maps[0] -= maps[2] * cells.gains[:, None]
     down = np.pad(maps, [(0, 0)] * 2 + [(0, 1)] * 2)
@@ -165,44 +116,47 @@ class Echoes:
             found.append(np.stack([begin, begin + side], axis=1).clip(0, extent))
         return found[0], found[1]
 
-    def greatest(
-        self, ink: int, box_mm: tuple[float, float], scatter: NDArray[np.float64]
-    ) -> tuple[float, tuple[float, float] | None]:
-        """The greatest T over all lags, and the middle of its box (x, y) from the first tile [mm]; None: nothing."""
+    def through(self, ink: int) -> list[EchoBoxes]:
+        """Echoes of one ink at all lags, in boxes of each of ``GHOST_BOXES_MM``; none of one without detail."""
         if not self.present[ink]:
-            return 0.0, None
-        rows, columns = self.bands(box_mm)
-        how = (*(np.float32(one) for one in scatter), np.float32(LEAST_POWER))
-        best, row, column = greatest_echo(
-            self.own[ink], self.power[ink], self.edges[ink], self.detail[ink], self.lags, rows, columns, *how
-        )
-        if row < 0:
-            return 0.0, None
-        x, y = columns[column].mean() * self.square_mm, rows[row].mean() * self.square_mm
-        return float(best), (float(x), float(y))
+            return []
+        bands = [self.bands(box_mm) for box_mm in GHOST_BOXES_MM]
+        rows, columns = (np.unique(np.concatenate([band[axis] for band in bands])) for axis in (0, 1))
+        above = np.zeros((self.detail.shape[2], self.lags[-1]), np.float32)
+        detail = np.concatenate([above, self.detail[ink].T], axis=1)
+        parts = np.empty((rows.size - 1, columns.size - 1, 3, self.lags.size), np.float32)
+        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, rows, columns, parts)
+        found = []
+        for down, right in bands:
+            sums = np.empty((len(down), len(right), *parts.shape[2:]), np.float32)
+            cuts = np.searchsorted(rows, down), np.searchsorted(columns, right)
+            boxed(parts.reshape(*parts.shape[:2], -1), *cuts, sums.reshape(*sums.shape[:2], -1))
+            middles = down.mean(axis=1) * self.square_mm, right.mean(axis=1) * self.square_mm
+            found.append(EchoBoxes(sums=sums, rows_mm=middles[0], columns_mm=middles[1]))
+        return found
 
-    def boxes(self, ink: int, lag: int, box_mm: tuple[float, float]) -> NDArray[np.float32]:
-        """N', D', edges of an echo ``lag`` squares down: (3, rows, columns)."""
-        rows, columns = self.bands(box_mm)
-        height, width = self.own.shape[1:]
-        out = np.empty((3, len(rows), len(columns)), np.float32)
-        running = np.empty((3, height + 1, width), np.float32)
-        echo_boxes(
-            self.own[ink],
-            self.power[ink],
-            self.edges[ink],
-            self.detail[ink],
-            lag,
-            rows,
-            columns,
-            running,
-            out,
-        )
-        return out
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EchoBoxes:
+    """Echoes of one ink in boxes of one size."""
+
+    sums: NDArray[np.float32]
+    """(rows, columns, 3, lags) N', D', edges; from the most lag down."""
+    rows_mm: NDArray[np.float64]
+    """Middles of boxes, from the first tile."""
+    columns_mm: NDArray[np.float64]
+
+    def said(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
+        """T: (rows, columns, lags), from the least lag up; 0 where nothing is known."""
+        rows, columns, _, lags = self.sums.shape
+        t = np.empty((rows * columns, lags), np.float32)
+        how = (*(np.float32(one) for one in scatter), np.float32(LEAST_POWER))
+        t_of_boxes(self.sums.reshape(-1, 3, lags), *how, t)
+        return t.reshape(rows, columns, lags)[..., ::-1]
 
 
 def echoes(sums: Sums) -> Echoes:
-    """Tile sums and ink areas made ready for ``Echoes.greatest``."""
+    """Tile sums and ink areas made ready for ``Echoes.through``."""
     halves = [extent // 2 for extent in sums.tiles.shape[-2:]]
     maps = _in_squares(sums.tiles[:, : INKS + 1], halves)
     own, power, edges = without_common(maps)
@@ -223,8 +177,8 @@ def echoes(sums: Sums) -> Echoes:
 
 
 def _in_squares(maps: NDArray[np.float32], halves: list[int]) -> NDArray[np.float32]:
-    """Sums of 2 x 2."""
-    rows, columns = halves
-    cut = maps[..., : 2 * rows, : 2 * columns]
-    down = cut[..., ::2, :] + cut[..., 1::2, :]
-    return np.ascontiguousarray(down[..., ::2] + down[..., 1::2])
+    """Sums of 2 x 2 tiles of maps (..., rows, columns)."""
+    out = np.empty((*maps.shape[:-2], *halves), np.float32)
+    for images, target in zip(maps, out, strict=True) if maps.ndim > 3 else [(maps, out)]:
+        squares(images, target)
+    return out

@@ -18,10 +18,11 @@ from scipy import ndimage
 
 from prooflight.comparing.plane_shifts import plane_shifts
 from prooflight.comparing.summing.kernels import column_gains, take_columns
+from prooflight.comparing.summing.streak_kernels import levelled_parts, widened
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -42,6 +43,7 @@ WIDTHS: Final = (1, 2, 4, 8, 16)
 WIDTH_UNIT_MM: Final = 0.254
 SPANS: Final = ("quarter", "half", "full")
 SEGMENTS: Final = 4
+SPAN_SEGMENTS: Final = (1, 2, SEGMENTS)
 BASELINE_MM: Final = 24.0
 COMMON: Final = 0.003
 """Standard deviation of what moves all light alike from place to place: paper 0.2 %, lamp, flicker. [-]"""
@@ -222,20 +224,23 @@ def smooth_level(sums: Sums) -> NDArray[np.float32]:
     return cv2.resize(level, size, interpolation=cv2.INTER_LINEAR)
 
 
-def streaks(sums: Sums, width: int, span: str) -> tuple[NDArray[np.float32], ...]:
-    """N', D', edges (modes, parts, pixels) of streaks so wide over parts of the page's height."""
-    count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
-    length = {"quarter": 1, "half": 2, "full": SEGMENTS}[span]
-    columns = sums.columns
-    parts = np.stack(
-        [columns[:, :, k : k + length].sum(axis=2) for k in range(SEGMENTS - length + 1)], axis=2
-    )
-    own, power, edges = without_common(parts)
-    own = _levelled(own, power, round(BASELINE_MM / sums.pixel_mm) | 1)
-    return tuple(
-        np.asarray(ndimage.uniform_filter1d(one, count, mode="constant") * count, np.float32)
-        for one in (own, power, edges)
-    )
+def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
+    """Streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
+
+    Which width, which span, and N', D', edges of LINE_MODES: (3, modes, parts, pixels).
+    """
+    wide = round(BASELINE_MM / sums.pixel_mm) | 1
+    found = []
+    for length in SPAN_SEGMENTS:
+        parts = np.empty((3, LINE_MODES, SEGMENTS - length + 1, sums.columns.shape[-1]), np.float32)
+        levelled_parts(sums.columns, length, np.float32(1 / COMMON**2), wide, parts)
+        found.append(parts)
+    for w, width in enumerate(WIDTHS):
+        count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
+        for s, parts in enumerate(found):
+            maps = np.empty_like(parts)
+            widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
+            yield w, s, maps
 
 
 def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:

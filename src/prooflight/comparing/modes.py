@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.comparing.binning import binned
 from prooflight.comparing.summing.moving_kernels import STRETCH, move_smooth, within
 from prooflight.pages.sampling import LensCorrection
 from prooflight.predicting.predict import predict
@@ -145,18 +146,27 @@ def seen_as(
 
 
 def prepare_modes(
-    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, threads: int | None = 1
+    page: Page,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    bins: int = 1,
+    threads: int | None = 1,
 ) -> Modes:
-    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
-    lines = geometry.lines(page.height_mm)
+    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads.
+
+    bins: so many of the camera's pixels each way are taken as one.
+    """
+    lines, pixels = -(-geometry.lines(page.height_mm) // bins), geometry.pixels // bins
     present = [bool(page.cmyk[::2, ::2, ink].any()) for ink in range(INKS)]
-    shape = (len(sensors), INKS, lines, geometry.pixels)
+    shape = (len(sensors), INKS, lines, pixels)
     gain, add, dot = np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    texture = np.zeros((len(sensors), lines, geometry.pixels), np.float32)
-    cover = np.zeros((INKS, lines, geometry.pixels), np.float32)
+    texture = np.zeros((len(sensors), lines, pixels), np.float32)
+    cover = np.zeros((INKS, lines, pixels), np.float32)
 
     def seen(model: SensorModel) -> NDArray[np.float32]:
-        return seen_as(page, model, geometry=geometry, threads=threads)
+        seen = seen_as(page, model, geometry=geometry, threads=threads)
+        return seen if bins == 1 else binned(seen, bins)
 
     for index, sensor in enumerate(sensors):
         tables = mode_sensor(sensor)

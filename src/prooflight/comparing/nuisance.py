@@ -127,6 +127,12 @@ class Colours:
         found[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
         return found
 
+    def weights(self, amounts: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Of bells, (SHAPES,): amounts (n,) are of features."""
+        found = np.zeros(SHAPES, np.float32)
+        found[: len(self.root)] = self.root.T @ amounts
+        return found
+
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
     """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
@@ -159,7 +165,7 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
 
 
 def fit_nuisances(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,
@@ -184,7 +190,7 @@ def fit_nuisances(
 
 
 def _summed(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,

@@ -27,7 +27,7 @@ DOUBT: Final = 0.05
 def plane_shifts(
     left: NDArray[np.float32], weight: NDArray[np.float32], gain: NDArray[np.float32], *, pixel_mm: float
 ) -> NDArray[np.float64]:
-    """Whether each ink's plane lies elsewhere: (inks, 4) how sure that is [sd], what share does [-], right and down [mm].
+    """Whether each plane lies elsewhere: (inks, 4) how sure that is [sd], what share does [-], right and down [mm].
 
     left, weight (sensors, lines, pixels): residuals, darker is more [DN], and 1 / V; gain (sensors, inks, lines,
     pixels) what a whole plane darkens [DN].

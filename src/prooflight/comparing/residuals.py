@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.comparing.nuisance import COLOUR_LENGTH, INKS, LAMP_WAVES
+from prooflight.comparing.nuisance import INKS, LAMP_WAVES
 from prooflight.comparing.summing.kernels import residuals, slope_sums, take_slopes, variances
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ NOISE_FACTORS: Final = (0.4, 2.6)
 
 
 def residual_images(
-    measured_dn: NDArray[np.uint16],
+    measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
     where: Sight,
@@ -59,7 +59,7 @@ def residual_images(
     lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
-    noise = np.ones(len(sensors))
+    noise, bells = np.ones(len(sensors)), colours.bells()
     for index, sensor in enumerate(sensors):
         residuals(
             measured_dn[index],
@@ -69,10 +69,8 @@ def residual_images(
             modes.gain[index],
             modes.dot[index],
             modes.cover,
-            colours.centres,
-            colours.root,
-            np.float32(COLOUR_LENGTH),
-            fit.shape[index].astype(np.float32),
+            bells,
+            colours.weights(fit.shape[index]),
             (fit.white[index] + lamp).astype(np.float32),
             fit.gain.astype(np.float32),
             fit.dot.astype(np.float32),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from prooflight.comparing.binning import binned, phased
 from prooflight.comparing.modes import seen_as, shadow_sensors
 from prooflight.comparing.summing.moving_kernels import move, move_shadow
 from prooflight.predicting.kernels import to_columns
@@ -31,10 +32,10 @@ LEAST_PLANE_PIXELS: Final = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SharedPrediction:
-    """What the camera would see of a page in its place in bare columns of gain 1."""
+    """What the camera would see of a page in its place in bare columns of gain 1; ``bins`` pixels each way as one."""
 
     light: NDArray[np.float32]
-    """(sensors, lines, pixels) above the backing's. [DN]"""
+    """(sensors, bins, bins, lines, pixels) above the backing's, ``phased``. [DN]"""
     variance: NDArray[np.float32]
     """The same of the temporal variance; only of sensors where that is not linear in the light. [DN^2]"""
     shadows: NDArray[np.float32]
@@ -48,28 +49,32 @@ class SharedPrediction:
         *,
         sensors: Sequence[SensorModel],
         geometry: ScanGeometry,
+        bins: int = 1,
         threads: int | None = 1,
     ) -> Self:
         """From a page's prediction in its place."""
-        light, variance = np.empty_like(expected.expected_dn), np.zeros_like(expected.expected_dn[:0])
-        shadows = np.zeros((len(sensors), INKS, *light.shape[1:]), np.float32)
+        light = []
+        shape = (-(-expected.expected_dn.shape[1] // bins), geometry.pixels // bins)
+        variance = np.zeros((0, *shape), np.float32)
+        shadows = np.zeros((len(sensors), INKS, *shape), np.float32)
         kept = []
         for index, sensor in enumerate(sensors):
             gain = np.maximum(sensor.column_gain, np.float32(1e-3))
-            light[index] = (expected.expected_dn[index] - sensor.column_offset_dn) / gain - np.float32(
-                sensor.backing_dn
-            )
+            bare = (expected.expected_dn[index] - sensor.column_offset_dn) / gain
+            light.append(phased(bare - np.float32(sensor.backing_dn), bins))
             if shot_slope(sensor) == 0:
                 dark = np.float32(sensor.dark_variance_dn2)
                 above = np.float32(sensor.backing_variance_dn2 - sensor.dark_variance_dn2)
-                kept.append((expected.variance_dn2[index] - dark) / gain - above)
+                kept.append(binned((expected.variance_dn2[index] - dark) / gain - above, bins))
             for ink in range(INKS):
                 if page.cmyk[::2, ::2, ink].any():
                     model = shadow_sensors(sensor)[ink]
-                    shadows[index, ink] = seen_as(page, model, geometry=geometry, threads=threads)
+                    shadows[index, ink] = binned(
+                        seen_as(page, model, geometry=geometry, threads=threads), bins
+                    )
         if kept:
             variance = np.stack(kept)
-        return cls(light=light, variance=variance, shadows=shadows)
+        return cls(light=np.stack(light), variance=variance, shadows=shadows)
 
     def seen(
         self, where: Sight, planes: NDArray[np.float64], *, sensors: Sequence[SensorModel]
@@ -77,10 +82,10 @@ class SharedPrediction:
         """What the camera sees of a print that lies so; planes (4, 2): how far each lies too far right and down.
 
         A plane that is displaced casts its shadow where it lies: exact where one ink lies on paper, and where what
-        others print is alike nearby. [pixels]
+        others print is alike nearby. [pixels] Sensors, pixels and planes' displacements are binned ones.
         """
-        expected, variance = np.empty_like(self.light), np.zeros_like(self.light)
-        lines = expected.shape[1]
+        bins, expected = self.light.shape[1], np.empty_like(self.light[:, 0, 0])
+        variance, lines = np.zeros_like(expected), expected.shape[1]
         off = [ink for ink in range(INKS) if np.abs(planes[ink]).max() > LEAST_PLANE_PIXELS]
         stated = 0
         for index, sensor in enumerate(sensors):
@@ -89,10 +94,10 @@ class SharedPrediction:
                 shadow = self.shadows[index, ink]
                 if shadow[::8].any():
                     right, down = (np.float32(value) for value in planes[ink])
-                    move_shadow(shadow, where.across, where.along, right, down, expected[index])
+                    move_shadow(shadow[None, None], where.across, where.along, right, down, expected[index])
             slope = shot_slope(sensor)
             if slope == 0:
-                move(self.variance[stated], where.across, where.along, variance[index])
+                move(self.variance[stated][None, None], where.across, where.along, variance[index])
                 stated += 1
             to_columns(
                 np.float32(sensor.backing_dn),
@@ -107,6 +112,7 @@ class SharedPrediction:
                 expected[index],
                 variance[index],
             )
+        variance /= np.float32(bins * bins)
         return Prediction(expected_dn=expected, variance_dn2=variance)
 
 

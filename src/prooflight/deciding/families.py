@@ -132,17 +132,14 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
         maps = boxes(cells)
         for mode in range(len(MODES)):
             put(found["boxes"][mode, place], *(one[mode] for one in maps))
-    for w, width in enumerate(WIDTHS):
-        for s, span in enumerate(SPANS):
-            lines = streaks(sums, width, span)
-            for mode in range(LINE_MODES):
-                put(found["streaks"][mode, w, s], *(one[mode] for one in lines))
+    for w, s, lines in streaks(sums):
+        for mode in range(LINE_MODES):
+            put(found["streaks"][mode, w, s], *lines[:, mode])
     of_rows = rows(sums)
     for mode in range(len(MODES)):
         put(found["bands"][mode], *(one[mode] for one in of_rows))
     seen = echoes(sums)
-    for ink in np.flatnonzero(seen.present):
-        for b, box_mm in enumerate(GHOST_BOXES_MM):
-            drawn = [seen.boxes(int(ink), int(lag), box_mm) for lag in seen.lags[::10]]
-            put(found["ghosts"][ink, b], *np.stack(drawn, axis=1))
+    for ink in range(INKS):
+        for b, echoed in enumerate(seen.through(ink)):
+            put(found["ghosts"][ink, b], *np.moveaxis(echoed.sums[..., ::-10], 2, 0))
     return found

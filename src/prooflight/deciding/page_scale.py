@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.local_evidence import FLAT, HARMONICS, LEAST_POWER, MODES, without_common
-from prooflight.deciding.page_scale_kernels import against_own, box_maps
+from prooflight.comparing.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
+from prooflight.deciding.exchange_kernels import exchange_sums
+from prooflight.deciding.page_scale_kernels import boxes_against_own, each_against_own
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,25 +43,46 @@ class Most(NamedTuple):
     """(4, 2) row and column of the four extremes."""
 
 
-def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> Most:
-    """Extremes of T over N', D' and the edges' part of it, (3, h, w); overlap: neighbours that say the same."""
-    values, places = np.zeros(5, np.float32), np.zeros((4, 2), np.int64)
-    how = (scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap))
-    against_own(maps[0], maps[1], maps[2], *how, values, places)
-    high, low, own_high, own_low, energy = values.tolist()
-    return Most(high=high, low=low, own_high=own_high, own_low=own_low, energy=energy, places=places)
+def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
+    """Extremes of T of every mode over N', D' and the edges' part of it, (3, modes, h, w).
+
+    scatter (modes, 3); overlap: neighbours that say the same.
+    """
+    values, places = _nothing(len(scatter))
+    each_against_own(
+        maps, scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap), values, places
+    )
+    return _said(values, places)
 
 
-def maps_of(cells: Cells) -> NDArray[np.float32]:
-    """N', D' and the edges' part of D' at all boxes: (3, modes, rows, columns)."""
-    out = np.empty((3, len(MODES), *cells.sums.shape[-2:]), np.float32)
-    box_maps(cells.sums, cells.gains, cells.level, np.float32(1 / cells.common**2), out)
-    return out
+def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
+    """The same of all boxes of 2 x 2 cells."""
+    values, places = _nothing(len(scatter))
+    boxes_against_own(
+        cells.sums,
+        cells.gains,
+        cells.level,
+        np.float32(1 / cells.common**2),
+        scatter.astype(np.float32),
+        np.float32(LEAST_POWER),
+        float(overlap),
+        values,
+        places,
+    )
+    return _said(values, places)
+
+
+def _nothing(modes: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    return np.zeros((modes, 5), np.float32), np.zeros((modes, 4, 2), np.int64)
+
+
+def _said(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Most]:
+    return [Most._make((*numbers, where)) for numbers, where in zip(values.tolist(), places, strict=True)]
 
 
 def flat_part(sums: Sums) -> Sums:
     """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
-    calm = sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]
+    calm = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
     return replace(sums, tiles=sums.tiles * calm, columns=sums.flat_columns)
 
 
@@ -84,21 +106,13 @@ def exchanged(sums: Sums) -> list[float]:
     Ink area a becomes a + s (b - a) and b the reverse. The standard deviation is found from the page's own blocks.
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
-    cut = (slice(rows * BLOCK_TILES), slice(columns * BLOCK_TILES))
-    own, power, _ = without_common(sums.tiles[:, :9])
-    push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
+    blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
+    known = np.float32(1 / COMMON**2)
+    exchange_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
     found = []
-    for a, b in PAIRS:
-        step = sums.cover[b] - sums.cover[a]
-        n, d = (
-            np.ascontiguousarray(one[cut])
-            .reshape(rows, BLOCK_TILES, columns, BLOCK_TILES)
-            .sum(axis=(1, 3))
-            .ravel()
-            for one in (step * (push[a] - push[b]), step**2 * (said[a] + said[b]))
-        )
-        known = float(d.sum()) + 1 / EXCHANGE_SD**2
-        share = float(n.sum()) / known
-        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known
+    for n, d in zip(*blocks.reshape(2, len(PAIRS), -1).astype(np.float64), strict=True):
+        known_by = float(d.sum()) + 1 / EXCHANGE_SD**2
+        share = float(n.sum()) / known_by
+        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known_by
         found.append(share / float(np.hypot(sd, EXCHANGE_TOLERANCE)))
     return found

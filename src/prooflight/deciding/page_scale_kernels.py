@@ -1,4 +1,4 @@
-"""Compiled loop: the most and the least of a statistic against what places of the same sort on this page scatter by."""
+"""Compiled loops: the most and least of a statistic against what places of the same sort on this page scatter by."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from prooflight.comparing.summing.box_kernels import box_row, plain_box_row
 SHARES = 4
 """Classes of the edges' share of the information, times as many of the information itself."""
 CLASSES = SHARES * SHARES
+NO_CLASS = CLASSES
+"""Of places without information."""
 BINS = 96
 """Of log2 |T|, eight an octave from 2^-4 on."""
 ONE_SIGMA = 0.6827
@@ -18,7 +20,10 @@ PRIOR = 30.0
 PAGE_PRIOR = 10.0
 """Independent places by which the page's is held to 1."""
 LEAST_SCALE = 0.5
-MOST_SQUARE = 100.0
+_MOST_SQUARE = np.float32(100)
+_NOTHING_COMMON = np.float32(1e30)
+_EIGHTHS = tuple(int(np.float32(2 ** (j / 8)).view(np.int32)) & 0x7FFFFF for j in range(1, 8))
+"""Mantissas at which eighths of an octave begin."""
 
 
 @njit(cache=True, nogil=True)
@@ -33,6 +38,72 @@ def quantile_of(histogram, count):  # type: ignore[no-untyped-def]
     return 2.0 ** (BINS / 8 - 4)
 
 
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def row_of_t(own, power, edges, noise, at_edges, tolerance, least, t):  # type: ignore[no-untyped-def]
+    """T of a row of places into t, 0 where nothing is known; returns the sum of T^2, each at most 100."""
+    squares = np.float32(0)
+    for x in range(t.size):
+        d = power[x]
+        e = min(max(edges[x], np.float32(0)), d)
+        spread = noise * (d - e) + at_edges * e + tolerance * d * d
+        value = own[x] / np.sqrt(spread + np.float32(1e-6))
+        value = value if d > least else np.float32(0)
+        t[x] = value
+        squares += min(value * value, _MOST_SQUARE)
+    return squares
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def row_of_classes(power, edges, most, least, kinds):  # type: ignore[no-untyped-def]
+    """Of which sort each place of a row is: by the edges' share of its information, and by how much it has of it."""
+    for x in range(kinds.size):
+        d = power[x]
+        e = min(max(edges[x], np.float32(0)), d)
+        share = np.int32(e >= np.float32(0.25) * d) + np.int32(e >= np.float32(0.5) * d)
+        share += np.int32(e >= np.float32(0.75) * d)
+        level = np.int32(d <= np.float32(0.25) * most) + np.int32(d <= np.float32(0.0625) * most)
+        level += np.int32(d <= np.float32(0.015625) * most)
+        kinds[x] = share * np.int32(SHARES) + level if d > least else np.int32(NO_CLASS)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
+    """In which eighth of an octave each |T| of a row lies, from its bits; shifted (w,) float32 is working space."""
+    for x in range(t.size):
+        shifted[x] = abs(t[x]) + np.float32(1e-4)
+    bits = shifted.view(np.int32)
+    for x in range(t.size):
+        mantissa = bits[x] & np.int32(0x7FFFFF)
+        eighth = np.int32(0)
+        for begin in _EIGHTHS:
+            eighth += np.int32(mantissa >= np.int32(begin))
+        place = ((bits[x] >> np.int32(23)) - np.int32(127 - 4)) * np.int32(8) + eighth
+        bins[x] = min(max(place, np.int32(0)), np.int32(BINS - 1))
+
+
+@njit(cache=True, nogil=True)
+def sort_row(t, kinds, bins, y, histogram, ends, at):  # type: ignore[no-untyped-def]
+    """Count a row of T (w,) by class and size, and keep each class's greatest and least with their places."""
+    for x in range(t.size):
+        kind = kinds[x]
+        histogram[kind, bins[x]] += 1
+        if t[x] > ends[kind, 0]:
+            ends[kind, 0], at[kind, 0, 0], at[kind, 0, 1] = t[x], y, x
+        elif t[x] < ends[kind, 1]:
+            ends[kind, 1], at[kind, 1, 0], at[kind, 1, 1] = t[x], y, x
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def greatest_of(power):  # type: ignore[no-untyped-def]
+    """The greatest of a map, at least 0."""
+    most = np.float32(0)
+    for y in range(power.shape[0]):
+        row = power[y]
+        for x in range(row.size):
+            most = max(most, row[x])
+    return most
+
+
 @njit(cache=True, nogil=True)
 def against_own(own, power, edges, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """Extremes of T, and of T over the scatter of T at places of the same class on the same page.
@@ -42,83 +113,101 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
     nothing is informed; places (4, 2): row and column of the extremes.
     """
     height, width = own.shape
-    most = np.float32(0)
-    for y in range(height):
-        for x in range(width):
-            most = max(most, power[y, x])
-    t = np.zeros((height, width), np.float32)
-    kind = np.full((height, width), -1, np.int8)
-    histogram = np.zeros((CLASSES + 1, BINS))
     values[:] = 0
     places[:] = 0
-    for y in range(height):
-        for x in range(width):
-            d = power[y, x]
-            if d <= least:
-                continue
-            e = min(max(edges[y, x], np.float32(0)), d)
-            spread = scatter[0] * (d - e) + scatter[1] * e + scatter[2] * d * d
-            t[y, x] = own[y, x] / np.sqrt(spread + np.float32(1e-6))
-            ratio = d / most
-            level = 0 if ratio > 0.25 else (1 if ratio > 0.0625 else (2 if ratio > 0.015625 else 3))
-            kind[y, x] = min(int(e / d * SHARES), SHARES - 1) * SHARES + level
-            values[4] += min(t[y, x] ** 2, MOST_SQUARE)
-            if t[y, x] > values[0]:
-                values[0], places[0, 0], places[0, 1] = t[y, x], y, x
-            if t[y, x] < values[1]:
-                values[1], places[1, 0], places[1, 1] = t[y, x], y, x
-            place = int((np.log2(abs(t[y, x]) + np.float32(1e-4)) + 4) * 8)
-            place = min(max(place, 0), BINS - 1)
-            histogram[kind[y, x], place] += 1
-            histogram[CLASSES, place] += 1
-    total = histogram[CLASSES].sum()
-    if total == 0:
+    most = greatest_of(power)
+    if most <= least:
         return
-    values[4] /= total
-    n = total / overlap
-    of_page = (n * quantile_of(histogram[CLASSES], total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
-    scale = np.ones(CLASSES, np.float32)
-    for k in range(CLASSES):
-        count = histogram[k].sum()
-        if count > 0:
-            n = count / overlap
-            squared = (n * quantile_of(histogram[k], count) ** 2 + PRIOR * of_page) / (n + PRIOR)
-            scale[k] = max(np.sqrt(squared), LEAST_SCALE)
+    t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
+    kinds, bins = np.empty(width, np.int32), np.empty(width, np.int32)
+    histogram = np.zeros((CLASSES + 1, BINS), np.int64)
+    ends = np.zeros((CLASSES + 1, 2), np.float32)
+    at = np.zeros((CLASSES + 1, 2, 2), np.int64)
+    squares = 0.0
     for y in range(height):
-        for x in range(width):
-            if kind[y, x] >= 0:
-                ratio = t[y, x] / scale[kind[y, x]]
-                if ratio > values[2]:
-                    values[2], places[2, 0], places[2, 1] = ratio, y, x
-                if ratio < values[3]:
-                    values[3], places[3, 0], places[3, 1] = ratio, y, x
+        squares += row_of_t(own[y], power[y], edges[y], scatter[0], scatter[1], scatter[2], least, t)
+        row_of_classes(power[y], edges[y], most, least, kinds)
+        row_of_bins(t, shifted, bins)
+        sort_row(t, kinds, bins, y, histogram, ends, at)
+    known = histogram[:CLASSES]
+    total = known.sum()
+    values[4] = squares / total
+    n = total / overlap
+    of_page = (n * quantile_of(known.sum(axis=0), total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
+    for k in range(CLASSES):
+        count = known[k].sum()
+        if count == 0:
+            continue
+        n = count / overlap
+        squared = (n * quantile_of(known[k], count) ** 2 + PRIOR * of_page) / (n + PRIOR)
+        scale = np.float32(max(np.sqrt(squared), LEAST_SCALE))
+        for end in range(2):
+            sign = np.float32(1 - 2 * end)
+            for place, value in ((end, ends[k, end]), (2 + end, ends[k, end] / scale)):
+                if sign * value > sign * values[place]:
+                    values[place] = value
+                    places[place] = at[k, end]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def box_maps(cells, gains, level, known, out):  # type: ignore[no-untyped-def]
-    """N', D' and the edges' part of D' of boxes, out (3, modes, h, w); the rest as in ``box_statistics``."""
-    modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
+@njit(cache=True, nogil=True)
+def each_against_own(maps, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
+    """``against_own`` of every mode: maps (3, modes, h, w), scatter (modes, 3); written (modes, ...)."""
+    for mode in range(maps.shape[1]):
+        against_own(
+            maps[0, mode],
+            maps[1, mode],
+            maps[2, mode],
+            scatter[mode],
+            least,
+            overlap,
+            values[mode],
+            places[mode],
+        )
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def box_map(cells, gains, level, known, common, out):  # type: ignore[no-untyped-def]
+    """N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), once what is common to all is taken out.
+
+    cells (4, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): share of C
+    taken from N of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
+    """
+    height, width = out.shape[1:]
     rows = np.empty((4, width), np.float32)
-    common = np.empty((2, width), np.float32)
     line = np.empty(width, np.float32)
     for y in range(height):
-        share = level[y]
-        for mode in range(modes):
-            box_row(cells[0, mode], y, gains, cells[2, mode], line, rows[0])
-            for part in range(1, 4):
-                plain_box_row(cells[part, mode], y, line, rows[part])
-            for x in range(width):
-                rows[0, x] -= rows[2, x] * share[x]
-            if mode == 0:
-                common[0], common[1] = rows[0], rows[1]
-            own, left, of_edges = out[0, mode, y], out[1, mode, y], out[2, mode, y]
-            if mode == 0:
-                own[:], left[:], of_edges[:] = rows[0], rows[1], rows[3]
-                continue
-            for x in range(width):
-                part_common = rows[2, x] / (common[1, x] + known)
-                d = rows[1, x]
-                rest = max(d - rows[2, x] * part_common, np.float32(0))
-                own[x] = rows[0, x] - part_common * common[0, x]
-                left[x] = rest
-                of_edges[x] = rows[3, x] * min(rest / max(d, np.float32(1e-9)), np.float32(1))
+        box_row(cells[0], y, gains, cells[2], line, rows[0])
+        for part in range(1, 4):
+            plain_box_row(cells[part], y, line, rows[part])
+        push, power, shared, edges = rows[0], rows[1], rows[2], rows[3]
+        share, push0, power0 = level[y], common[0, y], common[1, y]
+        own, rest, of_edges = out[0, y], out[1, y], out[2, y]
+        for x in range(width):
+            part_common = shared[x] / (power0[x] + known)
+            own[x] = push[x] - shared[x] * share[x] - part_common * push0[x]
+        for x in range(width):
+            part_common = shared[x] / (power0[x] + known)
+            rest[x] = max(power[x] - shared[x] * part_common, np.float32(0))
+        for x in range(width):
+            of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
+
+
+@njit(cache=True, nogil=True)
+def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
+    """``against_own`` of all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
+
+    The rest as in ``box_map`` and ``each_against_own``.
+    """
+    modes, height, width = scatter.shape[0], cells.shape[2], cells.shape[3]
+    nothing = np.zeros((2, height, width), np.float32)
+    of_all, maps = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
+    for mode in range(modes):
+        if greatest_of(cells[1, mode]) <= 0:
+            values[mode] = 0
+            places[mode] = 0
+            continue
+        one = maps if mode else of_all
+        box_map(
+            cells[:, mode], gains, level, known if mode else _NOTHING_COMMON, of_all if mode else nothing, one
+        )
+        against_own(one[0], one[1], one[2], scatter[mode], least, overlap, values[mode], places[mode])

@@ -9,10 +9,10 @@ import numpy as np
 from prooflight.comparing.boxed_evidence import cells_of, echoes
 from prooflight.comparing.local_evidence import (
     GHOST_BOXES_MM,
-    LEAST_POWER,
     LINE_MODES,
     MODES,
     SEGMENTS,
+    SPAN_SEGMENTS,
     SPANS,
     WIDTH_UNIT_MM,
     WIDTHS,
@@ -22,7 +22,7 @@ from prooflight.comparing.local_evidence import (
     streaks,
 )
 from prooflight.comparing.nuisance import INKS
-from prooflight.deciding.page_scale import PAIRS, above_neighbours, exchanged, extremes_of, maps_of
+from prooflight.deciding.page_scale import PAIRS, above_neighbours, exchanged, extremes_of, extremes_of_boxes
 from prooflight.deciding.said import NOWHERE, Said
 
 if TYPE_CHECKING:
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.comparing.boxed_evidence import Echoes
     from prooflight.comparing.local_evidence import Scatter, Sums
     from prooflight.deciding.said import Box
 
 INK: Final = "CMYK"
 LEAST_BOXES: Final = 12
+EVERY_LAG: Final = 8
+"""Of echoes, for what they scatter by."""
 OVERLAP: Final = 4
 """Boxes that overlap by half count as so many fewer."""
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
@@ -47,9 +48,8 @@ ONE_SIGMA: Final = 0.6827
 def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Said]:
     """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
     for place, cells in enumerate(cells_of(sums)):
-        size, maps = cells.size, maps_of(cells)
-        for mode, name in enumerate(MODES):
-            most = extremes_of(maps[:, mode], scatter.boxes[mode, place], overlap=OVERLAP)
+        size, said = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for name, most in zip(MODES, said, strict=True):
             box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
             yield Said(name=f"box/{name}+/{size}", value=most.high, box=box[0])
             yield Said(name=f"box/{name}-/{size}", value=-most.low, box=box[1])
@@ -61,11 +61,10 @@ def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Said]:
 def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Said]:
     """The same against this page's own, where there are no edges."""
     for place, cells in enumerate(cells_of(flat)):
-        maps = maps_of(cells)
-        for mode, name in enumerate(MODES):
+        said = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for name, most in zip(MODES, said, strict=True):
             if name == "blur":
                 continue
-            most = extremes_of(maps[:, mode], scatter.boxes[mode, place], overlap=OVERLAP)
             box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
             yield Said(name=f"flat/{name}+/{cells.size}", value=most.own_high, box=box[0])
             yield Said(name=f"flat/{name}-/{cells.size}", value=-most.own_low, box=box[1])
@@ -73,27 +72,25 @@ def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Said]:
 
 def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Said]:
     """Streaks of every mode, width and length against this page's own scatter, and against good prints if named."""
-    for w, width in enumerate(WIDTHS):
-        for s, span in enumerate(SPANS):
-            maps = np.stack(streaks(sums, width, span))
-            for mode, name in enumerate(MODES[:LINE_MODES]):
-                most = extremes_of(maps[:, mode], scatter.streaks[mode, w, s], overlap=width)
-                for family, high, low, place in (
-                    (good, most.high, most.low, 0),
-                    (own, most.own_high, most.own_low, 2),
-                ):
-                    if family:
-                        part, column = most.places[place + (high < -low)]
-                        box = _streak_mm(sums, int(part), int(column), width, span)
-                        yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
+    for w, s, maps in streaks(sums):
+        width, span = WIDTHS[w], SPANS[s]
+        said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
+        for name, most in zip(MODES[:LINE_MODES], said, strict=True):
+            for family, high, low, place in (
+                (good, most.high, most.low, 0),
+                (own, most.own_high, most.own_low, 2),
+            ):
+                if family:
+                    part, column = most.places[place + (high < -low)]
+                    box = _streak_mm(sums, int(part), int(column), width, s)
+                    yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
 
 
-def _streak_mm(sums: Sums, part: int, column: int, width: int, span: str) -> Box:
+def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
     height_mm, width_mm = sums.tiles.shape[2] * sums.tile_mm, width * WIDTH_UNIT_MM
     x = (column + 0.5) * sums.pixel_mm + sums.left_mm
-    length = {"quarter": 1, "half": 2, "full": SEGMENTS}[span]
     top = part / SEGMENTS * height_mm + sums.top_mm
-    return x - width_mm / 2, top, width_mm, length / SEGMENTS * height_mm
+    return x - width_mm / 2, top, width_mm, SPAN_SEGMENTS[span] / SEGMENTS * height_mm
 
 
 def of_bands(sums: Sums, scatter: Scatter) -> Iterator[Said]:
@@ -127,24 +124,26 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
     """Echoes of each ink's detail further down, against those that this page has anyway, and good prints if named."""
     seen = echoes(sums)
     for ink in range(INKS):
+        found = seen.through(ink)
         for b, (height, width) in enumerate(GHOST_BOXES_MM):
-            value, middle = seen.greatest(ink, (height, width), scatters[ink, b])
-            box = NOWHERE
-            if middle is not None:
-                x, y = middle[0] + sums.left_mm - width / 2, middle[1] + sums.top_mm - height / 2
-                box = (x, y, width, height)
+            value, usual, box = 0.0, 1.0, NOWHERE
+            if found:
+                t = found[b].said(scatters[ink, b])
+                row, column, _ = np.unravel_index(int(t.argmax()), t.shape)
+                value = max(float(t.max()), 0.0)
+                if value:
+                    usual = _usual(t[..., ::EVERY_LAG])
+                    middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
+                    box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             if good:
                 yield Said(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
-            usual = _usual_echo(seen, ink, (height, width), scatters[ink, b]) if value else 1.0
             yield Said(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
 
 
-def _usual_echo(seen: Echoes, ink: int, box_mm: tuple[float, float], scatter: NDArray[np.float64]) -> float:
-    """What T of echoes of this ink on this page scatters by."""
-    drawn = np.stack([seen.boxes(ink, int(lag), box_mm) for lag in seen.lags[::8]])
-    t = statistic(drawn[:, 0], drawn[:, 1], drawn[:, 2], scatter)
-    t = np.abs(t[drawn[:, 1] > LEAST_POWER])
-    return max(float(np.quantile(t, ONE_SIGMA)), 0.5) if t.size >= LEAST_BOXES else 1.0
+def _usual(t: NDArray[np.float32]) -> float:
+    """What T of echoes of an ink on this page scatters by; 0 is nothing known."""
+    said = np.abs(t[t != 0])
+    return max(float(np.quantile(said, ONE_SIGMA)), 0.5) if said.size >= LEAST_BOXES else 1.0
 
 
 def of_exchange(sums: Sums) -> Iterator[Said]:
@@ -172,7 +171,8 @@ def of_energy(sums: Sums) -> Iterator[Said]:
         extent = size * sums.tile_mm
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
         yield Said(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
-        most = extremes_of(np.stack([e - n, n * full, of_edges]), ENERGY, overlap=1)
+        maps = np.stack([e - n, n * full, of_edges])[:, None]
+        most = extremes_of(maps, ENERGY[None], overlap=1)[0]
         row, column = most.places[2]
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
         yield Said(name=f"excess/{size}", value=most.own_high, box=box)

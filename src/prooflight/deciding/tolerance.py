@@ -11,6 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
+from prooflight.comparing.binning import (
+    binned_geometry,
+    binned_prediction,
+    binned_scan,
+    binned_sensors,
+    bins_of,
+)
 from prooflight.comparing.local_evidence import summed
 from prooflight.comparing.modes import Modes, moved, portrait, prepare_modes, sight
 from prooflight.comparing.nuisance import (
@@ -45,7 +52,7 @@ class PreparedPage:
     page: Page
     landmarks: Landmarks
     images: NDArray[np.float32]
-    """``Modes.stack`` of the page in its place."""
+    """``Modes.stack`` of the page in its place, in binned pixels."""
     shared: SharedPrediction | None
     """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
     colours: Colours
@@ -64,13 +71,17 @@ def prepare_page(
 
     sharing: copies share that prediction, moved to where each lies, instead of one each.
     """
-    modes = prepare_modes(page, sensors=sensors, geometry=geometry)
-    inside = sight(page, geometry, IN_PLACE).inside
+    bins = bins_of(geometry)
+    modes = prepare_modes(page, sensors=sensors, geometry=geometry, bins=bins)
+    inside = sight(page, binned_geometry(geometry, bins), IN_PLACE).inside
+    shared = None
+    if sharing:
+        shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
     return PreparedPage(
         page=page,
         landmarks=prepare(page, expected, sensors=sensors, geometry=geometry),
         images=modes.stack(),
-        shared=SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry) if sharing else None,
+        shared=shared,
         colours=page_colours(modes.cover),
         portrait=portrait(modes, inside),
     )
@@ -98,29 +109,33 @@ def look(
 ) -> Looked:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left."""
     page, spread = prepared.page, spread or Spread()
+    bins = bins_of(geometry)
+    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins)
     found = register(prepared.landmarks, scan)
-    where = sight(page, geometry, found.placement)
+    where = sight(page, at, found.placement)
     if prepared.shared is None:
         printed, planes_mm = in_register(page, found.planes_mm)
-        seen = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=1)
+        fine = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=1)
+        seen = binned_prediction(fine, bins)
     else:
         taken_mm, planes_mm = planes_taken(found.planes_mm)
-        seen = prepared.shared.seen(where, taken_mm / geometry.pixel_pitch_mm, sensors=sensors)
+        seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
     modes = Modes.unstacked(moved(prepared.images, where), len(sensors))
+    measured = binned_scan(scan, bins)
     fit = fit_nuisances(
-        scan,
+        measured,
         seen,
         modes,
         where,
-        sensors=sensors,
+        sensors=taken_as,
         colours=prepared.colours,
-        planes=planes_mm / geometry.pixel_pitch_mm,
-        pixel_mm=geometry.pixel_pitch_mm,
+        planes=planes_mm / at.pixel_pitch_mm,
+        pixel_mm=at.pixel_pitch_mm,
         tolerance=tolerance or Tolerance(),
         spread=spread,
     )
     left, weight, of_edges, noise = residual_images(
-        scan, seen, modes, where, fit, sensors=sensors, colours=prepared.colours, spread=spread
+        measured, seen, modes, where, fit, sensors=taken_as, colours=prepared.colours, spread=spread
     )
     sums = summed(
         left,
@@ -129,8 +144,8 @@ def look(
         seen,
         modes,
         where,
-        sensors=sensors,
-        geometry=geometry,
+        sensors=taken_as,
+        geometry=at,
         page_width_mm=page.width_mm,
     )
     return Looked(found=found, fit=fit, sums=sums, noise=noise)

@@ -47,6 +47,7 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
     if inspection.looked is not None:
         values |= fitted_amounts(inspection.looked, press.sensors)
         excess, light = inspection.looked.sums.columns[:2, 0]
+        pitch_mm = inspection.looked.sums.pixel_mm
     else:
         of_sensors = light_sums(inspection, press)
         for sensor, (over, whole) in zip(press.sensors, of_sensors, strict=True):
@@ -54,9 +55,9 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
         values |= lamp_waves(of_sensors.sum(axis=0), inspection.area[1], press.geometry.pixels)
         excess, light = (np.zeros((PARTS, press.geometry.pixels)) for _ in "el")
         excess[:, inspection.area[1]], light[:, inspection.area[1]] = of_sensors.sum(axis=0)
-    pitch_mm = press.geometry.pixel_pitch_mm
+        pitch_mm = press.geometry.pixel_pitch_mm
     left_mm = press.geometry.left_mm(page_width_mm) + shift_mm[0]
-    at_mm = np.asarray((np.arange(press.geometry.pixels) + 0.5) * pitch_mm - left_mm)
+    at_mm = np.asarray((np.arange(excess.shape[1]) + 0.5) * pitch_mm - left_mm)
     return PageEvidence(values=values, columns=columns(excess, light, at_mm, columns_mm(press).size))
 
 

@@ -86,7 +86,7 @@ def weigh(
         placement=placement,
         area=area,
         measured_dn=scan[(slice(None), *area)],
-        block_z=_pictured(looked, ours, area),
+        block_z=_pictured(looked, ours, press, area),
         prediction=None,
         looked=looked,
     )
@@ -124,7 +124,9 @@ def _shift(looked: Looked) -> tuple[float, float] | None:
     return (round(x, 4), round(y, 4)) if looked.found.found else None
 
 
-def _pictured(looked: Looked, ours: CalibratedDetector, area: tuple[slice, slice]) -> NDArray[np.float32]:
+def _pictured(
+    looked: Looked, ours: CalibratedDetector, press: Press, area: tuple[slice, slice]
+) -> NDArray[np.float32]:
     """Where the print is lighter (above 0) or darker than it should be, in standard deviations of good prints."""
     sums = looked.sums
     push, power, edges = (
@@ -132,4 +134,4 @@ def _pictured(looked: Looked, ours: CalibratedDetector, area: tuple[slice, slice
         for one in sums.tiles[[0, 1, 3], MODES.index("light")]
     )
     t = statistic(push, power, edges, ours.tolerance.scatter.boxes[MODES.index("light"), 0])
-    return block_means(t, round(sums.tile_mm / sums.pixel_mm), area, block=BLOCK_PIXELS)[None]
+    return block_means(t, round(sums.tile_mm / press.geometry.pixel_pitch_mm), area, block=BLOCK_PIXELS)[None]

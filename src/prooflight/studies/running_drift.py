@@ -144,8 +144,8 @@ class CreepRun:
         if not looked.found.found:
             return PageEvidence()
         left_mm = press.geometry.left_mm(ready.page.width_mm) + looked.found.placement.shift_mm[0]
-        at_mm = (np.arange(press.geometry.pixels) + 0.5) * press.geometry.pixel_pitch_mm - left_mm
         excess, light = looked.sums.columns[:2, 0]
+        at_mm = (np.arange(excess.shape[1]) + 0.5) * looked.sums.pixel_mm - left_mm
         return PageEvidence(
             values=fitted_amounts(looked, press.sensors),
             columns=columns(excess, light, np.asarray(at_mm), columns_mm(press).size),

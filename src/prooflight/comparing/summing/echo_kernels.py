@@ -9,51 +9,65 @@ _LEAST = np.float32(1e-6)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def echo_boxes(own, power, of_edges, detail, lag, rows, columns, running, out):  # type: ignore[no-untyped-def]
-    """Sums over boxes of N' e, D' e^2 and the edges' e^2, e: ``detail`` ``lag`` rows further up, 0 above that.
+def add_lags(n, d, e, echo, pushes, powers, edges):  # type: ignore[no-untyped-def]
+    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags, echo (lags,): what was printed there."""
+    for lag in range(echo.size):
+        pushes[lag] += n * echo[lag]
+    for lag in range(echo.size):
+        powers[lag] += d * (echo[lag] * echo[lag])
+    for lag in range(echo.size):
+        edges[lag] += e * (echo[lag] * echo[lag])
 
-    own, power, of_edges, detail (h, w); rows (n, 2), columns (m, 2): where boxes begin and end; out (3, n, m). running
-    (3, h + 1, w) is working space.
+
+@njit(cache=True, nogil=True)
+def echo_parts(own, power, of_edges, detail, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at all lags.
+
+    own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;
+    rows (n + 1,), columns (m + 1,): where cuts lie, rising; out (n, m, 3, lags), from the most lag down.
     """
-    height, width = own.shape
-    running[:, lag] = np.float32(0)
-    for y in range(lag, height):
-        echo, n, d, e = detail[y - lag], own[y], power[y], of_edges[y]
-        for x in range(width):
-            running[0, y + 1, x] = running[0, y, x] + n[x] * echo[x]
-        for x in range(width):
-            running[1, y + 1, x] = running[1, y, x] + d[x] * (echo[x] * echo[x])
-        for x in range(width):
-            running[2, y + 1, x] = running[2, y, x] + e[x] * (echo[x] * echo[x])
-    band = np.empty(width + 1, np.float32)
-    band[0] = np.float32(0)
-    for part in range(3):
-        for n in range(rows.shape[0]):
-            low, high = running[part, max(rows[n, 0], lag)], running[part, max(rows[n, 1], lag)]
-            so_far = np.float32(0)
-            for x in range(width):
-                so_far += high[x] - low[x]
-                band[x + 1] = so_far
-            for m in range(columns.shape[0]):
-                out[part, n, m] = band[columns[m, 1]] - band[columns[m, 0]]
+    lags = out.shape[3]
+    out[:] = 0
+    for k in range(out.shape[0]):
+        for y in range(rows[k], rows[k + 1]):
+            for m in range(out.shape[1]):
+                sums = out[k, m]
+                for x in range(columns[m], columns[m + 1]):
+                    if power[y, x] > 0:
+                        echo = detail[x, y : y + lags]
+                        how = own[y, x], power[y, x], of_edges[y, x]
+                        add_lags(*how, echo, sums[0], sums[1], sums[2])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def greatest_echo(own, power, of_edges, detail, lags, rows, columns, noise, at_edges, tolerance, least):  # type: ignore[no-untyped-def]
-    """The greatest T of ``echo_boxes`` over lags (n,), 0 at least; and the row and column of its box, -1 if none."""
-    height, width = own.shape
-    running = np.empty((3, height + 1, width), np.float32)
-    sums = np.empty((3, rows.shape[0], columns.shape[0]), np.float32)
-    best, row, column = np.float32(0), -1, -1
-    for lag in lags:
-        echo_boxes(own, power, of_edges, detail, lag, rows, columns, running, sums)
-        for n in range(rows.shape[0]):
+def add_to(row, out):  # type: ignore[no-untyped-def]
+    """Add a row to another."""
+    for i in range(out.size):
+        out[i] += row[i]
+
+
+@njit(cache=True, nogil=True)
+def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Boxes, rows (n, 2) and columns (m, 2) of cuts, from parts (rows, columns, l): out (n, m, l)."""
+    across = np.zeros((parts.shape[0], columns.shape[0], parts.shape[2]), np.float32)
+    for k in range(parts.shape[0]):
+        for m in range(columns.shape[0]):
+            for j in range(columns[m, 0], columns[m, 1]):
+                add_to(parts[k, j], across[k, m])
+    out[:] = 0
+    for n in range(rows.shape[0]):
+        for k in range(rows[n, 0], rows[n, 1]):
             for m in range(columns.shape[0]):
-                d, e = sums[1, n, m], max(sums[2, n, m], np.float32(0))
-                if d <= least:
-                    continue
-                spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
-                t = sums[0, n, m] / np.sqrt(spread + _LEAST)
-                if t > best:
-                    best, row, column = t, n, m
-    return best, row, column
+                add_to(across[k, m], out[n, m])
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
+    """T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
+    for n in range(out.shape[0]):
+        pushes, powers, edges, row = sums[n, 0], sums[n, 1], sums[n, 2], out[n]
+        for lag in range(row.size):
+            d, e = powers[lag], max(edges[lag], np.float32(0))
+            spread = noise * max(d - e, np.float32(0)) + at_edges * e + tolerance * d * d
+            t = pushes[lag] / np.sqrt(spread + _LEAST)
+            row[lag] = t if d > least else np.float32(0)

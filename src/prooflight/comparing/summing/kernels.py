@@ -5,83 +5,104 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES
+
 INKS = 4
+_SAME = np.float32(0.004)
+"""Ink area by which recipes may differ that are taken for one."""
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def shape_values(cover, centres, root, length, out):  # type: ignore[no-untyped-def]
-    """Features of colour at one recipe: out = root @ k, k_j = exp(-|cover - centres_j|^2 / length^2)."""
-    count = centres.shape[0]
-    for j in range(count):
-        out[j] = np.float32(0)
-    for i in range(count):
-        distance = np.float32(0)
-        for ink in range(INKS):
-            step = cover[ink] - centres[i, ink]
-            distance += step * step
-        value = np.exp(-distance / (length * length))
-        for j in range(count):
-            out[j] += root[j, i] * value
+def placed_level(area):  # type: ignore[no-untyped-def]
+    """The tabulated level of an ink area or the next lower one, and how far it lies above that."""
+    at = min(max(area, np.float32(0)), np.float32(1)) * np.float32(LEVELS - 1)
+    below = min(np.int32(at), np.int32(LEVELS - 2))
+    return below, at - np.float32(below)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out):  # type: ignore[no-untyped-def]
+    """Smooth function of colour along a row of ink areas (pixels,): sum over j of weights_j bell_j; bells: ``Colours``.
+
+    last (INKS + 1,): recipe and value of the pixel found last, which stand for all that differ by less than
+    ``_SAME``.
+    """
+    for x in range(1, out.size - 1):
+        if not inside[x]:
+            continue
+        c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
+        apart = max(max(abs(c - last[0]), abs(m - last[1])), max(abs(y - last[2]), abs(k - last[3])))
+        if apart >= _SAME:
+            at_c, c_share = placed_level(c)
+            at_m, m_share = placed_level(m)
+            at_y, y_share = placed_level(y)
+            at_k, k_share = placed_level(k)
+            c0, m0, y0, k0 = bells[0, at_c], bells[1, at_m], bells[2, at_y], bells[3, at_k]
+            c1, m1, y1, k1 = bells[0, at_c + 1], bells[1, at_m + 1], bells[2, at_y + 1], bells[3, at_k + 1]
+            value = np.float32(0)
+            for j in range(SHAPES):
+                of_cm = (c0[j] + c_share * (c1[j] - c0[j])) * (m0[j] + m_share * (m1[j] - m0[j]))
+                of_yk = (y0[j] + y_share * (y1[j] - y0[j])) * (k0[j] + k_share * (k1[j] - k0[j]))
+                value += weights[j] * of_cm * of_yk
+            last[0], last[1], last[2], last[3], last[4] = c, m, y, k, value
+        out[x] = last[4]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def take_row(measured, expected, offset, relative, columns, out):  # type: ignore[no-untyped-def]
+    """A row of residuals without what is proportional to the light."""
+    for x in range(out.size):
+        out[x] = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, down, out):  # type: ignore[no-untyped-def]
+    """Take what one ink does out of a row of residuals, in place; its ends are left alone."""
+    pixels = out.size
+    for x in range(1, pixels - 1):
+        u = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
+        out[x] -= gain[x] * (at_centre + to_right * u) + dot[x] * dots
+    for x in range(1, pixels - 1):
+        area = here[x]
+        moved = (here[x + 1] - here[x - 1]) * right + (below[x] - above[x]) * down
+        out[x] += gain[x] * np.float32(0.5) * moved / area if area > np.float32(0.02) else np.float32(0)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def residuals(  # type: ignore[no-untyped-def]
-    measured,
-    expected,
-    offset,
-    inside,
-    gain,
-    dot,
-    cover,
-    centres,
-    root,
-    length,
-    shape_weights,
-    columns,
-    gains,
-    dots,
-    planes,
-    out,
+    measured, expected, offset, inside, gain, dot, cover, bells, weights, columns, gains, dots, planes, out
 ):
     """What is left of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
 
-    columns (pixels,): relative change of light by column. gains (4, 3): at the centre, and added at the right and lower
-    edges; dots (4,); planes (4, 2): how far each lies too far right and down [pixels]; shape_weights (centres,).
+    bells (4, LEVELS, SHAPES), weights (SHAPES,): relative change of light by colour. columns (pixels,): the same by
+    column. gains (4, 3): at the centre, and added at the right and lower edges; dots (4,); planes (4, 2): how far each
+    lies too far right and down [pixels].
     """
     lines, pixels = measured.shape
-    shapes = centres.shape[0]
-    phi = np.empty(shapes, np.float32)
-    here = np.empty(INKS, np.float32)
-    last = np.full(INKS, np.float32(-1))
-    relative = np.float32(0)
+    relative, last = np.zeros(pixels, np.float32), np.full(INKS + 1, np.float32(-1))
+    printed = np.zeros(INKS, np.bool_)
+    for ink in range(INKS):
+        for line in range(lines):
+            printed[ink] = printed[ink] or cover[ink, line].any()
     for line in range(lines):
+        row = out[line]
+        if line == 0 or line == lines - 1:
+            row[:] = np.float32(0)
+            continue
+        c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
+        shape_row(c, m, y, k, inside[line], bells, weights, last, relative)
+        take_row(measured[line], expected[line], offset, relative, columns, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
+        for ink in range(INKS):
+            if printed[ink]:
+                at_centre = gains[ink, 0] + gains[ink, 2] * v
+                areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
+                how = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
+                take_ink(gain[ink, line], dot[ink, line], *areas, *how, row)
+        there = inside[line]
         for x in range(pixels):
-            if line == 0 or x == 0 or line == lines - 1 or x == pixels - 1 or not inside[line, x]:
-                out[line, x] = np.float32(0)
-                continue
-            u = np.float32(2 * (x + 0.5) / pixels - 1)
-            same = True
-            for ink in range(INKS):
-                here[ink] = cover[ink, line, x]
-                same = same and abs(here[ink] - last[ink]) < np.float32(0.004)
-            if not same:
-                shape_values(here, centres, root, length, phi)
-                relative = np.float32(0)
-                for j in range(shapes):
-                    relative += phi[j] * shape_weights[j]
-                last[:] = here
-            fitted = (expected[line, x] - offset[x]) * (relative + columns[x])
-            for ink in range(INKS):
-                mode = gain[ink, line, x]
-                fitted += mode * (gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v)
-                fitted += dot[ink, line, x] * dots[ink]
-                if here[ink] > np.float32(0.02):
-                    j_bar = mode / here[ink]
-                    across = (cover[ink, line, x + 1] - cover[ink, line, x - 1]) * np.float32(0.5)
-                    along = (cover[ink, line + 1, x] - cover[ink, line - 1, x]) * np.float32(0.5)
-                    fitted -= j_bar * (across * planes[ink, 0] + along * planes[ink, 1])
-            out[line, x] = measured[line, x] - expected[line, x] - fitted
+            row[x] = row[x] if there[x] else np.float32(0)
+        row[0] = row[pixels - 1] = np.float32(0)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

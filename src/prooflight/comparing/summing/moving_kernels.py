@@ -42,13 +42,29 @@ def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def move(image, across, along, out):  # type: ignore[no-untyped-def]
-    """An image (lines, pixels) seen at pixel + across, line + along (nodes), by ``cubic``; its edge goes on beyond."""
-    lines, pixels = image.shape
+def add_tap(first, second, third, fourth, x0, x_slope, y0, y_slope, tap, out):  # type: ignore[no-untyped-def]
+    """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
+    for i in range(out.size):
+        a, b, c, d = cubic(x0 + x_slope * np.float32(i))
+        e, f, g, h = cubic(y0 + y_slope * np.float32(i))
+        height = e if tap == 0 else (f if tap == 1 else (g if tap == 2 else h))
+        out[i] += height * (a * first[i] + b * second[i] + c * third[i] + d * fourth[i])
+
+
+@njit(cache=True, nogil=True)
+def move(phases, across, along, out):  # type: ignore[no-untyped-def]
+    """An image seen at pixel + across, line + along (nodes) of out (lines, pixels), by ``cubic``.
+
+    phases (n, n, lines, pixels): [p, q] is an image n times as fine as out at lines n i + p and pixels n j + q; its
+    edge goes on beyond.
+    """
+    n, lines, pixels = phases.shape[0], phases.shape[2], phases.shape[3]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     for line in range(lines):
         node_row(across, line, right)
         node_row(along, line, down)
+        right *= np.float32(n)
+        down *= np.float32(n)
         for k in range(right.size - 1):
             start = k * STRETCH
             count = min(STRETCH, pixels - start)
@@ -56,37 +72,30 @@ def move(image, across, along, out):  # type: ignore[no-untyped-def]
                 break
             whole_x, x0, x_slope = aimed(right, k, start, count)
             whole_y, y0, y_slope = aimed(down, k, start, count)
-            left, top = start + whole_x - 1, line + whole_y - 1
-            if left >= 0 and left + count + 3 <= pixels and top >= 0 and top + 4 <= lines:
-                # Rows cut out: only an index that is surely not negative lets the loop run in vectors.
-                end = left + count + 3
-                top0, top1 = image[top, left:end], image[top + 1, left:end]
-                top2, top3 = image[top + 2, left:end], image[top + 3, left:end]
-                target = out[line, start : start + count]
-                for i in range(count):
-                    a, b, c, d = cubic(x0 + x_slope * np.float32(i))
-                    e, f, g, h = cubic(y0 + y_slope * np.float32(i))
-                    p = a * top0[i] + b * top0[i + 1] + c * top0[i + 2] + d * top0[i + 3]
-                    q = a * top1[i] + b * top1[i + 1] + c * top1[i + 2] + d * top1[i + 3]
-                    r = a * top2[i] + b * top2[i + 1] + c * top2[i + 2] + d * top2[i + 3]
-                    s = a * top3[i] + b * top3[i + 1] + c * top3[i + 2] + d * top3[i + 3]
-                    target[i] = e * p + f * q + g * r + h * s
+            left, top = n * start + whole_x - 1, n * line + whole_y - 1
+            target = out[line, start : start + count]
+            target[:] = 0
+            inner = left >= 0 and left + n * (count - 1) + 4 <= n * pixels
+            if inner and top >= 0 and top + 4 <= n * lines:
+                for tap in range(4):
+                    of = phases[(top + tap) % n, :, (top + tap) // n]
+                    a, b = of[left % n, left // n :], of[(left + 1) % n, (left + 1) // n :]
+                    c, d = of[(left + 2) % n, (left + 2) // n :], of[(left + 3) % n, (left + 3) // n :]
+                    add_tap(a, b, c, d, x0, x_slope, y0, y_slope, tap, target)
             else:
                 for i in range(count):
                     weights = cubic(x0 + x_slope * np.float32(i))
                     heights = cubic(y0 + y_slope * np.float32(i))
-                    total = np.float32(0)
                     for j in range(4):
-                        y = min(max(top + j, 0), lines - 1)
-                        for n in range(4):
-                            x = min(max(left + i + n, 0), pixels - 1)
-                            total += heights[j] * weights[n] * image[y, x]
-                    out[line, start + i] = total
+                        y = min(max(top + j, 0), n * lines - 1)
+                        for m in range(4):
+                            x = min(max(left + n * i + m, 0), n * pixels - 1)
+                            target[i] += heights[j] * weights[m] * phases[y % n, x % n, y // n, x // n]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-untyped-def]
-    """Light (lines, pixels) with a plane's shadow, seen at across, along, cast ``right`` and ``down`` of there."""
+    """Light (lines, pixels) with a plane's shadow (1, 1, lines, pixels), as ``move`` takes it, cast right and down."""
     here, there = np.empty_like(light), np.empty_like(light)
     move(shadow, across, along, here)
     move(shadow, across - right, along - down, there)

@@ -1,0 +1,97 @@
+"""Fine pixels taken together: what our detector tells apart is millimetres wide, and finer pixels only cost time.
+
+Registration sees the camera's own pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.comparing.summing.binning_kernels import binned_rows, running_means
+from prooflight.predicting.predict import Prediction
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.predicting.tables import SensorModel
+
+MOST_MM: Final = 0.26
+"""Pitch of pixels taken together: the press study's, at which a good press's register and a streak are still seen."""
+
+
+def bins_of(geometry: ScanGeometry) -> int:
+    """How many pixels are taken together each way: the most that divide a line and stay below ``MOST_MM``."""
+    pitch_mm = max(geometry.pixel_pitch_mm, geometry.line_pitch_mm)
+    return next(n for n in range(max(int(MOST_MM / pitch_mm), 1), 0, -1) if geometry.pixels % n == 0)
+
+
+def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
+    """Where binned pixels lie."""
+    if bins == 1:
+        return geometry
+    return replace(
+        geometry,
+        pixels=geometry.pixels // bins,
+        pixel_pitch_mm=geometry.pixel_pitch_mm * bins,
+        line_pitch_mm=geometry.line_pitch_mm * bins,
+    )
+
+
+@lru_cache(maxsize=16)
+def binned_sensor(sensor: SensorModel, bins: int) -> SensorModel:
+    """A sensor whose columns are the means of so many; its tables are of one pixel."""
+    if bins == 1:
+        return sensor
+    offset, gain = (
+        one.reshape(-1, bins).mean(axis=1, dtype=np.float64).astype(np.float32)
+        for one in (sensor.column_offset_dn, sensor.column_gain)
+    )
+    return replace(sensor, column_offset_dn=offset, column_gain=gain)
+
+
+def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
+    """Means over squares of images (..., lines, pixels); the last line goes on where a square is not full."""
+    lines, pixels = images.shape[-2:]
+    flat = images.reshape(-1, lines, pixels)
+    out = np.empty((len(flat), -(-lines // bins), pixels // bins), np.float32)
+    for image, target in zip(flat, out, strict=True):
+        binned_rows(image, bins, target)
+    return out.reshape(*images.shape[:-2], *out.shape[1:])
+
+
+def binned_scan(scan: NDArray[np.uint16], bins: int) -> NDArray[np.generic]:
+    """A scan (sensors, lines, pixels) in binned pixels."""
+    return scan if bins == 1 else binned(scan, bins)
+
+
+def binned_prediction(seen: Prediction, bins: int) -> Prediction:
+    """What binned pixels must show; the variance is that of their mean."""
+    if bins == 1:
+        return seen
+    variance = binned(seen.variance_dn2, bins)
+    variance /= np.float32(bins * bins)
+    return Prediction(expected_dn=binned(seen.expected_dn, bins), variance_dn2=variance)
+
+
+def phased(image: NDArray[np.float32], bins: int) -> NDArray[np.float32]:
+    """What a binned pixel would see from each of the camera's pixels on: (bins, bins, lines, pixels).
+
+    [p, q, i, j] is the mean over the square that begins at line i bins + p and pixel j bins + q of image (lines,
+    pixels); its edge goes on beyond.
+    """
+    lines, pixels = image.shape
+    out = np.empty((bins, bins, -(-lines // bins), pixels // bins), np.float32)
+    running_means(image, out)
+    return out
+
+
+def binned_sensors(sensors: Sequence[SensorModel], bins: int) -> list[SensorModel]:
+    """All of them."""
+    return [binned_sensor(sensor, bins) for sensor in sensors]

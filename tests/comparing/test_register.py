@@ -11,7 +11,7 @@ import pytest
 from prooflight.acquiring.placement import IN_PLACE, Placement
 from prooflight.comparing.register import Prior, prepare, printed_shares, register
 from prooflight.comparing.registering.field import Basis, Waves, fitted
-from prooflight.comparing.registering.kernels import SUMS, solved
+from prooflight.comparing.registering.measuring_kernels import SUMS, solved
 from prooflight.comparing.registering.pose import Pose, slopes
 from prooflight.comparing.registering.tiles import TileMoves, measured
 from prooflight.pages.raster import Page

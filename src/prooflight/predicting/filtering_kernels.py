@@ -9,22 +9,37 @@ from prooflight.predicting.summing_kernels import FEW, MANY, sum_few, sum_many
 
 
 @njit(cache=True, nogil=True)
-def dealt_part(columns, pad, stride, phase):  # type: ignore[no-untyped-def]
-    """The first pixel of one phase of a dealt row, its place, and how many there are."""
-    first = (phase - pad) % stride
-    return first, (first + pad) // stride, max((columns - first + stride - 1) // stride, 0)
+def copy_row(source, target):  # type: ignore[no-untyped-def]
+    """Target = source, (n,) each: a plain loop, five times faster than what numba makes of ``target[:] = source``."""
+    for i in range(target.size):
+        target[i] = source[i]
 
 
 @njit(cache=True, nogil=True)
-def deal_row(words, pad, dealt):  # type: ignore[no-untyped-def]
+def dealt_count(columns, stride, phase):  # type: ignore[no-untyped-def]
+    """How many pixels of one phase a dealt row has."""
+    return max((columns - phase + stride - 1) // stride, 0)
+
+
+@njit(cache=True, nogil=True)
+def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
     """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
 
-    Pixel p goes to dealt[(p + pad) % stride, (p + pad) // stride]; the rest stays as it was.
+    Pixel p goes to dealt[p % stride, place + p // stride]; the rest stays as it was.
     """
     stride = dealt.shape[0]
+    if stride == 2:  # one loop over both, which runs in vectors
+        pairs = words.size // 2
+        evens, odds = dealt[0, place : place + pairs], dealt[1, place : place + pairs]
+        for i in range(pairs):
+            evens[i] = words[2 * i]
+            odds[i] = words[2 * i + 1]
+        if words.size > 2 * pairs:
+            dealt[0, place + pairs] = words[2 * pairs]
+        return
     for phase in range(stride):
-        first, place, count = dealt_part(words.size, pad, stride, phase)
-        target, source = dealt[phase, place : place + count], words[first::stride]
+        count = dealt_count(words.size, stride, phase)
+        target, source = dealt[phase, place : place + count], words[phase::stride]
         for i in range(count):
             target[i] = source[i]
 

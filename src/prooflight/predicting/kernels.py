@@ -6,7 +6,13 @@ import numpy as np
 from numba import njit
 
 from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, weigh
-from prooflight.predicting.filtering_kernels import deal_row, dealt_part, filter_across, filter_along
+from prooflight.predicting.filtering_kernels import (
+    copy_row,
+    deal_row,
+    dealt_count,
+    filter_across,
+    filter_along,
+)
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
 from prooflight.predicting.tables import NODE_STEP, NODES
 
@@ -64,21 +70,21 @@ def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
 def same_row(one, other):  # type: ignore[no-untyped-def]
     """Whether two rows (n,) are equal; looked at in pieces, because most that differ do so early."""
     for start in range(0, one.size, COMPARED):
-        end = min(start + COMPARED, one.size)
+        a, b = one[start : start + COMPARED], other[start : start + COMPARED]
         differs = np.uint32(0)
-        for i in range(start, end):
-            differs |= one[i] ^ other[i]
+        for i in range(a.size):  # from 0 on: the compiler then knows that no index is negative
+            differs |= a[i] ^ b[i]
         if differs:
             return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def look_up_dealt(dealt, columns, pad, table, backing, split):  # type: ignore[no-untyped-def]
+def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
     """``look_up_light`` of a row as ``deal_row`` deals it; what is off the page stays 0."""
     stride = dealt.shape[0]
     for phase in range(stride):
-        _, place, count = dealt_part(columns, pad, stride, phase)
+        count = dealt_count(columns, stride, phase)
         if count:
             end = place + (count + AT_ONCE - 1) // AT_ONCE * AT_ONCE
             look_up_light(dealt[phase, place:end], table, backing, split[phase, place:end])
@@ -114,7 +120,8 @@ def filter_lines(  # type: ignore[no-untyped-def]
     rows, columns = words.shape
     pixels = light.shape[1]
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
-    pad = taps + stride
+    begin = taps // stride + 2
+    pad = begin * stride
     width = (columns + 2 * pad) // stride + AT_ONCE
     dealt = np.zeros((stride, width), np.uint32)
     split = np.zeros((stride, width), np.float32)
@@ -164,7 +171,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
                 )
             elif not aimed:
                 aimed = True
-                x_places[:] = across_places[0]
+                copy_row(across_places[0], x_places)
                 aim(
                     x_places,
                     pixels,
@@ -180,10 +187,10 @@ def filter_lines(  # type: ignore[no-untyped-def]
             again = next_row - 1 == looked_up and same_row(words[next_row], words[looked_up])
             looked_up = next_row
             if not again:
-                deal_row(words[next_row], pad, dealt)
-                look_up_dealt(dealt, columns, pad, bricks, backing, split)
+                deal_row(words[next_row], begin, dealt)
+                look_up_dealt(dealt, columns, begin, bricks, backing, split)
             if again and not moving:
-                slot[:] = ring[(next_row - 1) % depth]
+                copy_row(ring[(next_row - 1) % depth], slot)
             else:
                 filter_across(split, pad, columns, across_segment, x_first, x_weights, x_slopes, starts, slot)
             next_row += 1

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.predicting.predict import Prediction, predict
+from prooflight.predicting.predict import cut, predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from prooflight.deciding.verdict import Verdict
     from prooflight.inspecting.finding import SoughtPage
     from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
 
 ROWS_AT_ONCE: Final = 64
@@ -63,12 +64,6 @@ def pictured(inspection: Inspection, page: Page, press: Press) -> Inspection:
         return inspection
     whole = predict(page, sensors=press.sensors, geometry=press.geometry, placement=inspection.placement)
     return replace(inspection, prediction=cut(whole, inspection.area))
-
-
-def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
-    """Its part of some lines and columns."""
-    part = (slice(None), *area)
-    return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
 
 
 def present_inks(page: Page) -> str:

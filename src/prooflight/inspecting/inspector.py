@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import cv2
 import numpy as np
 
-from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather
+from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather, gather_compact
 from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.chi_square import ChiSquare, tile_statistics
 from prooflight.deciding.regions import BlockGrid, Findings, findings
@@ -17,9 +17,9 @@ from prooflight.deciding.tolerance import prepare_page
 from prooflight.deciding.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspecting.finding import SoughtPage, find
-from prooflight.inspecting.inspection import Inspection, Prepared, cut, pictured, present_inks
+from prooflight.inspecting.inspection import Inspection, Prepared, pictured, present_inks
 from prooflight.inspecting.weighing import weigh
-from prooflight.predicting.predict import predict
+from prooflight.predicting.predict import cut, predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -186,14 +186,12 @@ def _gathered(
 ) -> tuple[Prediction, Evidence]:
     """The prediction of the area that is judged, and the evidence there."""
     seen = cut(found_page.prediction, found_page.area)
-    evidence = gather(
-        scan[(slice(None), *found_page.area)],
-        seen.expected_dn,
-        seen.variance_dn2,
-        top_codes_dn=[sensor.top_code_dn for sensor in press.sensors],
-        seed=seed + page.number,
-    )
-    return seen, evidence
+    measured, seed = scan[(slice(None), *found_page.area)], seed + page.number
+    if found_page.compact is not None:
+        return seen, gather_compact(measured, found_page.compact, seed=seed)
+    top_codes = [sensor.top_code_dn for sensor in press.sensors]
+    expected, variance = seen.expected_dn, seen.variance_dn2
+    return seen, gather(measured, expected, variance, top_codes_dn=top_codes, seed=seed)
 
 
 def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> BlockGrid:

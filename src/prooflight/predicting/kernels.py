@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, weigh
+from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, tap_rows, weigh
 from prooflight.predicting.filtering_kernels import (
     copy_row,
     deal_row,
@@ -128,12 +128,12 @@ def filter_lines(  # type: ignore[no-untyped-def]
     ring = np.empty((depth, pixels), np.float32)
     x_places = np.empty(across_places.shape[1])
     x_first = np.empty(x_places.size - 1, np.int64)
-    x_weights = np.empty((x_first.size, taps), np.float32)
-    x_slopes = np.empty((x_first.size, taps), np.float32)
+    x_weights, x_weights_room = tap_rows(x_first.size, taps)
+    x_slopes, x_slopes_room = tap_rows(x_first.size, taps)
     y_places = np.empty(along_places.shape[1])
     y_first = np.empty(y_places.size - 1, np.int64)
-    y_weights = np.empty((y_first.size, taps), np.float32)
-    y_slopes = np.empty((y_first.size, taps), np.float32)
+    y_weights, y_weights_room = tap_rows(y_first.size, taps)
+    y_slopes, y_slopes_room = tap_rows(y_first.size, taps)
     moving = np.any(across_places[1:] != across_places[0])
     reach = (across_cumulative.size - 1) / (2 * step)
     across_phases = phases(across_cumulative, step, taps)
@@ -147,27 +147,40 @@ def filter_lines(  # type: ignore[no-untyped-def]
         if y_first.size == 1:
             aim(y_places, pixels, along_segment, 0, along_cumulative, step, y_first, y_weights, y_slopes)
         else:
-            table, slopes = along_phases
+            table, slopes, phase_count = along_phases
             aim_between(
-                y_places, pixels, along_segment, 0, reach, table, slopes, y_first, y_weights, y_slopes
+                y_places,
+                pixels,
+                along_segment,
+                0,
+                reach,
+                taps,
+                table,
+                slopes,
+                phase_count,
+                y_first,
+                y_weights_room,
+                y_slopes_room,
             )
         if next_row < 0:
             next_row = max(y_first.min(), 0)
         while next_row < min(y_first.max() + taps, rows):
             if moving:
                 place_row(across_places, across_pitch, next_row, x_places)
-                table, slopes = across_phases
+                table, slopes, phase_count = across_phases
                 aim_between(
                     x_places,
                     pixels,
                     across_segment,
                     stride,
                     reach,
+                    taps,
                     table,
                     slopes,
+                    phase_count,
                     x_first,
-                    x_weights,
-                    x_slopes,
+                    x_weights_room,
+                    x_slopes_room,
                 )
             elif not aimed:
                 aimed = True

@@ -81,35 +81,48 @@ def tile_information(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def read_grid(cmyk, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
+def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
     """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
 
-    logs, roots (4, 256) by ink byte; what is off the page gets a root of -1. Returns whether anything is.
+    words (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; what is off the page gets a root of -1.
+    Returns whether anything is.
     """
-    last_row, last_column = cmyk.shape[0] - 1, cmyk.shape[1] - 1
+    rows, columns = words.shape
     beyond = False
+    before, known = np.uint32(0), False
+    a, b, c, d, root = logs[0, 0], logs[0, 0], logs[0, 0], logs[0, 0], roots[0, 0]
     for line in range(grid.shape[1]):
+        y = row + line * stride_y
+        inside = 0 <= y < rows
+        source = words[y if inside else 0]
         for i in range(grid.shape[2]):
-            y, x = row + line * stride_y, column + i * stride_x
-            if 0 <= y <= last_row and 0 <= x <= last_column:
-                c, m, z, k = cmyk[y, x, 0], cmyk[y, x, 1], cmyk[y, x, 2], cmyk[y, x, 3]
-                grid[0, line, i], grid[1, line, i] = logs[0, c], logs[1, m]
-                grid[2, line, i], grid[3, line, i] = logs[2, z], logs[3, k]
-                grid[4, line, i] = roots[0, c] * roots[1, m] * roots[2, z] * roots[3, k]
-            else:
+            x = column + i * stride_x
+            if not inside or x < 0 or x >= columns:
                 grid[:4, line, i] = 0
                 grid[4, line, i] = -1
                 beyond = True
+                continue
+            word = source[x]
+            if word != before or not known:
+                inks = (word & 255, (word >> 8) & 255, (word >> 16) & 255, word >> 24)
+                a, b, c, d = logs[0, inks[0]], logs[1, inks[1]], logs[2, inks[2]], logs[3, inks[3]]
+                root = roots[0, inks[0]] * roots[1, inks[1]] * roots[2, inks[2]] * roots[3, inks[3]]
+                before, known = word, True
+            grid[0, line, i], grid[1, line, i], grid[2, line, i], grid[3, line, i] = a, b, c, d
+            grid[4, line, i] = root
     return beyond
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def add_edges(here, there, shares):  # type: ignore[no-untyped-def]
-    """Parts of the squared differences of neighbours (5, pixels), as ``read_grid`` has them, to shares (6,)."""
+def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
+    """Parts of the squared differences of a line of ``read_grid``'s and the neighbours so far off, to shares (6,)."""
     s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     even = np.float32(EVEN_EDGE)
-    a, b, c, d, root = here[0], here[1], here[2], here[3], here[4]
-    e, f, g, h, other = there[0], there[1], there[2], there[3], there[4]
+    size, other_line = grid.shape[2] - 1, line + down
+    a, b, c, d = grid[0, line, :size], grid[1, line, :size], grid[2, line, :size], grid[3, line, :size]
+    e, f = grid[0, other_line, right : size + right], grid[1, other_line, right : size + right]
+    g, h = grid[2, other_line, right : size + right], grid[3, other_line, right : size + right]
+    root, other = grid[4, line, :size], grid[4, other_line, right : size + right]
     for i in range(root.size):
         light = root[i] * other[i]
         light = light if min(root[i], other[i]) >= 0 else np.float32(0)
@@ -137,7 +150,7 @@ def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def edge_shares(cmyk, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
+def edge_shares(words, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
     """How much of each tile's edges, across and along, each plane makes: adds to shares (tiles, 2, 6).
 
     rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster pixels apart.
@@ -148,11 +161,11 @@ def edge_shares(cmyk, rows, columns, size, stride_x, stride_y, logs, backing, sh
     grid = np.empty((5, size + 1, size + 1), np.float32)
     roots = np.exp(logs * np.float32(0.5))
     for tile in range(rows.size):
-        beyond = read_grid(cmyk, rows[tile], columns[tile], stride_x, stride_y, logs, roots, grid)
+        beyond = read_grid(words, rows[tile], columns[tile], stride_x, stride_y, logs, roots, grid)
         for line in range(size):
-            here, right, below = grid[:, line, :size], grid[:, line, 1:], grid[:, line + 1, :size]
-            add_edges(here, right, shares[tile, 0])
-            add_edges(here, below, shares[tile, 1])
+            add_edges(grid, line, 0, 1, shares[tile, 0])
+            add_edges(grid, line, 1, 0, shares[tile, 1])
             if beyond:
-                add_page_edge(here[4], right[4], backing, shares[tile, 0])
-                add_page_edge(here[4], below[4], backing, shares[tile, 1])
+                here, right, below = grid[4, line, :size], grid[4, line, 1:], grid[4, line + 1, :size]
+                add_page_edge(here, right, backing, shares[tile, 0])
+                add_page_edge(here, below, backing, shares[tile, 1])

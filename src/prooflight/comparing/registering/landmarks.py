@@ -188,6 +188,7 @@ def _shares(
     page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     sums = np.zeros((len(corners), 2, 6))
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
     stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
     for sensor in sensors:
         mean = sensor.mean_dn
@@ -195,7 +196,7 @@ def _shares(
         ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
         logs = np.log(np.maximum(ramps / sensor.white_dn, 1e-3)).astype(np.float32)
         edge_shares(
-            page.cmyk,
+            words,
             corners[:, 1],
             corners[:, 0],
             TILE_PIXELS,

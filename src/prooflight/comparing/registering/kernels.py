@@ -84,8 +84,8 @@ def tile_information(  # type: ignore[no-untyped-def]
 def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
     """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
 
-    words (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; what is off the page gets a root of -1.
-    Returns whether anything is.
+    words (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is -1. Returns
+    whether anything is.
     """
     rows, columns = words.shape
     beyond = False

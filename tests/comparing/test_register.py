@@ -10,10 +10,12 @@ import pytest
 
 from prooflight.acquiring.placement import IN_PLACE, Placement
 from prooflight.comparing.register import Prior, prepare, printed_shares, register
+from prooflight.comparing.registering import landmarks as landmarks_module
 from prooflight.comparing.registering.field import Basis, Waves, fitted
-from prooflight.comparing.registering.kernels import SUMS, solved
+from prooflight.comparing.registering.landmarks import TILE_PIXELS
+from prooflight.comparing.registering.measuring_kernels import SUMS, render_tile, solved
 from prooflight.comparing.registering.pose import Pose, slopes
-from prooflight.comparing.registering.tiles import TileMoves, measured
+from prooflight.comparing.registering.tiles import Room, TileMoves, measured
 from prooflight.pages.raster import Page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.prints import draw_placement
@@ -228,6 +230,34 @@ def test_a_tile_in_its_place_says_so(press: Press, page: Page, landmarks: Landma
         tolerance = 0.15 if guess == 0 else 0.03
         assert np.median(move[sharp[:, 0], 0]) == pytest.approx(0.5 - guess, abs=tolerance)
         assert np.median(move[sharp[:, 1], 1]) == pytest.approx(0, abs=tolerance)
+
+
+@pytest.mark.parametrize(("ratio", "off"), [(2.0, (0.0, 0.0)), (1.9, (0.4, -0.3)), (0.7, (-0.2, 0.1))])
+def test_tiles_are_rendered_as_numpy_does_it(press: Press, ratio: float, off: tuple[float, float]) -> None:
+    pixel_mm = press.geometry.pixel_pitch_mm / ratio
+    taps = landmarks_module._sensor_taps(press.sensors[0], np.array([ratio] * 2), pixel_mm, np.full(2, 0.1))
+    count = taps.across.shape[1]
+    rng = np.random.default_rng(3)
+    width = -(-(int(34 * ratio) + count + 3) // 16) * 16
+    window = rng.normal(size=(width, width)).astype(np.float32)
+    out = np.empty((3, TILE_PIXELS, TILE_PIXELS), np.float32)
+    x, y = 1.3 + off[0], 1.6 + off[1]
+    of_axis = (taps.across, taps.across_slope, taps.along, taps.along_slope)
+    render_tile(window, x, y, ratio, ratio, *of_axis, Room.of(width, ratio, taps), out)
+
+    def weights(begin: float, table: NDArray[np.float32]) -> NDArray[np.float64]:
+        matrix = np.zeros((TILE_PIXELS, width))
+        for pixel in range(TILE_PIXELS):
+            first, share = divmod(begin + pixel * ratio, 1)
+            matrix[pixel, int(first) : int(first) + count] = table[int(share * len(table))]
+        return matrix
+
+    across, by_x, along, by_y = (
+        weights(begin, table) for begin, table in zip((x, x, y, y), of_axis, strict=True)
+    )
+    np.testing.assert_allclose(out[0], along @ window @ across.T, atol=1e-4)
+    np.testing.assert_allclose(out[1], along @ window @ by_x.T, atol=1e-4)
+    np.testing.assert_allclose(out[2], by_y @ window @ across.T, atol=1e-4)
 
 
 def test_sums_are_solved_for_what_made_them() -> None:

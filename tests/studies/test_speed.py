@@ -9,13 +9,14 @@ import pytest
 from PIL import Image
 
 from prooflight.predicting.predict import looked_up
-from prooflight.studies import speed
+from prooflight.studies import speed, speed_start
 from prooflight.studies.device_profile import LAB_WHITE, cmyk_to_lab
 from prooflight.studies.speed_page import PICTURE, write_speed_page
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from prooflight.pages.raster import Page
     from prooflight.press import Press
 
 
@@ -47,3 +48,11 @@ def test_lcms2_looks_up_the_table_that_prediction_does(press: Press) -> None:
     lightness = np.asarray(transform.apply(image))[0, :, 0] / 255
     assert LAB_WHITE == 0xFF00
     np.testing.assert_allclose(lightness, looked_up(cmyk[0], press.sensors[0])[0] / table.max(), atol=0.03)
+
+
+def test_the_first_verdict_of_a_new_process(
+    press: Press, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(speed_start, "STARTS", 1)
+    (seconds,) = speed_start.start_seconds(press, page)
+    assert seconds > 0

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.acquiring.placement_kernels import between_nodes
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -29,18 +31,11 @@ class Warp:
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Displacement at points x_mm, y_mm of one shape, as two arrays of it. [mm]"""
-        rows, columns = self.nodes_mm.shape[:2]
-        across = np.clip((x_mm - self.first_mm[0]) / self.pitch_mm, 0, columns - 1)
-        along = np.clip((y_mm - self.first_mm[1]) / self.pitch_mm, 0, rows - 1)
-        j = np.minimum(across.astype(np.intp), max(columns - 2, 0))
-        i = np.minimum(along.astype(np.intp), max(rows - 2, 0))
-        u, v = (across - j)[..., None], (along - i)[..., None]
-        right, below = np.minimum(j + 1, columns - 1), np.minimum(i + 1, rows - 1)
-        nodes = self.nodes_mm.astype(np.float64)
-        above = nodes[i, j] * (1 - u) + nodes[i, right] * u
-        under = nodes[below, j] * (1 - u) + nodes[below, right] * u
-        displacement = above * (1 - v) + under * v
-        return displacement[..., 0], displacement[..., 1]
+        found = np.empty((2, *np.shape(x_mm)))
+        points = [np.ascontiguousarray(each, np.float64).reshape(-1) for each in (x_mm, y_mm)]
+        nodes = np.ascontiguousarray(self.nodes_mm)
+        between_nodes(nodes, self.pitch_mm, *self.first_mm, *points, *found.reshape(2, -1))
+        return found[0], found[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from statistics import median
 from typing import Annotated
 
 import typer
@@ -22,10 +23,16 @@ def bench(
     from prooflight.commissioning.build import build_press
     from prooflight.press_file import PressFile
     from prooflight.studies.speed import bench as timed
+    from prooflight.studies.speed import bench_pages
+    from prooflight.studies.speed_start import start_seconds
 
     if not json:
         show.step("building the prototype and timing")
-    rows = timed(build_press(PressFile.prototype(), seed=1), quick=quick)
+    press = build_press(PressFile.prototype(), seed=1)
+    rows = timed(press, quick=quick)
+    if not json:
+        starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])
+        show.step(f"first verdict {median(starts):.1f} s after the start of a warm installation")
     if docs is not None:
         from prooflight.studies.speed_page import write_speed_page
 

@@ -14,7 +14,13 @@ from scipy import special
 
 from prooflight.comparing.dither_kernels import CODE_STEPS, TILE
 from prooflight.comparing.kernels import LINES, Z_STEPS, compare_lines
-from prooflight.predicting.compact import ROUNDING_VARIANCE_DN2, CompactPrediction, Scale, compact_lines
+from prooflight.predicting.compact import (
+    ROUNDING_VARIANCE_DN2,
+    CompactPrediction,
+    Lines,
+    Scale,
+    compact_lines,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -203,9 +209,9 @@ def compare(
     part = Part.empty(len(lines), measured_dn.shape[1])
     edges, reach = _intervals()
     compare_lines(
-        np.ascontiguousarray(measured_dn),
-        np.ascontiguousarray(mean),
-        np.ascontiguousarray(inverse),
+        Lines.of(measured_dn),
+        Lines.of(mean),
+        Lines.of(inverse),
         Camera.of(scale),
         _noise(measured_dn.shape[1]),
         line_starts(seed, sensor, lines),
@@ -264,9 +270,9 @@ def gather(
     ]
 
     def predicted(sensor: int, lines: range) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        expected = np.ascontiguousarray(expected_dn[sensor, lines.start : lines.stop], np.float32)
-        variance = np.ascontiguousarray(variance_dn2[sensor, lines.start : lines.stop], np.float32)
-        mean, inverse = np.empty(expected.shape, np.uint16), np.empty(expected.shape, np.uint16)
+        part = (sensor, slice(lines.start, lines.stop))
+        expected, variance = Lines.of(expected_dn[part]), Lines.of(variance_dn2[part])
+        mean, inverse = np.empty((2, len(lines), expected_dn.shape[2]), np.uint16)
         scale = scales[sensor]
         compact_lines(expected, variance, lines.start, scale.mean_bits, scale.inverse_bits, mean, inverse)
         return mean, inverse

@@ -191,7 +191,8 @@ def close_strip(first, extremes, energy, counts, columns, row, out):  # type: ig
 @njit(cache=True, nogil=True)
 def compare_row(measured, mean, inverse, top, bottom, camera, noise, starts, edges, reach, dither, row, out):  # type: ignore[no-untyped-def]
     """Lines top .. bottom - 1, at most 127, of a row of tiles; the rest as in ``compare_lines``."""
-    pixels = measured.shape[1]
+    pixels = out.column_sum.shape[1]
+    seen, expected, sure = measured.values, mean.values, inverse.values
     strips = (pixels + STRIP - 1) // STRIP
     z = np.zeros((strips, LINES * STRIP), np.int16)
     codes = np.empty((strips, LINES * STRIP), np.int8)
@@ -211,9 +212,9 @@ def compare_row(measured, mean, inverse, top, bottom, camera, noise, starts, edg
                     continue
                 out.line_sum[line] += code_piece(
                     z[strip, to],
-                    measured[line, begin:end],
-                    mean[line, begin:end],
-                    inverse[line, begin:end],
+                    seen[line * measured.step + begin : line * measured.step + end],
+                    expected[line * mean.step + begin : line * mean.step + end],
+                    sure[line * inverse.step + begin : line * inverse.step + end],
                     camera,
                     noise[starts[line] + begin : starts[line] + end],
                     edges,
@@ -237,12 +238,12 @@ def compare_row(measured, mean, inverse, top, bottom, camera, noise, starts, edg
 
 @njit(cache=True, nogil=True)
 def compare_lines(measured, mean, inverse, camera, noise, starts, edges, reach, dither, out):  # type: ignore[no-untyped-def]
-    """Everything of some rows of tiles of one sensor; (lines, pixels) uint16 each, read line by line, as they lie.
+    """Everything of some rows of tiles of one sensor; ``Lines`` of uint16 each, read line by line, as they lie.
 
     camera: ``Camera``; noise uint16 and starts (lines,): each line's random numbers begin there; dither: False for
     the naive histogram; out: ``Part``, whose arrays are filled.
     """
-    lines, rows = measured.shape[0], out.energy.shape[0]
+    lines, rows = out.line_sum.size, out.energy.shape[0]
     for row in range(rows):
         bottom = lines if row == rows - 1 else (row + 1) * TILE
         compare_row(

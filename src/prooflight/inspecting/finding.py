@@ -11,7 +11,8 @@ import numpy as np
 from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.register import prepare, register
 from prooflight.deciding.calibrated import shows_another
-from prooflight.predicting.predict import predict
+from prooflight.predicting.compact import compact
+from prooflight.predicting.predict import cut, predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from prooflight.acquiring.placement import Placement
     from prooflight.comparing.register import Landmarks, Registration
     from prooflight.pages.raster import Page
+    from prooflight.predicting.compact import CompactPrediction
     from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
 
@@ -44,6 +46,8 @@ class FoundPage:
     """The scan shows another page, or this one where no good print lies."""
     shift_mm: tuple[float, float] | None
     """None: the page could not be found in the scan."""
+    compact: CompactPrediction | None
+    """The same prediction of the area judged, where it is known already."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,6 +57,10 @@ class SoughtPage:
     page: Page
     nominal: Prediction
     """Of the page in its place."""
+    area: tuple[slice, slice]
+    """Lines and columns of a scan that it then covers."""
+    compact: CompactPrediction
+    """The prediction of that area."""
     landmarks: Landmarks
 
     @classmethod
@@ -60,7 +68,9 @@ class SoughtPage:
         """Everything that needs no scan."""
         nominal = predict(page, sensors=press.sensors, geometry=press.geometry)
         landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
-        return cls(page=page, nominal=nominal, landmarks=landmarks)
+        area = press.geometry.on_page(page.width_mm, page.height_mm)
+        short = compact(cut(nominal, area), top_codes_dn=[sensor.top_code_dn for sensor in press.sensors])
+        return cls(page=page, nominal=nominal, area=area, compact=short, landmarks=landmarks)
 
 
 def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
@@ -83,11 +93,10 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], press: Press) -> FoundPag
     return FoundPage(
         placement=placement,
         prediction=prediction,
-        area=inside(page, press, placement)
-        if moved
-        else press.geometry.on_page(page.width_mm, page.height_mm),
+        area=inside(page, press, placement) if moved else sought.area,
         wrong_page=shows_another(where),
         shift_mm=shift_mm,
+        compact=None if moved else sought.compact,
     )
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.predicting.predict import Prediction, predict
+from prooflight.predicting.predict import cut, predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from prooflight.deciding.verdict import Verdict
     from prooflight.inspecting.finding import SoughtPage
     from prooflight.pages.raster import Page
+    from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
+
+ROWS_AT_ONCE: Final = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,15 +66,16 @@ def pictured(inspection: Inspection, page: Page, press: Press) -> Inspection:
     return replace(inspection, prediction=cut(whole, inspection.area))
 
 
-def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
-    """Its part of some lines and columns."""
-    part = (slice(None), *area)
-    return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
-
-
 def present_inks(page: Page) -> str:
     """Letters of CMYK that a page has."""
-    return "".join(letter for ink, letter in enumerate("CMYK") if page.cmyk[..., ink].any())
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)
+    any_of = np.uint32(0)
+    for first in range(0, len(words), ROWS_AT_ONCE):
+        any_of |= np.bitwise_or.reduce(words[first : first + ROWS_AT_ONCE], axis=None)
+        inks = np.array([any_of]).view(np.uint8)
+        if inks.all():
+            break
+    return "".join(letter for letter, ink in zip("CMYK", inks, strict=True) if ink)
 
 
 def block_means(

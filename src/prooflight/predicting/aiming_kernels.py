@@ -5,18 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from prooflight.predicting.summing_kernels import FEWEST, SLACK, lerp_eight
+
 PHASES = 64
 """At least so many of a raster pixel at which weights are tabulated: between them they err by 5 / (128^2 8) of an edge,
 0.004 %, at two raster pixels a camera pixel (the lens's line spread rises by at most 5 a pixel and pixel)."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def place_row(nodes, pitch, row, places):  # type: ignore[no-untyped-def]
     """What one row sees at node columns, linear between rows of nodes (nodes down, nodes across)."""
     cell = min(row // pitch, nodes.shape[0] - 2)
     share = (row - cell * pitch) / pitch
+    above, below = nodes[cell], nodes[cell + 1]
     for k in range(places.size):
-        places[k] = nodes[cell, k] + share * (nodes[cell + 1, k] - nodes[cell, k])
+        places[k] = above[k] + share * (below[k] - above[k])
 
 
 @njit(cache=True, nogil=True)
@@ -64,31 +67,39 @@ def aim(places, pixels, segment, stride, cumulative, step, first, weights, slope
 
 @njit(cache=True, nogil=True)
 def phases(cumulative, step, taps):  # type: ignore[no-untyped-def]
-    """``weigh`` at even phases of a raster pixel, 0 to 1: two (phases + 1, taps), for ``aim_between``.
+    """``weigh`` at even phases of a raster pixel, 0 to 1: two ((phases + 1) x taps and ``SLACK``,), and their number.
 
     As many phases as the spread has steps in a raster pixel, which may be many camera pixels wide.
     """
     count = max(PHASES, int(np.ceil(step)))
-    weights = np.empty((count + 1, taps), np.float32)
-    slopes = np.empty((count + 1, taps), np.float32)
+    weights = np.zeros((count + 1) * taps + SLACK, np.float32)
+    slopes = np.zeros(weights.size, np.float32)
     for phase in range(count + 1):
-        weigh(-phase / count * step, step, cumulative, 1.0, weights[phase], slopes[phase])
-    return weights, slopes
+        row = slice(phase * taps, (phase + 1) * taps)
+        weigh(-phase / count * step, step, cumulative, 1.0, weights[row], slopes[row])
+    return weights, slopes, count
 
 
 @njit(cache=True, nogil=True)
+def tap_rows(segments, taps):  # type: ignore[no-untyped-def]
+    """Room for the taps of each segment, (segments, taps), and the memory it lies in, which has ``SLACK``."""
+    room = np.empty(segments * taps + SLACK, np.float32)
+    return room[: segments * taps].reshape(segments, taps), room
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def aim_between(  # type: ignore[no-untyped-def]
-    places, pixels, segment, stride, reach, phase_weights, phase_slopes, first, weights, slopes
+    places, pixels, segment, stride, reach, taps, phase_weights, phase_slopes, count, first, weights, slopes
 ):
     """``aim`` by linear interpolation between ``phases``, for the many segments of a page off its place.
 
-    reach: of the footprint [raster pixels].
+    reach: of the footprint [raster pixels]; weights, slopes: memory of ``tap_rows``.
     """
-    count = phase_weights.shape[0] - 1
+    per = 1 / segment
     for k in range(first.size):
         start = k * segment
         middle = (start + min(start + segment, pixels)) // 2
-        advance = (places[k + 1] - places[k]) / segment
+        advance = (places[k + 1] - places[k]) * per
         at = places[k] + advance * (middle - start) - reach
         whole = np.floor(at)
         first[k] = int(whole)
@@ -96,9 +107,6 @@ def aim_between(  # type: ignore[no-untyped-def]
         phase = min(int(place), count - 1)
         share = np.float32(place - phase)
         drift = np.float32(advance - stride)
-        low, high = phase_weights[phase], phase_weights[phase + 1]
-        slope = phase_slopes[phase]
-        row, slope_row = weights[k], slopes[k]
-        for t in range(row.size):
-            row[t] = low[t] + share * (high[t] - low[t])
-            slope_row[t] = slope[t] * drift
+        for t in range(0, taps, FEWEST):
+            source, target = phase * taps + t, k * taps + t
+            lerp_eight(phase_weights, phase_slopes, source, taps, share, drift, weights, slopes, target)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -68,6 +68,25 @@ class CompactPrediction:
     """One for each sensor."""
 
 
+class Lines(NamedTuple):
+    """An image as its memory lies, for compiled loops: what is cut out of a scan need not be copied for them."""
+
+    values: NDArray[Any]
+    """(n,) from the first pixel to the last."""
+    step: int
+    """From the beginning of one line to the next."""
+
+    @classmethod
+    def of(cls, image: NDArray[Any]) -> Self:
+        """Of (lines, pixels), not empty; copied only if the pixels of a line do not lie side by side."""
+        each = image.itemsize
+        if image.strides[1] != each or image.strides[0] % each or image.strides[0] < 0:
+            image = np.ascontiguousarray(image)
+        step = image.strides[0] // each
+        size = (image.shape[0] - 1) * step + image.shape[1]
+        return cls(values=np.lib.stride_tricks.as_strided(image, (size,), (each,)), step=step)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
     """One line of one sensor: mean [DN], variance [DN^2] (pixels,) float32 -> codes (pixels,) uint16.
@@ -96,11 +115,12 @@ def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse
 
 @njit(cache=True, nogil=True)
 def compact_lines(mean, variance, first_line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
-    """``compact_row`` for each line of a band, (lines, pixels) each, whose first line is first_line of the page."""
-    for line in range(mean.shape[0]):
+    """``compact_row`` for each line of a band, ``Lines`` -> (lines, pixels); its first is first_line of the page."""
+    pixels = mean_out.shape[1]
+    for line in range(mean_out.shape[0]):
         compact_row(
-            mean[line],
-            variance[line],
+            mean.values[line * mean.step : line * mean.step + pixels],
+            variance.values[line * variance.step : line * variance.step + pixels],
             first_line + line,
             mean_bits,
             inverse_bits,
@@ -119,8 +139,8 @@ def compact(prediction: Prediction, *, top_codes_dn: Sequence[int]) -> CompactPr
     inverse = np.empty_like(mean)
     for s, scale in enumerate(scales):
         compact_lines(
-            np.ascontiguousarray(prediction.expected_dn[s], np.float32),
-            np.ascontiguousarray(prediction.variance_dn2[s], np.float32),
+            Lines.of(prediction.expected_dn[s]),
+            Lines.of(prediction.variance_dn2[s]),
             0,
             scale.mean_bits,
             scale.inverse_bits,

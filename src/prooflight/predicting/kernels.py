@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, weigh
-from prooflight.predicting.filtering_kernels import deal_row, dealt_part, filter_across, filter_along
+from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, tap_rows, weigh
+from prooflight.predicting.filtering_kernels import (
+    copy_row,
+    deal_row,
+    dealt_count,
+    filter_across,
+    filter_along,
+)
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
 from prooflight.predicting.tables import NODE_STEP, NODES
 
@@ -64,21 +70,21 @@ def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
 def same_row(one, other):  # type: ignore[no-untyped-def]
     """Whether two rows (n,) are equal; looked at in pieces, because most that differ do so early."""
     for start in range(0, one.size, COMPARED):
-        end = min(start + COMPARED, one.size)
+        a, b = one[start : start + COMPARED], other[start : start + COMPARED]
         differs = np.uint32(0)
-        for i in range(start, end):
-            differs |= one[i] ^ other[i]
+        for i in range(a.size):  # from 0 on: the compiler then knows that no index is negative
+            differs |= a[i] ^ b[i]
         if differs:
             return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def look_up_dealt(dealt, columns, pad, table, backing, split):  # type: ignore[no-untyped-def]
+def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
     """``look_up_light`` of a row as ``deal_row`` deals it; what is off the page stays 0."""
     stride = dealt.shape[0]
     for phase in range(stride):
-        _, place, count = dealt_part(columns, pad, stride, phase)
+        count = dealt_count(columns, stride, phase)
         if count:
             end = place + (count + AT_ONCE - 1) // AT_ONCE * AT_ONCE
             look_up_light(dealt[phase, place:end], table, backing, split[phase, place:end])
@@ -114,19 +120,20 @@ def filter_lines(  # type: ignore[no-untyped-def]
     rows, columns = words.shape
     pixels = light.shape[1]
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
-    pad = taps + stride
+    begin = taps // stride + 2
+    pad = begin * stride
     width = (columns + 2 * pad) // stride + AT_ONCE
     dealt = np.zeros((stride, width), np.uint32)
     split = np.zeros((stride, width), np.float32)
     ring = np.empty((depth, pixels), np.float32)
     x_places = np.empty(across_places.shape[1])
     x_first = np.empty(x_places.size - 1, np.int64)
-    x_weights = np.empty((x_first.size, taps), np.float32)
-    x_slopes = np.empty((x_first.size, taps), np.float32)
+    x_weights, x_weights_room = tap_rows(x_first.size, taps)
+    x_slopes, x_slopes_room = tap_rows(x_first.size, taps)
     y_places = np.empty(along_places.shape[1])
     y_first = np.empty(y_places.size - 1, np.int64)
-    y_weights = np.empty((y_first.size, taps), np.float32)
-    y_slopes = np.empty((y_first.size, taps), np.float32)
+    y_weights, y_weights_room = tap_rows(y_first.size, taps)
+    y_slopes, y_slopes_room = tap_rows(y_first.size, taps)
     moving = np.any(across_places[1:] != across_places[0])
     reach = (across_cumulative.size - 1) / (2 * step)
     across_phases = phases(across_cumulative, step, taps)
@@ -140,31 +147,44 @@ def filter_lines(  # type: ignore[no-untyped-def]
         if y_first.size == 1:
             aim(y_places, pixels, along_segment, 0, along_cumulative, step, y_first, y_weights, y_slopes)
         else:
-            table, slopes = along_phases
+            table, slopes, phase_count = along_phases
             aim_between(
-                y_places, pixels, along_segment, 0, reach, table, slopes, y_first, y_weights, y_slopes
+                y_places,
+                pixels,
+                along_segment,
+                0,
+                reach,
+                taps,
+                table,
+                slopes,
+                phase_count,
+                y_first,
+                y_weights_room,
+                y_slopes_room,
             )
         if next_row < 0:
             next_row = max(y_first.min(), 0)
         while next_row < min(y_first.max() + taps, rows):
             if moving:
                 place_row(across_places, across_pitch, next_row, x_places)
-                table, slopes = across_phases
+                table, slopes, phase_count = across_phases
                 aim_between(
                     x_places,
                     pixels,
                     across_segment,
                     stride,
                     reach,
+                    taps,
                     table,
                     slopes,
+                    phase_count,
                     x_first,
-                    x_weights,
-                    x_slopes,
+                    x_weights_room,
+                    x_slopes_room,
                 )
             elif not aimed:
                 aimed = True
-                x_places[:] = across_places[0]
+                copy_row(across_places[0], x_places)
                 aim(
                     x_places,
                     pixels,
@@ -180,10 +200,10 @@ def filter_lines(  # type: ignore[no-untyped-def]
             again = next_row - 1 == looked_up and same_row(words[next_row], words[looked_up])
             looked_up = next_row
             if not again:
-                deal_row(words[next_row], pad, dealt)
-                look_up_dealt(dealt, columns, pad, bricks, backing, split)
+                deal_row(words[next_row], begin, dealt)
+                look_up_dealt(dealt, columns, begin, bricks, backing, split)
             if again and not moving:
-                slot[:] = ring[(next_row - 1) % depth]
+                copy_row(ring[(next_row - 1) % depth], slot)
             else:
                 filter_across(split, pad, columns, across_segment, x_first, x_weights, x_slopes, starts, slot)
             next_row += 1

@@ -86,6 +86,12 @@ def predict(
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
+def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
+    """Its part of some lines and columns."""
+    part = (slice(None), *area)
+    return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
+
+
 def looked_up(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

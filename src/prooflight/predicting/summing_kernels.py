@@ -10,7 +10,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-FEW, MANY = 16, 64
+FEWEST, FEW, MANY = 8, 16, 64
 _INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
 _FUSED = ("contract",)
 
@@ -78,4 +78,34 @@ def summing(count: int) -> Any:
     return sum_pixels
 
 
-sum_few, sum_many = summing(FEW), summing(MANY)
+sum_fewest, sum_few, sum_many = summing(FEWEST), summing(FEW), summing(MANY)
+SLACK = 2 * FEWEST
+"""Numbers that ``lerp_eight`` may touch beyond the end of what is asked for."""
+
+
+@intrinsic
+def lerp_eight(context, table, slopes, place, taps, share, drift, out, slopes_out, at):  # type: ignore[no-untyped-def]
+    """Eight numbers between two rows of tables (n,) float32, which have ``taps`` numbers each, from ``place`` on.
+
+    out[at:at + 8] = table + share (the table's next row - table), slopes_out of drift x slopes; (n,) float32. Eight are
+    read and written, whether that many are left or not: whoever goes on to the next row overwrites them.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        eight = ir.VectorType(_FLOAT, FEWEST)
+
+        def at_place(n: int, index: Any) -> Any:
+            data = make_array(signature.args[n])(context, builder, args[n]).data
+            return builder.bitcast(_at(builder, data, index), eight.as_pointer())
+
+        low = builder.load(at_place(0, args[2]), align=4)
+        high = builder.load(at_place(0, builder.add(args[2], args[3])), align=4)
+        slope = builder.load(at_place(1, args[2]), align=4)
+        rise = builder.fmul(_filled(builder, args[4], FEWEST), builder.fsub(high, low), flags=_FUSED)
+        builder.store(builder.fadd(low, rise, flags=_FUSED), at_place(6, args[8]), align=4)
+        builder.store(builder.fmul(slope, _filled(builder, args[5], FEWEST)), at_place(7, args[8]), align=4)
+        return context.get_dummy_value()
+
+    whole, number = types.int64, types.float32
+    kinds = (table, slopes, whole, whole, number, number, out, slopes_out, whole)
+    return types.void(*kinds), generate

@@ -10,6 +10,8 @@ import numpy as np
 from prooflight.comparing.registering.coarse import CoarsePage, coarse_page
 from prooflight.comparing.registering.field import Basis, Prior
 from prooflight.comparing.registering.kernels import edge_shares, tile_information, tile_signals
+from prooflight.predicting.bricks import bricks_of
+from prooflight.predicting.summing_kernels import FEW
 from prooflight.predicting.tables import NODE_STEP, NODES
 
 if TYPE_CHECKING:
@@ -134,16 +136,11 @@ def prepare(
         int(np.ceil((size + 2) * ratio[axis])) + tap.shape[1] + 2
         for axis, tap in enumerate((taps[0].across, taps[0].along))
     )
-    windows = np.empty((len(sensors), rows.size, height, width), np.float32)
+    windows = np.empty((len(sensors), rows.size, height, -(-width // FEW) * FEW), np.float32)
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
     for sensor, window in zip(sensors, windows, strict=True):
-        tile_signals(
-            page.cmyk,
-            corners[:, 1],
-            corners[:, 0],
-            sensor.mean_dn.ravel(),
-            np.float32(sensor.backing_dn),
-            window,
-        )
+        bricks, backing = bricks_of(sensor.mean_dn), np.float32(sensor.backing_dn)
+        tile_signals(words, corners[:, 1], corners[:, 0], bricks, backing, window)
     shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio)
     apart = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
     centres = first + (size - 1) / 2 * pitch
@@ -191,14 +188,15 @@ def _shares(
     page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     sums = np.zeros((len(corners), 2, 6))
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
     stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
     for sensor in sensors:
         mean = sensor.mean_dn
         solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
         ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
-        logs = np.log(np.maximum(ramps / sensor.white_dn, 1e-3))
+        logs = np.log(np.maximum(ramps / sensor.white_dn, 1e-3)).astype(np.float32)
         edge_shares(
-            page.cmyk,
+            words,
             corners[:, 1],
             corners[:, 0],
             TILE_PIXELS,

@@ -3,23 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
 from prooflight.comparing.registering.judging_kernels import judge_tiles
-from prooflight.comparing.registering.kernels import SUMS, measure_tiles
 from prooflight.comparing.registering.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
+from prooflight.comparing.registering.measuring_kernels import SUMS, measure_tiles
+from prooflight.comparing.registering.rendering_kernels import EIGHT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.comparing.registering.landmarks import Landmarks
+    from prooflight.comparing.registering.landmarks import Landmarks, SensorTaps
 
 HALFTONE: Final = 0.07
 """Contrast of halftones as the camera sees them (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
 STEP_SHARE: Final = 0.25
 """What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
+
+
+class Room(NamedTuple):
+    """What rendering a tile needs to work in; a thread's own."""
+
+    value: NDArray[np.float32]
+    """(width of a window and more,), 0 beyond it."""
+    slope: NDArray[np.float32]
+    begins: NDArray[np.int64]
+    weights: NDArray[np.float32]
+    by_move: NDArray[np.float32]
+    starts: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, width: int, ratio: float, taps: SensorTaps) -> Self:
+        """For windows so wide; ratio: raster pixels in a camera pixel, across."""
+        pixels = int(np.ceil((EIGHT - 1) * ratio)) + taps.across.shape[1] + 1
+        blocks = TILE_PIXELS // EIGHT
+        value, slope = np.zeros((2, width + pixels), np.float32)
+        weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
+        begins, starts = np.empty(blocks, np.int64), np.empty(taps.along.shape[1], np.int64)
+        return cls(value=value, slope=slope, begins=begins, weights=weights, by_move=by_move, starts=starts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,6 +113,7 @@ def measured(
                 ],
                 np.float32,
             ),
+            Room.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
             gathered[index],
         )
     said, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))

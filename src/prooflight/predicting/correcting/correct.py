@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.pages.sampling import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
-from prooflight.predicting.correcting.kernels import add_blocks, block_means, convolve, correct_lines
+from prooflight.pages.sampling import NEAR_REACH
+from prooflight.predicting.correcting.kernels import (
+    BLOCK,
+    add_blocks,
+    block_means,
+    convolve,
+    correct_lines,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +45,6 @@ def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, thr
                 below if below is not None else none,
                 weights,
                 far,
-                FAR_BLOCK,
                 start,
                 min(start + LINES_PER_BAND, len(light)),
             )
@@ -51,19 +56,18 @@ def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, thr
 
 def far_light(light: NDArray[np.float32], correction: LensCorrection) -> NDArray[np.float32]:
     """What reaches each block of pixels from blocks around it and far away; light (lines, pixels) is not changed."""
-    blocks = _means(light, FAR_BLOCK)
-    large = _means(blocks, FARTHER_BLOCK // FAR_BLOCK)
+    blocks = _means(light)
+    large = _means(blocks)
     far, farther = np.empty_like(blocks), np.empty_like(large)
     convolve(blocks, correction.far, far)
     convolve(large, correction.farther, farther)
-    add_blocks(farther, FARTHER_BLOCK // FAR_BLOCK, far)
+    add_blocks(farther, far)
     return far
 
 
-def _means(image: NDArray[np.float32], block: int) -> NDArray[np.float32]:
-    rows, columns = (-(-extent // block) for extent in image.shape)
-    means = np.empty((rows, columns), np.float32)
-    block_means(image, block, 0, rows, means)
+def _means(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    means = np.empty([-(-extent // BLOCK) for extent in image.shape], np.float32)
+    block_means(image, means)
     return means
 
 

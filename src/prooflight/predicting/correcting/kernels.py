@@ -5,26 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.pages.sampling import NEAR_REACH
+from prooflight.pages.sampling import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
+from prooflight.predicting.correcting.mixing_kernels import AT_ONCE, mix_rows
+from prooflight.predicting.filtering_kernels import copy_row
+
+BLOCK = FAR_BLOCK
+"""Pixels to a block's side, and blocks to a larger block's: known to the compiler, so that loops run in vectors."""
+assert FAR_BLOCK == 4
+assert FARTHER_BLOCK == 16
+WINDOW = 2 * NEAR_REACH + 1
 
 
 @njit(cache=True, nogil=True)
-def block_means(image, block, first_row, last_row, means):  # type: ignore[no-untyped-def]
-    """Means of image (lines, pixels) over square blocks -> means[first_row:last_row]; outside the image is 0."""
+def block_means(image, means):  # type: ignore[no-untyped-def]
+    """Means of image (lines, pixels) over squares of 4 x 4; outside the image is 0."""
     lines, pixels = image.shape
-    share = np.float32(1 / block**2)
-    for row in range(first_row, last_row):
+    share = np.float32(1 / BLOCK**2)
+    whole = pixels // BLOCK
+    for row in range(means.shape[0]):
         out = means[row]
         out[:] = 0
-        for line in range(row * block, min((row + 1) * block, lines)):
-            source = image[line]
-            for column in range(pixels // block):
-                total = np.float32(0)
-                for i in range(column * block, (column + 1) * block):
-                    total += source[i]
-                out[column] += share * total
-            for i in range(pixels // block * block, pixels):
-                out[pixels // block] += share * source[i]
+        for line in range(row * BLOCK, min((row + 1) * BLOCK, lines)):
+            source, inner = image[line], out[:whole]
+            for cell in range(inner.size):
+                at = BLOCK * cell
+                inner[cell] += share * ((source[at] + source[at + 1]) + (source[at + 2] + source[at + 3]))
+            for i in range(whole * BLOCK, pixels):
+                out[whole] += share * source[i]
 
 
 @njit(cache=True, nogil=True)
@@ -47,95 +54,97 @@ def convolve(image, weights, out):  # type: ignore[no-untyped-def]
                     part[i] += weight * seen[i]
 
 
-@njit(cache=True, nogil=True)
-def between_rows(image, block, line, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def between_rows(image, line, out):  # type: ignore[no-untyped-def]
     """The row of block values that a line lies at, linear between the blocks' centres, level beyond the outer ones."""
-    place = min(max((line + 0.5) / block - 0.5, 0.0), image.shape[0] - 1.0)
+    place = min(max((line + 0.5) / BLOCK - 0.5, 0.0), image.shape[0] - 1.0)
     above = int(place)
-    below = min(above + 1, image.shape[0] - 1)
     share = np.float32(place - above)
+    before, after = image[above], image[min(above + 1, image.shape[0] - 1)]
     for i in range(out.size):
-        out[i] = image[above, i] + share * (image[below, i] - image[above, i])
+        out[i] = before[i] + share * (after[i] - before[i])
 
 
-@njit(cache=True, nogil=True)
-def add_between(row, block, line):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_between(row, line):  # type: ignore[no-untyped-def]
     """Line (pixels,) += what a row of block values is there, linear between their centres, level at the ends."""
     last = row.size - 1
-    half = block // 2
+    half = BLOCK // 2
+    first, second = np.float32(0.5 / BLOCK), np.float32(1.5 / BLOCK)
+    third, fourth = np.float32(2.5 / BLOCK), np.float32(3.5 / BLOCK)
     for i in range(min(half, line.size)):
         line[i] += row[0]
-    full = max(min(last, (line.size - half) // block), 0)
-    for phase in range(block):
-        share = np.float32((phase + 0.5) / block)
-        for cell in range(full):
-            line[half + cell * block + phase] += row[cell] + share * (row[cell + 1] - row[cell])
-    for i in range(half + full * block, line.size):
-        cell = min((i - half) // block, last)
-        share = np.float32((i - half - cell * block + 0.5) / block)
+    full = max(min(last, (line.size - half) // BLOCK), 0)
+    inner, after = line[half : half + full * BLOCK], row[1:]
+    for cell in range(full):
+        at, here = BLOCK * cell, row[cell]
+        rise = after[cell] - here
+        inner[at] += here + first * rise
+        inner[at + 1] += here + second * rise
+        inner[at + 2] += here + third * rise
+        inner[at + 3] += here + fourth * rise
+    for i in range(half + full * BLOCK, line.size):
+        cell = min((i - half) // BLOCK, last)
+        share = np.float32((i - half - cell * BLOCK + 0.5) / BLOCK)
         line[i] += row[cell] + share * (row[min(cell + 1, last)] - row[cell])
 
 
 @njit(cache=True, nogil=True)
-def add_blocks(blocks, block, image):  # type: ignore[no-untyped-def]
+def add_blocks(blocks, image):  # type: ignore[no-untyped-def]
     """Image (lines, pixels) += block values, bilinear between their centres."""
     row = np.empty(blocks.shape[1], np.float32)
     for line in range(image.shape[0]):
-        between_rows(blocks, block, line, row)
-        add_between(row, block, image[line])
+        between_rows(blocks, line, row)
+        add_between(row, image[line])
 
 
 @njit(cache=True, nogil=True)
-def near_line(rows, sums, weights, out):  # type: ignore[no-untyped-def]
-    """One line by its neighbours: rows (7, pixels + 6), the line in the middle; out (pixels,).
+def near_line(rows, starts, weights, mixed, out):  # type: ignore[no-untyped-def]
+    """One line by its neighbours: out (pixels,).
 
-    weights (4, 4): of pixels so many lines and pixels away. sums (pixels + 6,) is working space.
+    rows (n,): seven lines, from the one three above on, begin at starts (7,), each with three pixels on either side.
+    weights (4, 4): of pixels so many lines and pixels away. mixed (4, width >= pixels + 6), width whole multiples of
+    16, is working space.
     """
-    reach = NEAR_REACH
-    for dy in range(reach + 1):
-        if dy == 0:
-            sums[:] = rows[reach]
-        else:
-            above, below = rows[reach - dy], rows[reach + dy]
-            for i in range(sums.size):
-                sums[i] = above[i] + below[i]
-        w0, w1, w2, w3 = weights[dy, 0], weights[dy, 1], weights[dy, 2], weights[dy, 3]
-        a, b, c, d = sums[0:], sums[1:], sums[2:], sums[3:]
-        e, f, g = sums[4:], sums[5:], sums[6:]
-        if dy == 0:
-            for i in range(out.size):
-                out[i] = w3 * (a[i] + g[i]) + w2 * (b[i] + f[i]) + w1 * (c[i] + e[i]) + w0 * d[i]
-        else:
-            for i in range(out.size):
-                out[i] += w3 * (a[i] + g[i]) + w2 * (b[i] + f[i]) + w1 * (c[i] + e[i]) + w0 * d[i]
+    flat, of = mixed.reshape(-1), weights.reshape(-1)
+    width = mixed.shape[1]
+    for at in range(0, width, AT_ONCE):
+        mix_rows(rows, starts, at, of, flat, width)
+    middle, left, right = mixed[0, 3:], mixed[1, 2:], mixed[1, 4:]
+    left_2, right_2, left_3, right_3 = mixed[2, 1:], mixed[2, 5:], mixed[3], mixed[3, 6:]
+    for i in range(out.size):
+        near = middle[i] + (left[i] + right[i])
+        out[i] = near + ((left_2[i] + right_2[i]) + (left_3[i] + right_3[i]))
 
 
 @njit(cache=True, nogil=True)
-def correct_lines(light, above, below, weights, far, block, line_from, line_to):  # type: ignore[no-untyped-def]
+def correct_lines(light, above, below, weights, far, line_from, line_to):  # type: ignore[no-untyped-def]
     """Lines line_from .. line_to - 1 of light (lines, pixels) corrected in place.
 
     above, below (3, pixels): the uncorrected lines before and after these, which another thread may be changing.
-    weights (4, 4) as in ``near_line``; far: block values to be added. Even neighbourhoods are only scaled.
+    weights (4, 4) as in ``near_line``; far: block values to be added.
     """
     pixels = light.shape[1]
-    reach = NEAR_REACH
-    window = 2 * reach + 1
-    rows = np.zeros((window, pixels + 2 * reach), np.float32)
-    sums = np.empty(pixels + 2 * reach, np.float32)
+    width = (pixels + 2 * NEAR_REACH + AT_ONCE - 1) // AT_ONCE * AT_ONCE
+    ring = np.zeros((WINDOW, width), np.float32)
+    rows = ring.reshape(-1)
+    mixed = np.empty((NEAR_REACH + 1, width), np.float32)
+    starts = np.empty(WINDOW, np.int64)
     far_row = np.empty(far.shape[1], np.float32)
-    for n in range(window - 1):
-        line = line_from - reach + n
+    for line in range(line_from - NEAR_REACH, line_to + NEAR_REACH):
+        slot = (line - line_from + WINDOW) % WINDOW
+        target = ring[slot, NEAR_REACH : NEAR_REACH + pixels]
         if line < line_from:
-            rows[n + 1, reach : reach + pixels] = above[n]
+            copy_row(above[line - line_from + NEAR_REACH], target)
         elif line < line_to:
-            rows[n + 1, reach : reach + pixels] = light[line]
+            copy_row(light[line], target)
         else:
-            rows[n + 1, reach : reach + pixels] = below[line - line_to]
-    for line in range(line_from, line_to):
-        for n in range(window - 1):
-            rows[n] = rows[n + 1]
-        ahead = line + reach
-        rows[window - 1, reach : reach + pixels] = light[ahead] if ahead < line_to else below[ahead - line_to]
-        near_line(rows, sums, weights, light[line])
-        between_rows(far, block, line, far_row)
-        add_between(far_row, block, light[line])
+            copy_row(below[line - line_to], target)
+        done = line - NEAR_REACH
+        if done < line_from:
+            continue
+        for n in range(WINDOW):
+            starts[n] = (slot + 1 + n) % WINDOW * width
+        near_line(rows, starts, weights, mixed, light[done])
+        between_rows(far, done, far_row)
+        add_between(far_row, light[done])

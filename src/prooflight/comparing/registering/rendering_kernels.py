@@ -1,0 +1,74 @@
+"""The compiled heart of tile rendering: sums across a tile for eight columns at once, kept in registers.
+
+A camera pixel's place among raster pixels changes from column to column, so columns have weights of their own: a small
+table of what each raster pixel gives to each of eight columns. Nothing then needs to be turned or gathered.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
+
+EIGHT = 8
+_INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
+_PIXELS = ir.VectorType(_FLOAT, EIGHT)
+_FUSED = ("contract",)
+
+
+def _filled(builder: Any, value: Any) -> Any:
+    none = ir.Constant(_PIXELS, ir.Undefined)
+    first = builder.insert_element(none, value, ir.Constant(_INT, 0))
+    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(_INT, EIGHT), [0] * EIGHT))
+
+
+def _at(builder: Any, array: Any, index: Any) -> Any:
+    return builder.gep(array, [index], inbounds=True)
+
+
+def _eight(builder: Any, array: Any, index: Any) -> Any:
+    return builder.bitcast(_at(builder, array, index), _PIXELS.as_pointer())
+
+
+@intrinsic
+def sum_eight(context, values, tilts, begin, weights, slopes, first, count, out, by_x, by_y, at):  # type: ignore[no-untyped-def]
+    """Eight columns of a line: sums over k < count, k from ``begin`` on in values, tilts (n,) float32.
+
+    out[at:at + 8] of weights x values, by_x of slopes x values, by_y of weights x tilts; weights, slopes (n,) float32
+    hold eight numbers for each k, from 8 x first on. out, by_x, by_y (n,) float32.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        values, tilts, weights, slopes, *targets = (
+            make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3, 4, 7, 8, 9)
+        )
+        begin, first, count, at = (args[n] for n in (2, 5, 6, 10))
+        none = ir.Constant(_PIXELS, [ir.Constant(_FLOAT, 0.0)] * EIGHT)
+        totals = [cgutils.alloca_once_value(builder, none) for _ in targets]
+
+        def add(total: Any, one: Any, other: Any) -> None:
+            product = builder.fmul(one, other, flags=_FUSED)
+            builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
+
+        with cgutils.for_range(builder, count) as loop:
+            place = builder.add(begin, loop.index)
+            value = _filled(builder, builder.load(_at(builder, values, place)))
+            tilt = _filled(builder, builder.load(_at(builder, tilts, place)))
+            row = builder.mul(builder.add(first, loop.index), ir.Constant(_LONG, EIGHT))
+            weight, slope = (
+                builder.load(_eight(builder, table, row), align=4) for table in (weights, slopes)
+            )
+            add(totals[0], weight, value)
+            add(totals[1], slope, value)
+            add(totals[2], weight, tilt)
+        for target, total in zip(targets, totals, strict=True):
+            builder.store(builder.load(total), _eight(builder, target, at), align=4)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    kinds = (values, tilts, whole, weights, slopes, whole, whole, out, by_x, by_y, whole)
+    return types.void(*kinds), generate

@@ -129,8 +129,8 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
             value, usual, box = 0.0, 1.0, NOWHERE
             if found:
                 t = found[b].said(scatters[ink, b])
-                row, column, _ = np.unravel_index(int(t.argmax()), t.shape)
-                value = max(float(t.max()), 0.0)
+                row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
+                value = max(float(t[row, column, lag]), 0.0)
                 if value:
                     usual = _usual(t[..., ::EVERY_LAG])
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm

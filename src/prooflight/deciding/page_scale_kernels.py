@@ -169,8 +169,8 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
 def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-untyped-def]
     """N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), once what is common to all is taken out.
 
-    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): share of C
-    taken from N of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
+    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): the
+    same of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
     """
     height, width = out.shape[1:]
     rows = np.empty((4, width), np.float32)

@@ -32,7 +32,7 @@ def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def merged(cells, gains, out):  # type: ignore[no-untyped-def]
-    """Cells (4, modes, h, w) of twice the side into out (4, modes, ., .); gains (h,): share of C taken from N of each row."""
+    """Cells (4, modes, h, w) of twice the side into out; gains (h,): share of C taken from N of each row."""
     modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
     line = np.empty(width + 1, np.float32)
     line[width] = 0

@@ -15,8 +15,9 @@ from prooflight.comparing.binning import (
     binned_sensors,
     bins_of,
     phased,
+    thinned,
 )
-from prooflight.comparing.modes import sight
+from prooflight.comparing.modes import prepare_modes, sight
 from prooflight.comparing.shared import SharedPrediction
 from prooflight.comparing.summing.moving_kernels import move
 from prooflight.pages.raster import Page
@@ -62,7 +63,9 @@ def test_a_shared_prediction_moves_as_each_would_be_predicted(press: Press) -> N
     )
     shared = SharedPrediction.of(page, in_place, sensors=sensors, geometry=geometry, bins=BINS)
     where = sight(page, at, MOVED)
-    found = shared.seen(where, np.zeros((4, 2)), sensors=binned_sensors(sensors, BINS))
+    found = shared.seen(
+        where, np.zeros((4, 2)), sensors=binned_sensors(sensors, BINS, geometry.pixel_pitch_mm)
+    )
     asked = binned_prediction(moved, BINS)
     contrast = np.ptp(asked.expected_dn)
     off = np.abs(found.expected_dn - asked.expected_dn)[:, where.inside]
@@ -72,3 +75,20 @@ def test_a_shared_prediction_moves_as_each_would_be_predicted(press: Press) -> N
     assert np.sqrt((off**2).mean()) < 0.02 * contrast
     assert (off**2).mean() < 0.2 * (coarse**2).mean()  # binned pixels moved would err more than twice as much
     assert np.median(found.variance_dn2 / asked.variance_dn2) == pytest.approx(1, abs=0.01)
+
+
+def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
+    """Of a thinned raster: soft tints and hard edges."""
+    rng = np.random.default_rng(2)
+    cmyk = np.zeros((600, 640, 4), np.uint8)
+    cmyk[50:-50, 60:300, 0] = np.linspace(0, 255, 240).astype(np.uint8)
+    cmyk[50:-50, 60:-60, 3] = 255 * np.kron(rng.random((50, 40)) < 0.3, np.ones((10, 13)))
+    page = Page(cmyk=cmyk, dpi=481.8, name="bars", number=1)
+    sensors, geometry = press.sensors, press.geometry
+    taken_as = binned_sensors(sensors, BINS, geometry.pixel_pitch_mm)
+    found = prepare_modes(thinned(page, BINS), sensors=taken_as, geometry=binned_geometry(geometry, BINS))
+    asked = prepare_modes(page, sensors=sensors, geometry=geometry)
+    for name in ("gain", "add", "dot", "cover"):
+        own, of_fine = getattr(found, name), binned(getattr(asked, name), BINS)
+        assert np.sqrt(((own - of_fine) ** 2).mean()) < 0.05 * np.abs(of_fine).max(), name
+        assert own.mean() == pytest.approx(of_fine.mean(), rel=0.02)

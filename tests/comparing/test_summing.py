@@ -11,12 +11,22 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from prooflight.comparing.boxed_evidence import Echoes, boxes, cells_of
-from prooflight.comparing.local_evidence import GHOST_BOXES_MM, MODES, SIZES, Sums, statistic
+from prooflight.comparing.local_evidence import (
+    COMMON,
+    GHOST_BOXES_MM,
+    MODES,
+    SIZES,
+    Sums,
+    statistic,
+    without_common,
+)
 from prooflight.comparing.nuisance import Colours
 from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES, block_sums
 from prooflight.comparing.summing.kernels import residuals
 from prooflight.comparing.summing.moving_kernels import STRETCH, move, move_smooth
+from prooflight.comparing.summing.streak_kernels import levelled_parts, widened
 from prooflight.comparing.summing.tile_kernels import line_sums, tile_sums
+from prooflight.deciding.exchange_kernels import exchange_sums
 from prooflight.deciding.page_scale import extremes_of_boxes
 
 if TYPE_CHECKING:
@@ -234,3 +244,44 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     )  # recipes that are alike share a value
     assert not found[0].any()
     assert not found[:, -1].any()
+
+
+@few
+@given(seeds)
+def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns = np.abs(rng.normal(0, 50, (4, 10, 4, 90))).astype(np.float32)
+    columns[2] = np.sqrt(columns[1] * columns[1, :1])
+    columns[3] = columns[1] * rng.random((10, 4, 90))
+    known, wide, length, count = 1 / COMMON**2, 21, 2, 4
+    found = np.empty((3, 10, 3, 90), np.float32)
+    levelled_parts(columns, length, np.float32(known), wide, found)
+    sums = np.stack([columns[:, :, k : k + length].sum(axis=2) for k in range(3)], axis=2)
+    own, power, edges = without_common(sums)
+    push, said = (
+        ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
+    )
+    asked = np.stack([own - push / (said + 1e-6) * power, power, edges])
+    np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-2)
+    wider = np.empty_like(found)
+    widened(found.reshape(-1, 90), count, wider.reshape(-1, 90))
+    np.testing.assert_allclose(
+        wider, ndimage.uniform_filter1d(found, count, mode="constant") * count, rtol=1e-3, atol=1e-2
+    )
+
+
+@few
+@given(seeds)
+def test_exchanges_are_summed_by_blocks(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = np.abs(rng.normal(0, 50, (4, 9, 11, 14))).astype(np.float32)
+    tiles[2] = 0.5 * np.sqrt(tiles[1] * tiles[1, :1])
+    cover = rng.random((4, 11, 14)).astype(np.float32)
+    found = np.empty((2, 1, 2, 3), np.float32)
+    exchange_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / COMMON**2), 4, found)
+    own, power, _ = without_common(tiles)
+    push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
+    step = cover[3] - cover[1]
+    for got, all_of in zip(found, (step * (push[1] - push[3]), step**2 * (said[1] + said[3])), strict=True):
+        asked = all_of[:8, :12].reshape(2, 4, 3, 4).sum(axis=(1, 3))
+        np.testing.assert_allclose(got[0], asked, rtol=1e-3, atol=1e-2)

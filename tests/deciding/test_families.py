@@ -15,6 +15,7 @@ from prooflight.deciding.placed import (
     of_ghosts,
     of_streaks,
     of_waves,
+    waves_of,
 )
 
 ROWS, COLUMNS, TILE_MM = 96, 64, 0.5
@@ -105,7 +106,7 @@ def test_waves_rise_above_their_neighbours() -> None:
     sums = drawn(5)
     wave = 2.0 * np.sqrt(POWER) * np.sin(2 * np.pi * np.arange(ROWS) * TILE_MM / 6.0)
     sums.tiles[0, MODES.index("gain-all")] += wave[:, None].astype(np.float32)
-    said = {one.name: one for one in of_waves(sums, Scatter.white(), family="wave")}
+    said = {one.name: one for one in of_waves(waves_of(sums, Scatter.white()), family="wave")}
     best = max(said.values(), key=lambda one: one.value)
     assert best.name.startswith("wave/gain-all/")
     assert kind_of(best) == "banding"

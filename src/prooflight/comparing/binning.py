@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.comparing.summing.binning_kernels import binned_rows, running_means
+from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.predicting.predict import Prediction
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.pages.raster import Page
     from prooflight.predicting.tables import SensorModel
 
 MOST_MM: Final = 0.26
@@ -45,15 +47,56 @@ def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
 
 
 @lru_cache(maxsize=16)
-def binned_sensor(sensor: SensorModel, bins: int) -> SensorModel:
-    """A sensor whose columns are the means of so many; its tables are of one pixel."""
+def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: float) -> SensorModel:
+    """A sensor of which one pixel is so many each way, ``pitch_mm`` apart; its tables are of one of them.
+
+    What the footprint misses of the lens is left to ``binned_prediction``.
+    """
     if bins == 1:
         return sensor
     offset, gain = (
         one.reshape(-1, bins).mean(axis=1, dtype=np.float64).astype(np.float32)
         for one in (sensor.column_offset_dn, sensor.column_gain)
     )
-    return replace(sensor, column_offset_dn=offset, column_gain=gain)
+    return replace(
+        sensor,
+        column_offset_dn=offset,
+        column_gain=gain,
+        footprint=widened(sensor.footprint, bins, pitch_mm),
+        correction=LensCorrection.none(),
+    )
+
+
+def binned_sensors(sensors: Sequence[SensorModel], bins: int, pitch_mm: float) -> list[SensorModel]:
+    """All of them."""
+    return [binned_sensor(sensor, bins, pitch_mm) for sensor in sensors]
+
+
+def widened(footprint: Footprint, bins: int, pitch_mm: float) -> Footprint:
+    """What so many pixels side by side see together."""
+    begins = (np.arange(bins) - (bins - 1) / 2) * pitch_mm
+    reach_mm = footprint.reach_mm + float(begins[-1])
+    places = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
+    steps = round(reach_mm / footprint.reach_mm * (footprint.across.size - 1) / 2)
+    wide = np.linspace(-reach_mm, reach_mm, 2 * steps + 1)
+    across, along = (
+        np.mean([np.interp(wide - begin, places, of, left=0, right=1) for begin in begins], axis=0)
+        for of in (footprint.across, footprint.along)
+    )
+    return Footprint(reach_mm=reach_mm, across=across, along=along)
+
+
+def thinned(page: Page, bins: int) -> Page:
+    """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
+    if bins == 1:
+        return page
+    rows, columns = (-(-extent // bins) for extent in page.cmyk.shape[:2])
+    i, j = np.arange(rows)[:, None], np.arange(columns)[None]
+    row = np.minimum(i * bins + (i + j) % bins, page.cmyk.shape[0] - 1)
+    column = np.minimum(j * bins + (i // bins + j // bins) % bins, page.cmyk.shape[1] - 1)
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[..., 0]
+    cmyk = words[row, column][..., None].view(np.uint8)
+    return replace(page, cmyk=cmyk, dpi=page.dpi / bins)
 
 
 def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
@@ -90,8 +133,3 @@ def phased(image: NDArray[np.float32], bins: int) -> NDArray[np.float32]:
     out = np.empty((bins, bins, -(-lines // bins), pixels // bins), np.float32)
     running_means(image, out)
     return out
-
-
-def binned_sensors(sensors: Sequence[SensorModel], bins: int) -> list[SensorModel]:
-    """All of them."""
-    return [binned_sensor(sensor, bins) for sensor in sensors]

@@ -124,15 +124,20 @@ class Echoes:
         rows, columns = (np.unique(np.concatenate([band[axis] for band in bands])) for axis in (0, 1))
         above = np.zeros((self.detail.shape[2], self.lags[-1]), np.float32)
         detail = np.concatenate([above, self.detail[ink].T], axis=1)
-        parts = np.empty((rows.size - 1, columns.size - 1, 3, self.lags.size), np.float32)
-        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, rows, columns, parts)
+        count = self.lags.size
+        parts = np.empty((rows.size - 1, columns.size - 1, 3 * count), np.float32)
+        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, count, rows, columns, parts)
         found = []
         for down, right in bands:
-            sums = np.empty((len(down), len(right), *parts.shape[2:]), np.float32)
+            sums = np.empty((len(down), len(right), 3 * count), np.float32)
             cuts = np.searchsorted(rows, down), np.searchsorted(columns, right)
-            boxed(parts.reshape(*parts.shape[:2], -1), *cuts, sums.reshape(*sums.shape[:2], -1))
+            boxed(parts, *cuts, sums)
             middles = down.mean(axis=1) * self.square_mm, right.mean(axis=1) * self.square_mm
-            found.append(EchoBoxes(sums=sums, rows_mm=middles[0], columns_mm=middles[1]))
+            found.append(
+                EchoBoxes(
+                    sums=sums.reshape(*sums.shape[:2], 3, count), rows_mm=middles[0], columns_mm=middles[1]
+                )
+            )
         return found
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.comparing.binning import binned
 from prooflight.comparing.summing.moving_kernels import STRETCH, move_smooth, within
 from prooflight.pages.sampling import LensCorrection
 from prooflight.predicting.predict import predict
@@ -165,8 +164,7 @@ def prepare_modes(
     cover = np.zeros((INKS, lines, pixels), np.float32)
 
     def seen(model: SensorModel) -> NDArray[np.float32]:
-        seen = seen_as(page, model, geometry=geometry, threads=threads)
-        return seen if bins == 1 else binned(seen, bins)
+        return seen_as(page, model, geometry=geometry, threads=threads)
 
     for index, sensor in enumerate(sensors):
         tables = mode_sensor(sensor)

@@ -30,6 +30,7 @@ from prooflight.deciding.placed import (
     of_ghosts,
     of_streaks,
     of_waves,
+    waves_of,
 )
 from prooflight.deciding.said import NOWHERE, Box, Said
 
@@ -50,14 +51,15 @@ SAMPLES: Final = 400
 def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Said]:
     """Every statistic of one scan, always the same names in the same order."""
     flat = flat_part(sums)
+    waves = waves_of(sums, scatter)
     return [
         *of_boxes(sums, scatter),
         *of_flat_boxes(flat, scatter),
         *of_streaks(sums, scatter, good="streak", own="line"),
         *of_streaks(flat, scatter, own="calm"),
-        *of_bands(sums, scatter),
-        *of_waves(sums, scatter, family="wave"),
-        *of_waves(flat, scatter, family="swell"),
+        *of_bands(sums, waves, scatter),
+        *of_waves(waves, family="wave"),
+        *of_waves(waves_of(flat, scatter), family="swell"),
         *of_ghosts(sums, scatter.ghosts, good="ghost", own="echo"),
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), own="double"),
         *of_exchange(sums),

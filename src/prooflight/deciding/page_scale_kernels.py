@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.comparing.summing.box_kernels import box_row, plain_box_row
+from prooflight.comparing.summing.box_kernels import box_row, take_box_row
 
 SHARES = 4
 """Classes of the edges' share of the information, times as many of the information itself."""
@@ -166,19 +166,20 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def box_map(cells, gains, level, known, common, out):  # type: ignore[no-untyped-def]
+def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-untyped-def]
     """N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), once what is common to all is taken out.
 
-    cells (4, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): share of C
-    taken from N of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
+    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): the
+    same of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
     """
     height, width = out.shape[1:]
     rows = np.empty((4, width), np.float32)
-    line = np.empty(width, np.float32)
     for y in range(height):
-        box_row(cells[0], y, gains, cells[2], line, rows[0])
-        for part in range(1, 4):
-            plain_box_row(cells[part], y, line, rows[part])
+        for part in range(4):
+            box_row(cells[part, mode], y, rows[part])
+        below = gains[y + 1] if y + 1 < height else np.float32(0)
+        if gains[y] != 0 or below != 0:
+            take_box_row(cells[2, mode], y, gains[y], below, rows[0])
         push, power, shared, edges = rows[0], rows[1], rows[2], rows[3]
         share, push0, power0 = level[y], common[0, y], common[1, y]
         own, rest, of_edges = out[0, y], out[1, y], out[2, y]
@@ -207,7 +208,6 @@ def boxes_against_own(cells, gains, level, known, scatter, least, overlap, value
             places[mode] = 0
             continue
         one = maps if mode else of_all
-        box_map(
-            cells[:, mode], gains, level, known if mode else _NOTHING_COMMON, of_all if mode else nothing, one
-        )
+        known_by, light = (known, of_all) if mode else (_NOTHING_COMMON, nothing)
+        box_map(cells, mode, gains, level, known_by, light, one)
         against_own(one[0], one[1], one[2], scatter[mode], least, overlap, values[mode], places[mode])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from prooflight.deciding.page_scale import PAIRS, above_neighbours, exchanged, e
 from prooflight.deciding.said import NOWHERE, Said
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -93,29 +93,43 @@ def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box
     return x - width_mm / 2, top, width_mm, SPAN_SEGMENTS[span] / SEGMENTS * height_mm
 
 
-def of_bands(sums: Sums, scatter: Scatter) -> Iterator[Said]:
+class Waves(NamedTuple):
+    """Rows of tiles of one mode, and waves along the travel in them."""
+
+    own: NDArray[np.float32]
+    power: NDArray[np.float32]
+    edges: NDArray[np.float32]
+    frequency: NDArray[np.float64]
+    """[1/mm]"""
+    waves: NDArray[np.float64]
+    together: NDArray[np.float64]
+    """With their harmonics."""
+
+
+def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
+    """Of every mode."""
+    found = []
+    for mode, (own, power, edges) in enumerate(zip(*rows(sums), strict=True)):
+        said = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
+        found.append(Waves(own, power, edges, *said))
+    return found
+
+
+def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Said]:
     """Waves along the travel of every mode against good prints, and single rows."""
-    own, power, edges = rows(sums)
-    for mode, name in enumerate(MODES):
-        _, waves, together = periodogram(
-            own[mode], power[mode], edges[mode], scatter.bands[mode], sums.tile_mm
-        )
-        yield Said(name=f"band/{name}/wave", value=float(waves.max()))
-        yield Said(name=f"band/{name}/harmonics", value=float(together.max()))
-        t = statistic(own[mode], power[mode], edges[mode], scatter.bands[mode])
+    for mode, (name, one) in enumerate(zip(MODES, seen, strict=True)):
+        yield Said(name=f"band/{name}/wave", value=float(one.waves.max()))
+        yield Said(name=f"band/{name}/harmonics", value=float(one.together.max()))
+        t = statistic(one.own, one.power, one.edges, scatter.bands[mode])
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
         yield Said(name=f"band/{name}/row", value=float(abs(t[row])), box=(0.0, y, np.inf, sums.tile_mm))
 
 
-def of_waves(sums: Sums, scatter: Scatter, *, family: str) -> Iterator[Said]:
+def of_waves(seen: Sequence[Waves], *, family: str) -> Iterator[Said]:
     """Waves along the travel against others of about their length on this page."""
-    own, power, edges = rows(sums)
-    for mode, name in enumerate(MODES):
-        frequency, waves, _ = periodogram(
-            own[mode], power[mode], edges[mode], scatter.bands[mode], sums.tile_mm
-        )
-        wave, harmonics = above_neighbours(frequency, waves)
+    for name, one in zip(MODES, seen, strict=True):
+        wave, harmonics = above_neighbours(one.frequency, one.waves)
         yield Said(name=f"{family}/{name}/one", value=wave)
         yield Said(name=f"{family}/{name}/harmonics", value=harmonics)
 
@@ -129,8 +143,8 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
             value, usual, box = 0.0, 1.0, NOWHERE
             if found:
                 t = found[b].said(scatters[ink, b])
-                row, column, _ = np.unravel_index(int(t.argmax()), t.shape)
-                value = max(float(t.max()), 0.0)
+                row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
+                value = max(float(t[row, column, lag]), 0.0)
                 if value:
                     usual = _usual(t[..., ::EVERY_LAG])
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
@@ -157,22 +171,25 @@ def of_energy(sums: Sums) -> Iterator[Said]:
     energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
     share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
     yield Said(name="energy/page", value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)))
+    maps, side = np.stack([energy, pixels, share]), 1
     for size in (2, 8, 32):
-        rows_, columns = (extent // size * size for extent in energy.shape)
-        if not rows_ or not columns:
+        step, side = size // side, size
+        rows_, columns = (extent // step for extent in maps.shape[1:])
+        cut = maps[:, : rows_ * step, : columns * step]
+        maps = cut.reshape(3, rows_, step, columns, step).sum(axis=4).sum(axis=2)
+        if not maps.size:
             yield Said(name=f"energy/{size}", value=0.0)
             yield Said(name=f"excess/{size}", value=0.0)
             continue
-        cut = np.stack([energy, pixels, share])[:, :rows_, :columns]
-        e, n, of_edges = cut.reshape(3, rows_ // size, size, columns // size, size).sum(axis=(2, 4))
+        e, n, of_edges = maps
         full = n >= 0.5 * n.max()
         mean = np.where(full, e / np.maximum(n, 1), 0)
         row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)
         extent = size * sums.tile_mm
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
         yield Said(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
-        maps = np.stack([e - n, n * full, of_edges])[:, None]
-        most = extremes_of(maps, ENERGY[None], overlap=1)[0]
+        stray = np.stack([e - n, n * full, of_edges])[:, None]
+        most = extremes_of(stray, ENERGY[None], overlap=1)[0]
         row, column = most.places[2]
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
         yield Said(name=f"excess/{size}", value=most.own_high, box=box)

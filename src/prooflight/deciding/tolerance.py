@@ -17,6 +17,7 @@ from prooflight.comparing.binning import (
     binned_scan,
     binned_sensors,
     bins_of,
+    thinned,
 )
 from prooflight.comparing.local_evidence import summed
 from prooflight.comparing.modes import Modes, moved, portrait, prepare_modes, sight
@@ -72,8 +73,9 @@ def prepare_page(
     sharing: copies share that prediction, moved to where each lies, instead of one each.
     """
     bins = bins_of(geometry)
-    modes = prepare_modes(page, sensors=sensors, geometry=geometry, bins=bins)
-    inside = sight(page, binned_geometry(geometry, bins), IN_PLACE).inside
+    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
+    modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
+    inside = sight(page, at, IN_PLACE).inside
     shared = None
     if sharing:
         shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
@@ -110,7 +112,7 @@ def look(
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left."""
     page, spread = prepared.page, spread or Spread()
     bins = bins_of(geometry)
-    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins)
+    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
     where = sight(page, at, found.placement)
     if prepared.shared is None:

@@ -10,40 +10,29 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def box_row(cells, y, gains, pushes, line, out):  # type: ignore[no-untyped-def]
-    """Sums of 2 x 2 cells from row y of cells (h, w) on, (w,); gains (h,) of ``pushes`` (h, w) are taken away first."""
-    height, width = cells.shape
-    if y + 1 < height:
-        g, h = gains[y], gains[y + 1]
-        top, bottom, p, q = cells[y], cells[y + 1], pushes[y], pushes[y + 1]
-        for x in range(width):
-            line[x] = top[x] + bottom[x] - (g * p[x] + h * q[x])
-    else:
-        g = gains[y]
-        top, p = cells[y], pushes[y]
-        for x in range(width):
-            line[x] = top[x] - g * p[x]
-    for x in range(width - 1):
-        out[x] = line[x] + line[x + 1]
-    out[width - 1] = line[width - 1]
+def box_row(cells, y, out):  # type: ignore[no-untyped-def]
+    """Sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); there is nothing beyond the map."""
+    height, last = cells.shape[0], out.size - 1
+    top, bottom = cells[y], cells[min(y + 1, height - 1)]
+    share = np.float32(1) if y + 1 < height else np.float32(0)
+    for x in range(last):
+        out[x] = top[x] + top[x + 1] + share * (bottom[x] + bottom[x + 1])
+    out[last] = top[last] + share * bottom[last]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def plain_box_row(cells, y, line, out):  # type: ignore[no-untyped-def]
-    """``box_row`` with nothing taken away."""
-    height, width = cells.shape
+def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
+    """Take so much of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
+    height, last = cells.shape[0], out.size - 1
     top, bottom = cells[y], cells[min(y + 1, height - 1)]
-    share = np.float32(1) if y + 1 < height else np.float32(0)
-    for x in range(width):
-        line[x] = top[x] + share * bottom[x]
-    for x in range(width - 1):
-        out[x] = line[x] + line[x + 1]
-    out[width - 1] = line[width - 1]
+    for x in range(last):
+        out[x] -= above * (top[x] + top[x + 1]) + below * (bottom[x] + bottom[x + 1])
+    out[last] -= above * top[last] + below * bottom[last]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def merged(cells, gains, out):  # type: ignore[no-untyped-def]
-    """Cells (4, modes, h, w) of twice the side into out (4, modes, ., .); gains (h,) as in ``box_row``."""
+    """Cells (4, modes, h, w) of twice the side into out; gains (h,): share of C taken from N of each row."""
     modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
     line = np.empty(width + 1, np.float32)
     line[width] = 0

@@ -9,24 +9,27 @@ _LEAST = np.float32(1e-6)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def add_lags(n, d, e, echo, pushes, powers, edges):  # type: ignore[no-untyped-def]
-    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags, echo (lags,): what was printed there."""
-    for lag in range(echo.size):
-        pushes[lag] += n * echo[lag]
-    for lag in range(echo.size):
-        powers[lag] += d * (echo[lag] * echo[lag])
-    for lag in range(echo.size):
-        edges[lag] += e * (echo[lag] * echo[lag])
+def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
+    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); echo (lags,): what was there.
+
+    One array is written: with more, the compiler would not know them apart and give up vectors.
+    """
+    lags = echo.size
+    for lag in range(lags):
+        value = echo[lag]
+        square = value * value
+        sums[lag] += n * value
+        sums[lags + lag] += d * square
+        sums[2 * lags + lag] += e * square
 
 
 @njit(cache=True, nogil=True)
-def echo_parts(own, power, of_edges, detail, rows, columns, out):  # type: ignore[no-untyped-def]
-    """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at all lags.
+def echo_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
 
     own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;
-    rows (n + 1,), columns (m + 1,): where cuts lie, rising; out (n, m, 3, lags), from the most lag down.
+    rows (n + 1,), columns (m + 1,): where cuts lie, rising; out (n, m, 3 lags), from the most lag down.
     """
-    lags = out.shape[3]
     out[:] = 0
     for k in range(out.shape[0]):
         for y in range(rows[k], rows[k + 1]):
@@ -34,9 +37,7 @@ def echo_parts(own, power, of_edges, detail, rows, columns, out):  # type: ignor
                 sums = out[k, m]
                 for x in range(columns[m], columns[m + 1]):
                     if power[y, x] > 0:
-                        echo = detail[x, y : y + lags]
-                        how = own[y, x], power[y, x], of_edges[y, x]
-                        add_lags(*how, echo, sums[0], sums[1], sums[2])
+                        add_lags(own[y, x], power[y, x], of_edges[y, x], detail[x, y : y + lags], sums)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

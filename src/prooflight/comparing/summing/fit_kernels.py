@@ -54,6 +54,8 @@ def block_sums(  # type: ignore[no-untyped-def]
                 for j in range(SHAPES):
                     shapes[j] += c[j] * m[j] * y[j] * k[j] * light
                 for ink in range(INKS):
+                    if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
+                        continue
                     here = cover[ink, line, x]
                     sums[6 + ink] += gain[ink, line, x]
                     sums[10 + ink] += dot[ink, line, x]

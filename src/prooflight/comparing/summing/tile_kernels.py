@@ -110,6 +110,8 @@ def line_sums(  # type: ignore[no-untyped-def]
                 mode = add[m - 1, line, left:right]
             elif m < 1 + 2 * INKS:
                 mode = gain[m - 1 - INKS, line, left:right]
+                if not mode.any():
+                    continue
             else:
                 mode = void[left:right]
             add_mode(
@@ -153,6 +155,8 @@ def tile_sums(residual, weight, light, white, add, gain, of_edges, side, pushes,
             )
         for ink in range(INKS):
             m = 1 + INKS + ink
+            if not gain[ink, line].any():
+                continue
             add_mode(
                 gain[ink, line],
                 row[0],

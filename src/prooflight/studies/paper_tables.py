@@ -131,7 +131,7 @@ def _side_by_side(result: WorldResult) -> str:
 def _flattery(result: WorldResult) -> str:
     lines = [
         "`300` is c as the paper measured it: thresholds chosen on the 300 test pages (half of them misprints) that "
-        "they are judged on, mean over 200 draws of 300 of our test pages. `times` is the honest c over it.",
+        "they are judged on, mean over 200 draws of 300 of our test pages. `times` is the honest c over it; -: there it is 0.",
         "",
         f"| detector | | | {_COLUMNS} |",
         "|---|---|---|" + "---:|" * len(ALPHAS),
@@ -139,10 +139,10 @@ def _flattery(result: WorldResult) -> str:
     for rows in result.tables.values():
         row = next(row for row in rows if row.name == "2 sensors")
         honest = [interval.value for interval in row.honest]
-        times = [h / p if p > 0 else float("inf") for h, p in zip(honest, row.papers, strict=True)]
+        times = [f"{h / p:.1f}" if p > 0 else "-" for h, p in zip(honest, row.papers, strict=True)]
         lines.append(f"| {row.name} | {row.frame} | 300 | {' | '.join(map(_short, row.papers))} |")
         lines.append(f"| | | honest | {' | '.join(map(_short, honest))} |")
-        lines.append(f"| | | times | {' | '.join(f'{value:.1f}' for value in times)} |")
+        lines.append(f"| | | times | {' | '.join(times)} |")
     return "\n".join(lines)
 
 

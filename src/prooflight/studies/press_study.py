@@ -12,6 +12,7 @@ from prooflight.atomic import whole_file
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.learn import learn_scatter
 from prooflight.deciding.operating import Scored, conformal_threshold, least_cost
+from prooflight.errors import JobError
 from prooflight.simulating.worlds import worlds_digest
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.paper_study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -94,7 +95,7 @@ def run_press_study(
     real_rows = None
     if real is not None:
         real_scene = replace(scene, number=4, pages=real, misprints=3)
-        real_rows = bench.said(real_scene, scatter, plan.days(0, len(real)), "real pages")
+        real_rows = bench.said(real_scene, scatter, _fitting(real, press, plan), "real pages")
     verdicts = judged(
         main, scatter, seed=plan.seed, trees=plan.trees, ablations=plan.ablations, progress=progress
     )
@@ -163,6 +164,24 @@ class _Bench:
     def told(self, what: str) -> Callable[[int, int], None]:
         """Progress of a list of pieces."""
         return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
+
+
+def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
+    """Press days of the real pages that are no wider than the press sees."""
+    days = []
+    for day in plan.days(0, len(real)):
+        fitting = tuple(index for index in day.designs if _fits(real, index, press))
+        if fitting:
+            days.append(replace(day, designs=fitting))
+    return days
+
+
+def _fits(real: Folder, index: int, press: Press) -> bool:
+    try:
+        press.geometry.lay(real.page(index))
+    except JobError:
+        return False
+    return True
 
 
 def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:

@@ -131,7 +131,8 @@ def _side_by_side(result: WorldResult) -> str:
 def _flattery(result: WorldResult) -> str:
     lines = [
         "`300` is c as the paper measured it: thresholds chosen on the 300 test pages (half of them misprints) that "
-        "they are judged on, mean over 200 draws of 300 of our test pages. `times` is the honest c over it; -: there it is 0.",
+        "they are judged on, mean over 200 draws of 300 of our test pages. `times` is the honest c over it; -: there "
+        "it is 0.",
         "",
         f"| detector | | | {_COLUMNS} |",
         "|---|---|---|" + "---:|" * len(ALPHAS),

@@ -12,7 +12,7 @@ from prooflight.commissioning.ranking import forested, weighed
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.operating import conformal_threshold
-from prooflight.deciding.ranking import family_columns, group_columns
+from prooflight.deciding.ranking import Forest, Logit, every_column, family_columns, group_columns
 from prooflight.deciding.taught import TolerancePress, compressed, families_of
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ LEAST_EXCESS: Final = 0.02
 POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
 """Exceedances that all families together lend to each."""
 LEAST_SQUARES: Final = 1.3
-KIND_SHARE: Final = 0.15
-"""Of columns among which a cut is chosen that tells kinds apart."""
+COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
+"""Of columns among which a cut is chosen: that tells misprints from good pages, and kinds apart."""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
@@ -134,6 +134,7 @@ def learn_tolerance(
         tail_from=TAIL_FROM,
         logit=None,
         forest=None,
+        mix=None,
         kinds=(),
         kind_forests=(),
         threshold=np.inf,
@@ -144,13 +145,28 @@ def learn_tolerance(
     if not ranked or not pages.bad.any():
         return found
     evidence = found.family_evidence(deviations)
-    columns = family_columns(evidence)
+    groups = group_columns(evidence, kinds)
+    columns = every_column(evidence, pages.portraits, deviations)
     weight = _even(pages.bad)
+
+    def rankings(which: NDArray[np.bool_], count: int) -> tuple[Logit, Forest]:
+        bad, counts = pages.bad[which], weight[which]
+        forest = forested(columns[which], bad, counts, rng=rng, trees=count, column_share=COLUMN_SHARE)
+        return weighed(groups[which], bad, counts), forest
+
+    said = np.empty((len(pages.bad), 2))
+    fold = _folds(pages.design)
+    for index in range(FOLDS):
+        mine = fold == index
+        logit, forest = rankings(~mine, trees // 2)
+        said[mine] = np.column_stack([logit.score(groups[mine]), forest.score(columns[mine])])
+    logit, forest = rankings(np.ones(len(pages.bad), bool), trees)
     return replace(
         found,
-        logit=weighed(group_columns(evidence, kinds), pages.bad, weight),
-        forest=forested(columns, pages.bad, weight, rng=rng, trees=trees),
-        **_kinds(pages, columns, rng, trees // 3),
+        logit=logit,
+        forest=forest,
+        mix=weighed(said, pages.bad, weight),
+        **_kinds(pages, family_columns(evidence), rng, trees // 3),
     )
 
 
@@ -206,12 +222,17 @@ def _baseline(good: Pages) -> dict[str, Any]:
 def _out_of_fold(pages: Pages, blank: TolerancePress) -> NDArray[np.float64]:
     """Deviations (pages, statistics), each design's from a baseline that other designs taught."""
     found = np.zeros(pages.values.shape)
-    fold = np.unique(pages.design, return_inverse=True)[1] % FOLDS
+    fold = _folds(pages.design)
     for index in range(FOLDS):
         mine = fold == index
         others = replace(blank, **_baseline(pages.rows(~mine & ~pages.bad)))
         found[mine] = others.deviations(pages.values[mine], pages.portraits[mine])
     return found
+
+
+def _folds(design: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Which part each page's design is in."""
+    return np.asarray(np.unique(design, return_inverse=True)[1] % FOLDS)
 
 
 def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, Any]:

@@ -25,6 +25,13 @@ def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.hstack([evidence, -np.sort(-evidence, axis=1)[:, ranks]])
 
 
+def every_column(
+    evidence: NDArray[np.floating], portraits: NDArray[np.floating], deviations: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """``family_columns``, what the page is like, and every statistic by itself."""
+    return np.hstack([family_columns(evidence), portraits, deviations])
+
+
 def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> NDArray[np.float64]:
     """What each group of families says most (those of one first word), and how broadly the page is off."""
     first = np.array([family.split("/")[0] for family in families])

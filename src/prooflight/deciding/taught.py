@@ -14,7 +14,7 @@ import numpy as np
 
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
-from prooflight.deciding.ranking import Forest, Logit, family_columns, group_columns
+from prooflight.deciding.ranking import Forest, Logit, every_column, family_columns, group_columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -100,7 +100,9 @@ class TolerancePress:
     logit: Logit | None
     """Of ``group_columns``; None: no misprint was seen in learning."""
     forest: Forest | None
-    """Of ``family_columns``."""
+    """Of ``every_column``."""
+    mix: Logit | None
+    """Of what these two say."""
     kinds: tuple[str, ...]
     """Kinds of misprints that were seen in learning."""
     kind_forests: tuple[Forest, ...]
@@ -140,11 +142,13 @@ class TolerancePress:
 
     def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
         """Evidence for a misprint, higher is worse: (pages,)."""
-        evidence = self.family_evidence(self.deviations(values, portraits))
-        if self.logit is None or self.forest is None:
+        deviations = self.deviations(values, portraits)
+        evidence = self.family_evidence(deviations)
+        if self.logit is None or self.forest is None or self.mix is None:
             return self.guard(evidence)
         summed = self.logit.score(group_columns(evidence, self.families))
-        return np.asarray(summed + self.forest.score(family_columns(evidence)))
+        seen = self.forest.score(every_column(evidence, portraits, deviations))
+        return self.mix.score(np.column_stack([summed, seen]))
 
     def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
         """The kind of misprint that each page looks like most; empty where none was seen in learning."""
@@ -160,8 +164,8 @@ class TolerancePress:
             name: getattr(self, name) for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")
         }
         found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER}
-        if self.logit is not None:
-            found["logit.weights"] = self.logit.weights
+        if self.logit is not None and self.mix is not None:
+            found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
         forests = {"forest": self.forest} | {
             f"kind{index}": forest for index, forest in enumerate(self.kind_forests)
         }
@@ -177,7 +181,7 @@ class TolerancePress:
             "families": list(self.families),
             "spread": asdict(self.spread),
             "tail_from": self.tail_from,
-            "start": None if self.logit is None else self.logit.start,
+            "starts": [None if one is None else one.start for one in (self.logit, self.mix)],
             "kinds": list(self.kinds),
             "threshold": self.threshold,
             "good_designs": self.good_designs,
@@ -190,8 +194,11 @@ class TolerancePress:
         def forest(which: str) -> Forest:
             return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST_PARTS})
 
+        def weights(which: str, start: float | None) -> Logit | None:
+            return None if start is None else Logit(weights=arrays[f"{which}.weights"], start=start)
+
         kept = {name: arrays[name] for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")}
-        ranked = facts["start"] is not None
+        ranked = facts["starts"][0] is not None
         return cls(
             **kept,
             names=tuple(facts["names"]),
@@ -199,8 +206,9 @@ class TolerancePress:
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
             spread=Spread(**facts["spread"]),
             tail_from=facts["tail_from"],
-            logit=Logit(weights=arrays["logit.weights"], start=facts["start"]) if ranked else None,
+            logit=weights("logit", facts["starts"][0]),
             forest=forest("forest") if ranked else None,
+            mix=weights("mix", facts["starts"][1]),
             kinds=tuple(facts["kinds"]),
             kind_forests=tuple(forest(f"kind{index}") for index in range(len(facts["kinds"]))),
             threshold=facts["threshold"],

@@ -11,7 +11,7 @@ from prooflight.commissioning.learn import Pages, learn_tolerance, promised
 from prooflight.commissioning.ranking import forested
 from prooflight.deciding.calibrated import WRONG_PAGE
 from prooflight.deciding.operating import Scored, area_under_roc, caught_at, least_cost
-from prooflight.deciding.ranking import family_columns, group_columns
+from prooflight.deciding.ranking import every_column, family_columns, group_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -177,14 +177,16 @@ def _rankings(
 
     def forest(pages: Pages) -> NDArray[np.float64]:
         assert found.forest is not None
-        return found.forest.score(family_columns(evidence(pages)))
+        deviations = found.deviations(pages.values, pages.portraits)
+        columns = every_column(found.family_evidence(deviations), pages.portraits, deviations)
+        return found.forest.score(columns)
 
     return {
         OURS: lambda pages: ours_score(found, pages, another),
         "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
         "weighed groups of families alone": weighed,
-        "forest of families alone": forest,
+        "forest of all statistics alone": forest,
     }
 
 
@@ -195,6 +197,9 @@ def _without(
     weight = np.where(learn.bad, 0.5 / learn.bad.mean(), 0.5 / (~learn.bad).mean())
     firsts = [name.split("/")[0] for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {
+        "forest of families alone": (np.ones(len(names), bool), 1.0)
+    }
+    sets |= {
         f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)
         for group, left in GROUPS.items()
     }

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 PARTS: Final = ("repeated", "different", "soak", "drift", "streak", "picture")
 SMALL_PIXELS: Final = 400
-PAGES_PER_S: Final = 5.0
+PAGES_PER_S, SLOWER_PER_S = 5.0, 4.0
 DEADLINE_MS: Final = 500.0
 
 
@@ -114,7 +114,8 @@ class Study:
             press, f"{len(press.sensors)}-{count}", count, self.plan.prints, repeated=repeated
         )
         rows = []
-        for rate, sheets in ((PAGES_PER_S, self.plan.live_sheets), (None, self.plan.fast_sheets)):
+        live = self.plan.live_sheets
+        for rate, sheets in ((PAGES_PER_S, live), (SLOWER_PER_S, live // 4), (None, self.plan.fast_sheets)):
             played = replace(prints, sheets=sheets)
             rows.append(
                 live_row(

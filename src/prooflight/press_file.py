@@ -10,7 +10,7 @@ import difflib
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
@@ -40,6 +40,8 @@ NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(strict=True, gt=0, le=1)]
 Count = Annotated[int, Field(strict=True, gt=0)]
 Range = tuple[Positive, Positive]
+TWO_SENSORS: Final = "two-sensors.toml"
+"""The paper's camera with its second sensor, among the presets."""
 
 
 class _Block(BaseModel):
@@ -225,6 +227,11 @@ class PressFile:
         except UnicodeDecodeError as error:
             raise PressFileError(path, "is not text", remedy="give a press file (TOML, UTF-8)") from error
         return cls(path, text)
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """One that comes with the package."""
+        return cls.read(Path(str(resources.files("prooflight").joinpath(name))))
 
     @classmethod
     def prototype(cls) -> Self:

@@ -53,7 +53,7 @@ def calibrate(
     show.people.print(_table(found))
     show.people.print(f"[bold]{out}[/bold] written, digest {digest[:16]}")
     if picture is not None:
-        show.people.print(f"Written: [bold]{picture}[/bold]")
+        show.written(picture)
 
 
 def _facts(found: Calibration) -> dict[str, Any]:

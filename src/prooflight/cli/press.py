@@ -197,7 +197,7 @@ def show_press(
         of_sensors.add_row(key.replace("_", " "), *(str(sensor[key]) for sensor in sensors))
     show.people.print(of_sensors)
     if picture is not None:
-        show.people.print(f"Written: [bold]{picture}[/bold]")
+        show.written(picture)
 
 
 def _facts(press: Press) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
     from prooflight.deciding.verdict import Verdict
 
@@ -67,6 +68,11 @@ def step(text: str) -> None:
 def steps(*, quiet: bool) -> Callable[[str], None]:
     """``step``, or silence for programs."""
     return (lambda _text: None) if quiet else step
+
+
+def written(path: Path) -> None:
+    """Where a result lies."""
+    people.print(f"Written: [bold]{path}[/bold]")
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:

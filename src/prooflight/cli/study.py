@@ -52,7 +52,7 @@ def ink(
         cells = (f"{delta[key]:.3f}" for key in ("median", "p95", "max"))
         table.add_row(str(row["model"]), *cells, f"{row['rms_reflectance']:.5f}")
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'ink.md'}[/bold]")
+    show.written(out / "ink.md")
 
 
 @app.command()
@@ -119,7 +119,7 @@ def tables(
         cells = (f"{number:.4f}" for number in numbers)
         table.add_row(row.press, row.inks, row.sensor, row.colours, *cells, f"{row.sigma_percent:.3f} %")
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'tables.md'}[/bold]")
+    show.written(out / "tables.md")
 
 
 @app.command()
@@ -188,4 +188,4 @@ def edges(
             errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
             table.add_row(truth, row.name, *(f"{error:.2f}" for error in errors))
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'edges.md'}[/bold]")
+    show.written(out / "edges.md")

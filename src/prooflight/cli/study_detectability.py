@@ -65,4 +65,4 @@ def detectability(
         cells = (page.verified[name] for name in ("spot", "streak", "density", "none"))
         table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'detectability.md'}[/bold]")
+    show.written(out / "detectability.md")

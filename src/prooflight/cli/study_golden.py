@@ -57,4 +57,4 @@ def golden(
             f"{row.mean_overlap:.2f}",
         )
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'golden.md'}[/bold]")
+    show.written(out / "golden.md")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
@@ -42,12 +41,12 @@ def paper(
     json: Json = False,
 ) -> None:
     """Tables 1 to 4 in the ideal and the press world, oracle and honest thresholds; writes paper.md."""
-    from prooflight.press_file import PressFile
+    from prooflight.press_file import TWO_SENSORS, PressFile
     from prooflight.studies.paper_study import run_paper_study
 
     out.mkdir(parents=True, exist_ok=True)
     parts = run_paper_study(
-        PressFile.read(press_file or _two_sensors()),
+        PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
         out,
         cache=cache,
         seed=seed,
@@ -58,7 +57,7 @@ def paper(
     if json:
         show.print_json(parts)
     else:
-        show.people.print(f"Written: [bold]{out / 'paper.md'}[/bold]")
+        show.written(out / "paper.md")
 
 
 def robustness(
@@ -72,12 +71,12 @@ def robustness(
     json: Json = False,
 ) -> None:
     """What a wrong belief about the camera costs each detector, kept and relearned; writes robustness.md."""
-    from prooflight.press_file import PressFile
+    from prooflight.press_file import TWO_SENSORS, PressFile
     from prooflight.studies.robustness_study import run_robustness_study
 
     out.mkdir(parents=True, exist_ok=True)
     parts = run_robustness_study(
-        PressFile.read(press_file or _two_sensors()),
+        PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
         out,
         cache=cache,
         seed=seed,
@@ -89,7 +88,7 @@ def robustness(
     if json:
         show.print_json(parts)
     else:
-        show.people.print(f"Written: [bold]{out / 'robustness.md'}[/bold]")
+        show.written(out / "robustness.md")
 
 
 def design(
@@ -185,12 +184,7 @@ def design(
             "efficient" if row.efficient else "",
         )
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'design.md'}[/bold]")
-
-
-def _two_sensors() -> Path:
-    """The paper's camera of two sensors."""
-    return Path(str(resources.files("prooflight").joinpath("two-sensors.toml")))
+    show.written(out / "design.md")
 
 
 def _as_typed() -> str:

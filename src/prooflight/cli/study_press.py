@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
@@ -34,19 +33,17 @@ def press(
     """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md."""
     from dataclasses import replace
 
-    from prooflight.press_file import PressFile
+    from prooflight.press_file import TWO_SENSORS, PressFile
     from prooflight.studies.corpus import Folder
     from prooflight.studies.paper_study import REDUCED_PITCH_MM
     from prooflight.studies.press_study import PressPlan, run_press_study
 
-    if press_file is None:
-        press_file = Path(str(resources.files("prooflight").joinpath("two-sensors.toml")))
     plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
     if designs is not None:
         plan = replace(plan, designs=designs)
     out.mkdir(parents=True, exist_ok=True)
     found = run_press_study(
-        PressFile.read(press_file),
+        PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
         out,
         cache=cache / "press",
         plan=plan,
@@ -58,4 +55,4 @@ def press(
         methods = found.verdicts.methods
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
-        show.people.print(f"Written: [bold]{out / 'press.md'}[/bold]")
+        show.written(out / "press.md")

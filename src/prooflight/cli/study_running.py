@@ -58,4 +58,4 @@ def running(
     if json:
         show.print_json(found)
     else:
-        show.people.print(f"Written: [bold]{out / 'running.md'}[/bold]")
+        show.written(out / "running.md")

@@ -38,4 +38,4 @@ def soak(
     for kind, row in found.kinds.items():
         table.add_row(kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
     show.people.print(table)
-    show.people.print(f"Written: [bold]{out / 'soak.md'}[/bold]")
+    show.written(out / "soak.md")

@@ -124,4 +124,4 @@ def _told(found: object, written: Path, *, json: bool) -> None:
     if json:
         show.print_json(found)
     else:
-        show.people.print(f"Written: [bold]{written}[/bold]")
+        show.written(written)

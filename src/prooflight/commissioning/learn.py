@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from scipy import optimize
@@ -52,6 +52,17 @@ class Pages:
     kind: NDArray[np.str_] | None = None
     """Of misprint; empty where good; None: not known."""
 
+    @classmethod
+    def of(cls, rows: Mapping[str, NDArray[Any]]) -> Self:
+        """From columns ``values``, ``portrait``, ``design`` and ``kind``."""
+        return cls(
+            values=rows["values"],
+            portraits=rows["portrait"],
+            design=rows["design"],
+            bad=rows["kind"] != "",
+            kind=rows["kind"],
+        )
+
     def rows(self, which: NDArray[np.bool_]) -> Pages:
         """Some of them."""
         return Pages(
@@ -61,6 +72,12 @@ class Pages:
             bad=self.bad[which],
             kind=None if self.kind is None else self.kind[which],
         )
+
+
+def pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Draws (designs, ..., n, 3) -> (..., designs x n, 3), as ``learn_scatter`` wants them."""
+    moved = np.moveaxis(values, 0, -3)
+    return moved.reshape(*moved.shape[:-3], -1, 3)
 
 
 def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:

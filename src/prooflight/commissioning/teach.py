@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance
+from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, pooled
 from prooflight.commissioning.rehearse import DESIGNS_A_DAY, SaidWork, ScatterWork
 from prooflight.deciding.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
 from prooflight.deciding.calibrated import WRONG_PAGE, CalibratedDetector
@@ -71,15 +71,15 @@ def taught(
     """The press with our detector; with ``compare``, which gives the paper's evidence, also with the paper's.
 
     designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
-    half and half all else and the threshold. compare: misprints of half of the designs are then printed as well,
-    and teach a ranking. RequestError: too few designs.
+    half and half all else and the threshold. compare: misprints of half of the designs are then printed as well, and
+    teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
     """
     plan = Plan.of(designs)
     work = ScatterWork(press=press, pages=pages, seed=seed)
     drawn = _gathered(
         shown(in_order(work, _days(plan.pilot), processes=processes), *_named(plan.pilot, "scatter"))
     )
-    scatter = learn_scatter({name: _pooled(values) for name, values in drawn.items()})
+    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
     def said(which: range, what: str, *, wrong: Compare | None) -> Rows:
         of_pages = SaidWork(
@@ -103,13 +103,13 @@ def _ours(
 ) -> CalibratedDetector:
     """Learned from the learning rows; what good pages of the tuning rows score sets the threshold."""
     tolerance = learn_tolerance(
-        _pages(learn),
+        Pages.of(learn),
         names=learn["names"].tolist(),
         scatter=scatter,
         rng=rng,
         ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
     )
-    good = _pages(tune)
+    good = Pages.of(tune)
     score = tolerance.score(good.values, good.portraits)
     score = np.where(tune["another"], np.maximum(score, WRONG_PAGE), score)
     return CalibratedDetector.calibrated(
@@ -135,12 +135,6 @@ def _bayes(press: Press, learn: Rows) -> BayesDetector:
     )
 
 
-def _pages(rows: Rows) -> Pages:
-    return Pages(
-        values=rows["values"], portraits=rows["portrait"], design=rows["design"], bad=rows["kind"] != ""
-    )
-
-
 def _days(designs: range) -> list[tuple[int, ...]]:
     return [tuple(designs[at : at + DESIGNS_A_DAY]) for at in range(0, len(designs), DESIGNS_A_DAY)]
 
@@ -156,9 +150,3 @@ def _gathered(pieces: Iterable[Rows]) -> Rows:
         name: every[0][name] if name == "names" else np.concatenate([piece[name] for piece in every])
         for name in every[0]
     }
-
-
-def _pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Draws (designs, ..., n, 3) -> (..., designs x n, 3)."""
-    moved = np.moveaxis(values, 0, -3)
-    return moved.reshape(*moved.shape[:-3], -1, 3)

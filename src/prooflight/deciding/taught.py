@@ -8,6 +8,7 @@ most telling ones are out.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -64,10 +65,11 @@ def families_of(names: Sequence[str]) -> list[str]:
     return found
 
 
-def in_deviations(names: Sequence[str]) -> NDArray[np.bool_]:
+@lru_cache(maxsize=8)
+def in_deviations(names: tuple[str, ...]) -> NDArray[np.bool_]:
     """Which statistics need no comparison with pages of such content: their scale is what presses do.
 
-    >>> in_deviations(["fit/gain-C", "fit/shape", "fit/white", "box/gain-C+/8"]).tolist()
+    >>> in_deviations(("fit/gain-C", "fit/shape", "fit/white", "box/gain-C+/8")).tolist()
     [True, False, True, False]
     """
     parts = [name.replace("-", "/").split("/") for name in names]

@@ -144,6 +144,11 @@ class Folder:
         return replace(job.page(index + 1), name=design_name(index))
 
     @property
+    def sizes_mm(self) -> tuple[tuple[float, float], ...]:
+        """Width and height of every design. [mm]"""
+        return opened(self._source).page_sizes_mm
+
+    @property
     def _source(self) -> JobSource:
         return JobSource(path=self.path, dpi=self.dpi)
 

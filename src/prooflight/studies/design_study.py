@@ -10,7 +10,6 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.exploring import A4_LENGTH_MM
 from prooflight.errors import RequestError
-from prooflight.simulating.worlds import known_world
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.design_page import write_design_page
 from prooflight.studies.design_plots import draw_designs
@@ -25,7 +24,7 @@ from prooflight.studies.design_results import (
 )
 from prooflight.studies.paper_detectors import chosen_rows
 from prooflight.studies.paper_study import SPECIMEN_SEED, at_pitch
-from prooflight.studies.protocol import FRAMES, PilotWork, Plan, WatchWork, variation_models
+from prooflight.studies.protocol import FRAMES, PilotWork, Plan, WatchWork, in_both_worlds, variation_models
 from prooflight.studies.shards import digest_of, run_pieces
 
 if TYPE_CHECKING:
@@ -76,10 +75,8 @@ def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = N
         misprints=2,
         designs_per_day=4 if quick else 10,
     )
-    press = replace(ideal, world="press")
-    if not quick:
-        press = replace(press, learn=16 * more, tune=10 * more, test=20 * more, designs_per_day=2)
-    return [plan for plan in (ideal, press) if world is None or plan.world == known_world(world)]
+    fewer = {"learn": 16 * more, "tune": 10 * more, "test": 20 * more, "designs_per_day": 2}
+    return in_both_worlds(ideal, world=world, **({} if quick else fewer))
 
 
 def candidates(

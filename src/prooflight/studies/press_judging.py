@@ -90,17 +90,6 @@ class Verdicts:
     """(pages, 4) where ours says it is. [mm]"""
 
 
-def pages_of(rows: Rows) -> Pages:
-    """Rows as learning wants them."""
-    return Pages(
-        values=rows["values"],
-        portraits=rows["portrait"],
-        design=rows["design"],
-        bad=rows["kind"] != "",
-        kind=rows["kind"],
-    )
-
-
 def judged(
     rows: Rows,
     scatter: Scatter,
@@ -111,7 +100,7 @@ def judged(
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
     """Every page of every part."""
-    names, pages = rows["names"][: rows["values"].shape[1]].tolist(), pages_of(rows)
+    names, pages = rows["names"][: rows["values"].shape[1]].tolist(), Pages.of(rows)
     part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
     scores: dict[str, NDArray[np.float64]] = {}
     detectors = []

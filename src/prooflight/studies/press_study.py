@@ -10,9 +10,8 @@ import numpy as np
 
 from prooflight.atomic import whole_file
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.learn import learn_scatter
+from prooflight.commissioning.learn import Pages, learn_scatter, pooled
 from prooflight.deciding.operating import Scored, conformal_threshold, least_cost
-from prooflight.errors import JobError
 from prooflight.simulating.worlds import worlds_digest
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.paper_study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -25,7 +24,6 @@ from prooflight.studies.press_judging import (
     Judged,
     judged,
     ours_score,
-    pages_of,
 )
 from prooflight.studies.press_page import page_lines
 from prooflight.studies.press_scans import SaidWork, ScatterWork, Scene
@@ -148,7 +146,7 @@ class _Bench:
             processes=self.processes,
             progress=self.told(what),
         )
-        return learn_scatter({name: _pooled(values) for name, values in drawn.items()})
+        return learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
     def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
         """What every scan of a scene says."""
@@ -168,25 +166,17 @@ class _Bench:
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
     """Press days of the real pages that are no wider than the press sees."""
-    days = []
-    for day in plan.days(0, len(real)):
-        fitting = tuple(index for index in day.designs if _fits(real, index, press))
-        if fitting:
-            days.append(replace(day, designs=fitting))
-    return days
-
-
-def _fits(real: Folder, index: int, press: Press) -> bool:
-    try:
-        press.geometry.lay(real.page(index))
-    except JobError:
-        return False
-    return True
+    fits = [press.geometry.sees(min(size)) for size in real.sizes_mm]
+    days = [
+        replace(day, designs=tuple(index for index in day.designs if fits[index]))
+        for day in plan.days(0, len(real))
+    ]
+    return [day for day in days if day.designs]
 
 
 def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:
     """Alarms on good pages of a press that varies more, before and after its own good pages were learned."""
-    found, pages = verdicts.detectors[0], pages_of(rows)
+    found, pages = verdicts.detectors[0], Pages.of(rows)
     score = ours_score(found, pages, rows["another"])
     known = np.unique(pages.design)[: plan.looser_known]
     mine = np.isin(pages.design, known)
@@ -201,7 +191,7 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
 
 def _on_real(verdicts: Verdicts, main: Rows, rows: Rows) -> Judged:
     """Real pages by the first part's detector, with the thresholds of its tuning designs."""
-    found, composed, pages = verdicts.detectors[0], pages_of(main), pages_of(rows)
+    found, composed, pages = verdicts.detectors[0], Pages.of(main), Pages.of(rows)
     part = np.unique(main["day"], return_inverse=True)[1] % PARTS
     tune = composed.rows(part == 1)
     of_tune = Scored(
@@ -215,12 +205,6 @@ def _on_real(verdicts: Verdicts, main: Rows, rows: Rows) -> Judged:
         alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),
         promised=score > found.threshold,
     )
-
-
-def _pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Draws (designs, ..., n, 3) -> (..., designs x n, 3)."""
-    moved = np.moveaxis(values, 0, -3)
-    return moved.reshape(*moved.shape[:-3], -1, 3)
 
 
 __all__ = ["PressFindings", "PressPlan", "run_press_study"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,7 +18,7 @@ import numpy as np
 from prooflight.comparing.register import prepare, register
 from prooflight.predicting.predict import Prediction
 from prooflight.simulating.misprints import KINDS
-from prooflight.simulating.worlds import worlds_digest
+from prooflight.simulating.worlds import known_world, worlds_digest
 from prooflight.studies.captures import Printed, Room, World, noisier_tables
 from prooflight.studies.measures import measure
 from prooflight.studies.peers import VariationModel, variation_moments
@@ -97,6 +97,15 @@ class Day:
 
     of: str
     designs: tuple[int, ...]
+
+
+def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[Plan]:
+    """A plan of the ideal world, and the same in the press world with these numbers changed; world: one alone.
+
+    RequestError: there is no such world.
+    """
+    plans = [ideal, replace(ideal, world="press", **in_press)]
+    return [plan for plan in plans if world is None or plan.world == known_world(world)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,7 +38,6 @@ SIDES: Final = (4, 8, 16, 32)
 MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, SHARE_AS_PRINTED, SHARE_KEPT, SHARE_LEARNED = range(7)
 """Numbers of a set of windows. Shares lie below 0.675, below 0.675 of the unit learned from the right tables' good
 pages, and below that of the wrong tables' own."""
-CHI_SQUARES: Final = ("chi-square", "chi-square, worst tile")
 DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
 """Peers' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
 OTHERS: Final = 3

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
-from prooflight.simulating.worlds import known_world
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.disturbances import all_disturbances
 from prooflight.studies.paper_study import QUICK_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight.studies.protocol import Plan
+from prooflight.studies.protocol import Plan, in_both_worlds
 from prooflight.studies.robustness_page import write_robustness_page
 from prooflight.studies.robustness_plots import draw_robustness
 from prooflight.studies.robustness_results import RobustnessPart, RobustnessResult, robustness_result
@@ -46,11 +44,8 @@ def robustness_plans(*, seed: int, quick: bool, world: str | None = None) -> lis
         misprints=2,
         designs_per_day=4 if quick else 10,
     )
-    press = replace(ideal, world="press")
-    if not quick:
-        press = replace(press, pilot=4, learn=24, tune=16, test=32, designs_per_day=4)
-    plans = [ideal, press]
-    return [plan for plan in plans if world is None or plan.world == known_world(world)]
+    fewer = {"pilot": 4, "learn": 24, "tune": 16, "test": 32, "designs_per_day": 4}
+    return in_both_worlds(ideal, world=world, **({} if quick else fewer))
 
 
 def run_robustness_study(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,7 +19,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.teach import taught
 from prooflight.inspecting.inspector import Inspector
 from prooflight.press import Press
-from prooflight.press_file import PressFile
+from prooflight.press_file import TWO_SENSORS, PressFile
 from prooflight.simulating.fast import fast_scan
 from prooflight.simulating.prints import Print
 from prooflight.studies.running_drift import CreepRun, drift_row, streak_row
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 PARTS: Final = ("repeated", "different", "soak", "drift", "streak", "picture")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S, SLOWER_PER_S = 5.0, 4.0
-DEADLINE_MS: Final = 500.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +99,7 @@ class Study:
     # --- parts ---
 
     def _repeated(self) -> list[dict[str, Any]]:
-        press = self._press("two", self.two, "two-sensors.toml")
+        press = self._press("two", self.two, TWO_SENSORS)
         return self._live("repeated designs", press, count=self.plan.designs, repeated=True)
 
     def _different(self) -> list[dict[str, Any]]:
@@ -182,8 +180,7 @@ class Study:
 
     def _untaught(self, preset: str) -> Press:
         """A preset with a line of 400 pixels."""
-        file = Path(str(resources.files("prooflight").joinpath(preset)))
-        return build_press(PressFile.read(file), seed=1, pixels=SMALL_PIXELS)
+        return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
 
     def _ring(
         self,
@@ -220,8 +217,7 @@ class Study:
             return Press.load(given)
         path = self.cache / "running" / f"{name}.press"
         if not path.exists():
-            file = Path(str(resources.files("prooflight").joinpath(preset)))
-            build_press(PressFile.read(file), seed=1).save(path)
+            build_press(PressFile.preset(preset), seed=1).save(path)
         return Press.load(path)
 
     def _small(self) -> Press:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 4
+SCHEMA = 5
 KIND = "prooflight press"
 TABLES = ("mean_dn", "variance_dn2")
 CORRECTION = ("near", "far", "farther")

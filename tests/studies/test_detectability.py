@@ -1,26 +1,29 @@
-"""What would be caught, in closed form: against hand-made sums, and on one real page of a tiny press."""
+"""What would be caught: strengths against hand-made sums, what it takes by asking, and one page of a tiny press."""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from prooflight.commissioning.learn import Pages, learn_tolerance
-from prooflight.comparing.local_evidence import LINE_MODES, MODES, SEGMENTS, Scatter, Sums
-from prooflight.deciding.calibrated import CalibratedDetector
+from prooflight.comparing.local_evidence import LINE_MODES, MODES, SEGMENTS, SIZES, Scatter, Sums
+from prooflight.comparing.nuisance import Tolerance
 from prooflight.deciding.said import Said
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
-from prooflight.studies.detectability import SURE, GoodPage, Reach, _spots, _streaks
+from prooflight.studies.catching import Catching
+from prooflight.studies.detectability import Reach, Telling
 from prooflight.studies.detectability_study import (
+    DEFECTS,
+    paled,
+    patched,
     run_detectability_study,
     spotted,
     streaked,
-    thickened,
 )
 
 if TYPE_CHECKING:
@@ -30,37 +33,36 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press import Press
 
-SIZES = (2, 4, 8, 16, 32, 64)
 TILE_PIXELS = 25
-NAMES = [f"box/{mode}/{size}" for mode in ("add-K+", "light-") for size in SIZES] + ["streak/add-K/2/full"]
+LETTERS = "CMYK"
 
 
-def good_page(*, noise: float = 1.0) -> GoodPage:
-    """A detector that alarms when any statistic is far above what good pages give, on statistics of 1 to 2."""
-    rng = np.random.default_rng(1)
-    values = (1 + rng.random((200, len(NAMES)))).astype(np.float32)
+def scattered(noise: float = 1.0) -> Scatter:
+    """Of a press whose good prints scatter by so many sigmas, and by nothing else."""
     scatter = Scatter.white()
     scatter.boxes[..., :2] = noise**2
     scatter.streaks[..., :2] = noise**2
-    pages = Pages(
-        values=values,
-        portraits=rng.standard_normal((200, 3)),
-        design=np.arange(200),
-        bad=np.zeros(200, bool),
-    )
-    tolerance = learn_tolerance(pages, names=NAMES, scatter=scatter, rng=rng, ranked=False)
-    simulated = np.sort(tolerance.score(values[:100], pages.portraits[:100]))
-    ours = CalibratedDetector.calibrated(
-        tolerance, simulated=simulated, false_alarm_rate=0.01, misprint_rate=0.01
-    )
-    said = [Said(name=name, value=1.5) for name in NAMES]
-    return GoodPage(ours=ours, said=said, portrait=np.zeros(3))
+    return scatter
+
+
+def spot_mm(wanted: float, power: float) -> float:
+    """Least diameter in the middle of a page that tells alike everywhere."""
+    return float(Reach.of(told(sums(power)), dict.fromkeys(DEFECTS, wanted)).spot_mm[40, 30])
+
+
+def told(of: Sums, *, noise: float = 1.0) -> Telling:
+    """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
+    said = [Said(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
+    gain = np.zeros((4, 3))
+    gain[:, 0] = Tolerance().gain
+    return Telling.of(of, SimpleNamespace(gain=gain), said, scattered(noise))  # type: ignore[arg-type]
 
 
 def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
-    """Of a page on which black tells alike everywhere, and nothing moves all light."""
+    """Of a page on which black tells alike everywhere, and light next to nothing."""
     tiles = np.zeros((4, len(MODES) + 1, rows, columns), np.float32)
     tiles[1, MODES.index("add-K")] = power
+    tiles[1, MODES.index("light")] = 1e-6
     tiles[1, -1] = TILE_PIXELS
     lines = np.zeros((4, LINE_MODES, SEGMENTS, 300), np.float32)
     lines[1, MODES.index("add-K")] = power
@@ -70,48 +72,53 @@ def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
     return Sums(**{field.name: given.get(field.name, lines) for field in fields(Sums)})
 
 
-def test_the_alarm_lies_where_the_score_crosses_the_threshold() -> None:
-    good = good_page()
-    raised = good.raised("box", "add-K+", "8")
-    at = good.alarms_at(raised)
-    assert 2 < at < 1e4
-
-    def score(t: float) -> float:
-        changed = {one.name: one.value for one in good.said} | raised(t)
-        values = np.array([[changed[name] for name in NAMES]])
-        return float(good.ours.tolerance.score(values, good.portrait[None])[0])
-
-    assert score(1.02 * at) > good.ours.threshold >= score(0.97 * at)
-
-
 def test_a_spot_is_as_large_as_its_information_asks() -> None:
-    good = good_page()
-    weak = sums(TILE_PIXELS * 0.01)  # 0.1 sigma a pixel for whole ink, far from being cut off
-    found = _spots(good, weak)[40, 30]
-    # T = A D / sqrt(D) over the box of n tiles: a share f of it is wanted for T, the smallest over all sizes
-    area = [
-        (good.alarms_at(good.raised("box", "add-K+", str(size))) + SURE)
-        / np.sqrt(size**2 * 0.25)
-        * (size * 0.5) ** 2
-        for size in SIZES
-    ]
+    # 0.1 sigma a pixel for whole ink, far from being cut off: T = A D / sqrt(D) over the box of n tiles, of which a
+    # spot covers a share f; the smallest over all sizes
+    area = [12 / np.sqrt(size**2 * 0.25) * (size * 0.5) ** 2 for size in SIZES]
     possible = [a for a, size in zip(area, SIZES, strict=True) if a <= np.pi / 4 * (size * 0.5) ** 2]
-    assert found == pytest.approx(2 * np.sqrt(min(possible) / np.pi), rel=0.02)
+    assert spot_mm(12, TILE_PIXELS * 0.01) == pytest.approx(2 * np.sqrt(min(possible) / np.pi), rel=0.02)
 
 
 def test_what_is_cut_off_at_ten_sigma_gains_nothing_by_more_contrast() -> None:
-    good = good_page()
-    strong, stronger = (_spots(good, sums(TILE_PIXELS * p**2))[40, 30] for p in (50.0, 500.0))
+    strong, stronger = (spot_mm(12, TILE_PIXELS * p**2) for p in (50.0, 500.0))
     assert strong == pytest.approx(stronger, rel=1e-3)
 
 
 def test_a_streak_is_as_faint_as_its_columns_tell() -> None:
-    good = good_page()
-    name = ("streak", "add-K", "2", "full")
-    found = _streaks(good, sums(400.0))[150]
-    wanted = good.alarms_at(good.raised(*name)) + SURE
-    assert found == pytest.approx(100 * wanted / np.sqrt(5 * SEGMENTS * 400.0), rel=0.02)  # 0.5 mm: 5 columns
-    assert _streaks(good_page(noise=2.0), sums(400.0))[150] == pytest.approx(2 * found, rel=0.02)
+    wanted = dict.fromkeys(DEFECTS, 12.0)
+    found, noisy = (
+        Reach.of(told(sums(400.0), noise=noise), wanted).streak_percent[150] for noise in (1.0, 2.0)
+    )
+    assert found == pytest.approx(100 * 12 / np.sqrt(5 * SEGMENTS * 400.0), rel=0.02)  # 0.5 mm: 5 columns
+    assert noisy == pytest.approx(2 * found, rel=0.02)
+
+
+def test_an_ink_is_missed_by_as_much_as_good_prints_scatter() -> None:
+    reach = Reach.of(told(sums(400.0)), dict.fromkeys(DEFECTS, 4.0))
+    # An estimate that surprises by 2 for a gain of one prior's deviation has half of that deviation for its own.
+    assert reach.inks_percent["M"] == pytest.approx(100 * 4 * Tolerance().gain / 0.5)
+    assert Reach.of(told(sums(400.0)), dict.fromkeys(DEFECTS, 40.0)).inks_percent["M"] == np.inf
+
+
+def test_what_it_takes_is_found_by_asking() -> None:
+    """Seed 5: 200 prints know the middle to about spread / sqrt(100) = 3 %, and 99 % to twice that; 15 % is allowed."""
+    rng = np.random.default_rng(5)
+    found = Catching.unknown(0.01)
+    for _ in range(200):
+        strength = found.next(rng)
+        found = found.seen(strength, caught=bool(np.log(strength) + 0.3 * rng.standard_normal() > np.log(20)))
+    assert found.prints == 200
+    assert found.strength(0.5) == pytest.approx(20, rel=0.15)
+    assert found.strength(0.99) == pytest.approx(20 * np.exp(2.33 * 0.3), rel=0.15)
+
+
+def test_what_is_never_caught_is_out_of_reach() -> None:
+    found = Catching.unknown(0.01)
+    for _ in range(30):
+        found = found.seen(1000.0, caught=False)
+    assert found.strength(0.99) == np.inf
+    assert found.next(np.random.default_rng(1)) == 1000.0
 
 
 def small_reach(**changes: object) -> Reach:
@@ -119,7 +126,7 @@ def small_reach(**changes: object) -> Reach:
     made = Reach(
         spot_mm=np.full(shape, 2.0),
         streak_percent=np.full(360, 10.0),
-        density_percent=np.full(shape, 10.0),
+        patch_percent=np.full(shape, 10.0),
         inks_percent={"M": 20.0},
         tile_mm=0.5,
         pixel_mm=0.1,
@@ -140,13 +147,19 @@ def test_defects_are_printed_as_large_as_is_said(make_page: Callable[..., Page])
     covered = streak.cmyk[..., 3].sum() / 255 * blank.pixel_mm / blank.cmyk.shape[0]
     assert covered == pytest.approx(0.508 * 0.10, rel=0.08)  # whole raster pixels of 0.053 mm
     full = replace(blank, cmyk=np.full_like(blank.cmyk, 100))
-    dense = thickened(full, small_reach(), rng)
-    assert dense is not None
-    assert abs(float(dense.cmyk[..., 1].mean()) - 100) == pytest.approx(20, abs=0.1)
+    pale, patch = (draw(full, small_reach(), rng) for draw in (paled, patched))
+    assert pale is not None
+    assert patch is not None
+    assert float(pale.cmyk[..., 1].mean()) == pytest.approx(80, abs=0.1)
+    less = 100.0 - patch.cmyk
+    assert less.sum(axis=(0, 1)) * blank.pixel_mm**2 / 10 == pytest.approx(np.full(4, 16.0**2), rel=0.02)
     nowhere = small_reach(
-        spot_mm=np.full((88, 72), np.inf), streak_percent=np.full(360, np.inf), inks_percent={"C": np.inf}
+        spot_mm=np.full((88, 72), np.inf),
+        streak_percent=np.full(360, np.inf),
+        patch_percent=np.full((88, 72), np.nan),
+        inks_percent={"C": np.inf},
     )
-    assert [draw(blank, nowhere, rng) for draw in (spotted, streaked, thickened)] == [None] * 3
+    assert [draw(blank, nowhere, rng) for draw in (spotted, streaked, patched, paled)] == [None] * 4
 
 
 def test_the_study_writes_its_page_and_pictures(
@@ -158,8 +171,8 @@ def test_the_study_writes_its_page_and_pictures(
     assert taught_press.ours is not None
     # So few designs promise so little that prints of one page may all alarm; the plumbing is seen as well above.
     rarely = replace(taught_press, ours=replace(taught_press.ours, threshold=12.0))
-    (found,) = run_detectability_study(job, rarely, tmp_path / "out", trials=1)
-    assert set(found.verified) == {"none", "spot", "streak", "density"}
+    (found,) = run_detectability_study(job, rarely, tmp_path / "out", learning=2, trials=1).pages
+    assert set(found.verified) == {"none", *DEFECTS}
     assert found.verified["none"].of == 1
     text = (tmp_path / "out" / "detectability.md").read_text()
     assert "| p0001 |" in text

@@ -9,7 +9,7 @@ import pytest
 
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.simulating.misprints import KINDS
-from prooflight.studies.press_judging import ALPHAS, OURS, PARTS, judged
+from prooflight.studies.press_judging import ALPHAS, OURS, PARTS, Kept, judged, kept_promises
 from prooflight.studies.press_page import near, page_lines
 from prooflight.studies.press_scans import PLACES, Scene
 from prooflight.studies.press_study import PressFindings, PressPlan
@@ -98,6 +98,18 @@ def test_no_day_judges_itself(rows: Rows) -> None:
     assert np.array_equal(before.baseline, after.baseline)
 
 
+def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -> None:
+    """Seed 2: 1 % promised by 150 designs is at most 4 of 150 good pages (Poisson 0.98 at a mean of 1.5)."""
+    further = {name: column for name, column in drawn_rows(2).items() if name != "names"}
+    good = {name: column[further["kind"] == ""] for name, column in further.items() if name != "unmade_kind"}
+    often, seldom = kept_promises(verdicts, good, calibration={0.1: 100, 0.01: DESIGNS})
+    ours = verdicts.methods[OURS]
+    assert often.designs == 100
+    assert (seldom.alarms <= often.alarms).all()
+    assert seldom.alarms[~ours.scored.bad].sum() <= 4
+    assert seldom.alarms[ours.scored.bad].mean() > 0.4
+
+
 def test_places_are_right_within_five_millimetres() -> None:
     places = np.full((3, PLACES, 4), np.nan, np.float32)
     places[:, 0] = 100, 100, 10, 2
@@ -114,6 +126,7 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         pitch_mm=0.254,
         main=rows,
         verdicts=verdicts,
+        kept=[Kept(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
         looser={"variations 1.5 times those assumed": alarms},
         ideal=verdicts,
         real=verdicts.methods[OURS],

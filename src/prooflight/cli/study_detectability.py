@@ -12,6 +12,7 @@ from prooflight.cli import show
 from prooflight.cli.study import Json, Quick, Results
 
 QUICK_TRIALS = 3
+QUICK_LEARNING = 16
 
 
 def register(app: typer.Typer) -> None:
@@ -34,7 +35,7 @@ def detectability(
     """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.press import Press
-    from prooflight.studies.detectability_study import TRIALS, run_detectability_study
+    from prooflight.studies.detectability_study import LEARNING, NAMES, TRIALS, run_detectability_study
 
     loaded = Press.load(press)
     source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
@@ -45,6 +46,7 @@ def detectability(
         loaded,
         out,
         pages=numbers,
+        learning=QUICK_LEARNING if quick else LEARNING,
         trials=QUICK_TRIALS if quick else TRIALS,
         seed=seed,
         progress=show.steps(quiet=json),
@@ -52,17 +54,17 @@ def detectability(
     rows: list[dict[str, Any]] = [
         {"page": page.name, "inks_percent": page.reach.inks_percent}
         | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
-        for page in found
+        for page in found.pages
     ]
     if json:
         show.print_json(rows)
         return
     table = Table(title="Caught of what should be caught at 99 %", title_justify="left")
     table.add_column("page")
-    for name in ("spot", "streak", "density", "none"):
-        table.add_column("good prints that alarmed" if name == "none" else name, justify="right")
-    for page in found:
-        cells = (page.verified[name] for name in ("spot", "streak", "density", "none"))
+    for name in (*NAMES.values(), "good prints that alarmed"):
+        table.add_column(name, justify="right")
+    for page in found.pages:
+        cells = (page.verified[name] for name in (*NAMES, "none"))
         table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
     show.people.print(table)
     show.written(out / "detectability.md")

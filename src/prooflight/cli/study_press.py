@@ -27,6 +27,10 @@ def press(
     ] = None,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
+    taught: Annotated[
+        Path | None,
+        typer.Option(metavar="X.press", help="Keep the press here, with what all these designs taught."),
+    ] = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -49,6 +53,7 @@ def press(
         plan=plan,
         processes=processes,
         real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
+        taught=taught,
         progress=show.steps(quiet=json),
     )
     if json:
@@ -56,3 +61,5 @@ def press(
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
         show.written(out / "press.md")
+        if taught is not None:
+            show.written(taught)

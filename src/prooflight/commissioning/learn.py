@@ -12,7 +12,14 @@ from prooflight.commissioning.ranking import forested, weighed
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.operating import conformal_threshold
-from prooflight.deciding.ranking import Forest, Logit, every_column, family_columns, group_columns
+from prooflight.deciding.ranking import (
+    Forest,
+    Logit,
+    every_column,
+    family_columns,
+    group_columns,
+    mixed_columns,
+)
 from prooflight.deciding.taught import TolerancePress, compressed, families_of
 
 if TYPE_CHECKING:
@@ -31,7 +38,7 @@ POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
 """Exceedances that all families together lend to each."""
 LEAST_SQUARES: Final = 1.3
 COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
-"""Of columns among which a cut is chosen: that tells misprints from good pages, and kinds apart."""
+"""Of columns among which a cut is chosen: that tells all misprints from good pages, and one kind by itself."""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
@@ -61,6 +68,17 @@ class Pages:
             design=rows["design"],
             bad=rows["kind"] != "",
             kind=rows["kind"],
+        )
+
+    def beside(self, others: Pages) -> Pages:
+        """These and others, one after the other; kinds if both know them."""
+        known = self.kind is not None and others.kind is not None
+        return Pages(
+            values=np.concatenate([self.values, others.values]),
+            portraits=np.concatenate([self.portraits, others.portraits]),
+            design=np.concatenate([self.design, others.design]),
+            bad=np.concatenate([self.bad, others.bad]),
+            kind=np.concatenate([self.kind, others.kind]) if known else None,
         )
 
     def rows(self, which: NDArray[np.bool_]) -> Pages:
@@ -154,6 +172,7 @@ def learn_tolerance(
         mix=None,
         kinds=(),
         kind_forests=(),
+        name_forests=(),
         threshold=np.inf,
         good_designs=0,
     )
@@ -164,27 +183,73 @@ def learn_tolerance(
     evidence = found.family_evidence(deviations)
     groups = group_columns(evidence, kinds)
     columns = every_column(evidence, pages.portraits, deviations)
-    weight = _even(pages.bad)
 
-    def rankings(which: NDArray[np.bool_], count: int) -> tuple[Logit, Forest]:
-        bad, counts = pages.bad[which], weight[which]
-        forest = forested(columns[which], bad, counts, rng=rng, trees=count, column_share=COLUMN_SHARE)
-        return weighed(groups[which], bad, counts), forest
+    def rankings(which: NDArray[np.bool_], count: int) -> _Rankings:
+        return _Rankings.of(pages.rows(which), groups[which], columns[which], rng=rng, trees=count)
 
-    said = np.empty((len(pages.bad), 2))
+    said = []
     fold = _folds(pages.design)
     for index in range(FOLDS):
         mine = fold == index
-        logit, forest = rankings(~mine, trees // 2)
-        said[mine] = np.column_stack([logit.score(groups[mine]), forest.score(columns[mine])])
-    logit, forest = rankings(np.ones(len(pages.bad), bool), trees)
+        said.append((np.flatnonzero(mine), rankings(~mine, trees // 2).said(groups[mine], columns[mine])))
+    place, mixed = (np.concatenate(part) for part in zip(*said, strict=True))
+    every = rankings(np.ones(len(pages.bad), bool), trees)
     return replace(
         found,
-        logit=logit,
-        forest=forest,
-        mix=weighed(said, pages.bad, weight),
-        **_kinds(pages, family_columns(evidence), rng, trees // 3),
+        logit=every.logit,
+        forest=every.forest,
+        kinds=every.kinds,
+        kind_forests=every.kind_forests,
+        name_forests=_names(pages, every.kinds, family_columns(evidence), rng, trees // 3),
+        mix=weighed(mixed, pages.bad[place], _even(pages.bad[place])),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rankings:
+    """What misprints teach: all of them against good pages, added up and by a forest, and each kind by itself."""
+
+    logit: Logit
+    forest: Forest
+    kinds: tuple[str, ...]
+    kind_forests: tuple[Forest, ...]
+
+    @classmethod
+    def of(
+        cls,
+        pages: Pages,
+        groups: NDArray[np.float64],
+        columns: NDArray[np.float64],
+        *,
+        rng: np.random.Generator,
+        trees: int,
+    ) -> Self:
+        """From ``group_columns`` and ``every_column``; kinds by themselves if there are two or more."""
+
+        def against_good(kind: str) -> Forest:
+            which = ~pages.bad | (kinds_seen == kind)
+            bad, count = pages.bad[which], trees // 4
+            return forested(columns[which], bad, _even(bad), rng=rng, trees=count, column_share=KIND_SHARE)
+
+        weight = _even(pages.bad)
+        kinds_seen = np.zeros(len(pages.bad), "U1") if pages.kind is None else pages.kind
+        kinds = tuple(np.unique(kinds_seen[pages.bad]).tolist())
+        kinds = kinds if len(kinds) > 1 else ()
+        return cls(
+            logit=weighed(groups, pages.bad, weight),
+            forest=forested(columns, pages.bad, weight, rng=rng, trees=trees, column_share=COLUMN_SHARE),
+            kinds=kinds,
+            kind_forests=tuple(against_good(kind) for kind in kinds),
+        )
+
+    def said(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``mixed_columns``."""
+        of_kinds = [forest.score(columns) for forest in self.kind_forests]
+        return mixed_columns(
+            self.logit.score(groups),
+            self.forest.score(columns),
+            np.array(of_kinds).reshape(-1, len(columns)).T,
+        )
 
 
 def _even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -192,21 +257,17 @@ def _even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
 
 
-def _kinds(
-    pages: Pages, columns: NDArray[np.float64], rng: np.random.Generator, trees: int
-) -> dict[str, Any]:
+def _names(
+    pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
+) -> tuple[Forest, ...]:
     """Each kind of misprint told from all others."""
     if pages.kind is None:
-        return {}
+        return ()
     kind, columns = pages.kind[pages.bad], columns[pages.bad]
-    kinds = tuple(np.unique(kind).tolist())
-    if len(kinds) < 2:
-        return {}
-    told = [
+    return tuple(
         forested(columns, kind == one, _even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
         for one in kinds
-    ]
-    return {"kinds": kinds, "kind_forests": tuple(told)}
+    )
 
 
 def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:

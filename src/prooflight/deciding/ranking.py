@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.deciding.forest_kernels import shares_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -46,6 +48,20 @@ def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> ND
     return np.column_stack([*runs, np.sqrt(ordered[:, 0]), groups, np.sqrt(groups)])
 
 
+def mixed_columns(
+    summed: NDArray[np.floating], seen: NDArray[np.floating], of_kinds: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """What rankings say, made one row a page: (pages,) twice, and (pages, kinds) of each kind against good pages.
+
+    A page need look like one kind only: of the kinds the most counts, the next, the mean of three and the mean odds.
+    """
+    if not of_kinds.shape[1]:
+        return np.column_stack([summed, seen])
+    ordered = -np.sort(-of_kinds, axis=1)
+    odds = np.log(np.exp(of_kinds).mean(axis=1))
+    return np.column_stack([summed, seen, ordered[:, :2], ordered[:, :3].mean(axis=1), odds])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Logit:
     """A weighted sum."""
@@ -77,12 +93,6 @@ class Forest:
 
     def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
         """Log odds of rows (pages, columns): (pages,); bounded, for no forest has seen more than so many pages."""
-        place = np.broadcast_to(self.root, (len(columns), self.root.size)).copy()
-        rows = np.arange(len(columns))[:, None]
-        narrow = np.asarray(columns, np.float32)
-        while (going := self.column[place] >= 0).any():
-            above = narrow[rows, np.maximum(self.column[place], 0)] > self.cut[place]
-            further = np.where(above, self.right[place], self.left[place])
-            place = np.where(going, further, place)
-        chance = self.share[place].mean(axis=1, dtype=np.float64)
+        narrow, chance = np.ascontiguousarray(columns, np.float32), np.empty(len(columns))
+        shares_of(narrow, self.column, self.cut, self.left, self.right, self.share, self.root, chance)
         return np.log((chance + LEAST_CHANCE) / (1 + LEAST_CHANCE - chance))

@@ -15,7 +15,14 @@ import numpy as np
 
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
-from prooflight.deciding.ranking import Forest, Logit, every_column, family_columns, group_columns
+from prooflight.deciding.ranking import (
+    Forest,
+    Logit,
+    every_column,
+    family_columns,
+    group_columns,
+    mixed_columns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -104,10 +111,12 @@ class TolerancePress:
     forest: Forest | None
     """Of ``every_column``."""
     mix: Logit | None
-    """Of what these two say."""
+    """Of ``mixed_columns``."""
     kinds: tuple[str, ...]
     """Kinds of misprints that were seen in learning."""
     kind_forests: tuple[Forest, ...]
+    """For each: log odds against good pages, from ``every_column``."""
+    name_forests: tuple[Forest, ...]
     """For each: log odds against all other kinds, from ``family_columns``."""
     threshold: float
     """Of ``score``; infinite until set."""
@@ -148,16 +157,20 @@ class TolerancePress:
         evidence = self.family_evidence(deviations)
         if self.logit is None or self.forest is None or self.mix is None:
             return self.guard(evidence)
+        every = every_column(evidence, portraits, deviations)
         summed = self.logit.score(group_columns(evidence, self.families))
-        seen = self.forest.score(every_column(evidence, portraits, deviations))
-        return self.mix.score(np.column_stack([summed, seen]))
+        return self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
+
+    def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
+        """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
+        return np.array([forest.score(every) for forest in self.kind_forests]).reshape(-1, len(every)).T
 
     def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
         """The kind of misprint that each page looks like most; empty where none was seen in learning."""
-        if not self.kind_forests:
+        if not self.name_forests:
             return [""] * len(values)
         columns = family_columns(self.family_evidence(self.deviations(values, portraits)))
-        said = np.stack([forest.score(columns) for forest in self.kind_forests])
+        said = np.stack([forest.score(columns) for forest in self.name_forests])
         return [self.kinds[index] for index in said.argmax(axis=0)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -168,12 +181,11 @@ class TolerancePress:
         found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER}
         if self.logit is not None and self.mix is not None:
             found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
-        forests = {"forest": self.forest} | {
-            f"kind{index}": forest for index, forest in enumerate(self.kind_forests)
-        }
+        forests = {} if self.forest is None else {"forest": self.forest}
+        for of, those in (("kind", self.kind_forests), ("name", self.name_forests)):
+            forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
         for which, forest in forests.items():
-            if forest is not None:
-                found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST_PARTS}
+            found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST_PARTS}
         return found
 
     def facts(self) -> dict[str, Any]:
@@ -213,6 +225,7 @@ class TolerancePress:
             mix=weights("mix", facts["starts"][1]),
             kinds=tuple(facts["kinds"]),
             kind_forests=tuple(forest(f"kind{index}") for index in range(len(facts["kinds"]))),
+            name_forests=tuple(forest(f"name{index}") for index in range(len(facts["kinds"]))),
             threshold=facts["threshold"],
             good_designs=facts["good_designs"],
         )

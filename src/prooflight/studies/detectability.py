@@ -1,8 +1,8 @@
-"""What a press's detector would catch on a page, in closed form from the information of a good print's scan.
+"""How much defects tell on a page, in closed form from the information of a good print's scan.
 
 For a mode with the power D' over a box, of which edges have G and flat places F, an amount A over a share f of the box
-makes T = A f D' / sqrt(c F + c' G + t^2 D'^2) (``comparing.local_evidence``); T scatters by 1 on good prints. The
-detector's score says how great T must be to alarm; 2.33 more is reached by 99 of 100.
+makes T = A f D' / sqrt(c F + c' G + t^2 D'^2) (``comparing.local_evidence``), its strength. How strong a defect must be
+to be caught is learned from prints (``catching``); what is so strong where on a page follows from there.
 """
 
 from __future__ import annotations
@@ -19,106 +19,107 @@ from prooflight.comparing.local_evidence import COMMON, MODES, SIZES, WIDTH_UNIT
 from prooflight.comparing.nuisance import Tolerance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.comparing.local_evidence import Sums
+    from prooflight.comparing.local_evidence import Scatter, Sums
     from prooflight.comparing.nuisance import Fit
-    from prooflight.deciding.calibrated import CalibratedDetector
     from prooflight.deciding.families import Said
 
-SURE: Final = 2.326
-"""99 of 100 draws of a normal distribution lie above its mean less so many standard deviations."""
 CLIPPED_SIGMAS: Final = 10.0
 """A pixel counts for no more (``comparing.summing``)."""
-GREATEST: Final = 1e5
-LEAST_UNIT: Final = 1.0
-"""T of a page where nothing stands out."""
 STREAK_WIDTH: Final = 2
 """Of the streaks that are asked for: 0.5 mm. [units of 0.254 mm]"""
-DENSITY_TILES: Final = 32
-"""Of the places whose density is asked for: 16 mm. [tiles]"""
+PATCH_TILES: Final = 32
+"""Side of the patches whose density is asked for: 16 mm. [tiles]"""
 SPOT: Final = "add-K"
 INKS: Final = "CMYK"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Reach:
-    """The least that is caught at 99 % on one page; NaN off the page, infinite where nothing would be."""
+class Telling:
+    """Strengths of whole defects on one page; 0 where a defect tells nothing."""
 
-    spot_mm: NDArray[np.float64]
-    """(tile rows, tile columns) diameter of a solid black spot. [mm]"""
-    streak_percent: NDArray[np.float64]
-    """(pixels,) ink of a black streak 0.5 mm wide over the whole height. [%]"""
-    density_percent: NDArray[np.float64]
-    """(tile rows, tile columns) change of all inks in a square of 16 mm. [%]"""
-    inks_percent: dict[str, float]
-    """Change of one ink all over the page, by its letter. [%]"""
+    spot: NDArray[np.float64]
+    """(SIZES, tile rows, tile columns) of a box that is solid black."""
+    streak: NDArray[np.float64]
+    """(pixels,) of a solid black streak 0.5 mm wide."""
+    patch: NDArray[np.float64]
+    """(tile rows, tile columns) of a patch without ink."""
+    inks: dict[str, float]
+    """Of one ink missing all over, by its letter."""
+    on_page: NDArray[np.bool_]
+    """(tile rows, tile columns)"""
     tile_mm: float
     pixel_mm: float
     left_mm: float
     """Where the first tile begins on the page. [mm]"""
     top_mm: float
 
+    @classmethod
+    def of(cls, sums: Sums, fit: Fit, said: Sequence[Said], scatter: Scatter) -> Telling:
+        """From one good print."""
+        return cls(
+            spot=_spots(sums, scatter),
+            streak=_streaks(sums, scatter),
+            patch=_patches(sums, scatter),
+            inks=_inks(fit, said),
+            on_page=sums.tiles[1, MODES.index("light")] > 0,
+            tile_mm=sums.tile_mm,
+            pixel_mm=sums.pixel_mm,
+            left_mm=sums.left_mm,
+            top_mm=sums.top_mm,
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoodPage:
-    """What a detector says of one good print of a page."""
+class Reach:
+    """The least that is caught on one page; NaN off the page, infinite where nothing would be."""
 
-    ours: CalibratedDetector
-    said: Sequence[Said]
-    portrait: NDArray[np.float64]
+    spot_mm: NDArray[np.float64]
+    """(tile rows, tile columns) diameter of a solid black spot. [mm]"""
+    streak_percent: NDArray[np.float64]
+    """(pixels,) ink of a black streak 0.5 mm wide over the whole height. [%]"""
+    patch_percent: NDArray[np.float64]
+    """(tile rows, tile columns) loss of all inks in a square of 16 mm. [%]"""
+    inks_percent: dict[str, float]
+    """Loss of one ink all over the page, by its letter. [%]"""
+    tile_mm: float
+    pixel_mm: float
+    left_mm: float
+    """Where the first tile begins on the page. [mm]"""
+    top_mm: float
 
-    def alarms_at(self, raised: Callable[[float], dict[str, float]]) -> float:
-        """Least T at which what ``raised`` gives makes the page alarm; 0: it does anyway; infinite: none does."""
-        names = {one.name: index for index, one in enumerate(self.said)}
-        values = np.array([one.value for one in self.said])
-
-        def alarm(t: float) -> bool:
-            changed = values.copy()
-            for name, value in raised(t).items():
-                changed[names[name]] = max(value, changed[names[name]])
-            score = self.ours.tolerance.score(changed[None], self.portrait[None])[0]
-            return bool(score > self.ours.threshold)
-
-        if alarm(0.0):  # this print alarms as it is: it tells nothing
-            return 0.0
-        if not alarm(GREATEST):
-            return np.inf
-        low, high = 1e-2, GREATEST
-        while high - low > 0.01 * high:
-            middle = np.sqrt(low * high)
-            low, high = (low, middle) if alarm(middle) else (middle, high)
-        return high
-
-    def raised(self, first: str, *rest: str) -> Callable[[float], dict[str, float]]:
-        """What T of one box or streak raises: itself, and in proportion whatever else is said of such boxes or streaks.
-
-        first: the first word of its statistic's name; rest: the others, by which the rest of them are known.
-        """
-        of = {one.name: one.value for one in self.said}
-        itself, others = "/".join((first, *rest)), "/".join(("", *rest))
-        unit = max(of[itself], LEAST_UNIT)
-        share = {name: value / unit for name, value in of.items() if name.endswith(others) and value > 0}
-        share[itself] = 1.0
-        return lambda t: {name: t * of_name for name, of_name in share.items()}
+    @classmethod
+    def of(cls, told: Telling, wanted: Mapping[str, float]) -> Reach:
+        """What has the strengths ``wanted`` of a spot, a streak, a patch and an ink."""
+        sides_mm = np.array(SIZES)[:, None, None] * told.tile_mm
+        share = _over(wanted["spot"], told.spot)
+        diameter = np.where(share <= np.pi / 4, 2 * sides_mm * np.sqrt(share / np.pi), np.inf)
+        return cls(
+            spot_mm=np.where(told.on_page, diameter.min(axis=0), np.nan),
+            streak_percent=np.where(
+                np.isnan(told.streak), np.nan, _percent(_over(wanted["streak"], told.streak))
+            ),
+            patch_percent=np.where(told.on_page, _percent(_over(wanted["patch"], told.patch)), np.nan),
+            inks_percent={
+                letter: float(_percent(_over(wanted["ink"], np.array(whole))))
+                for letter, whole in told.inks.items()
+            },
+            tile_mm=told.tile_mm,
+            pixel_mm=told.pixel_mm,
+            left_mm=told.left_mm,
+            top_mm=told.top_mm,
+        )
 
 
-def reach(good: GoodPage, sums: Sums, fit: Fit) -> Reach:
-    """The least that would be caught on a page, from one good print's sums and fit."""
-    on_page = sums.tiles[1, MODES.index("light")] > 0
-    density = _densities(good, sums)
-    return Reach(
-        spot_mm=np.where(on_page, _spots(good, sums), np.nan),
-        streak_percent=_streaks(good, sums),
-        density_percent=np.where(on_page, density, np.nan),
-        inks_percent=_inks(good, fit),
-        tile_mm=sums.tile_mm,
-        pixel_mm=sums.pixel_mm,
-        left_mm=sums.left_mm,
-        top_mm=sums.top_mm,
-    )
+def _over(wanted: float, whole: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.divide(wanted, whole, out=np.full(whole.shape, np.inf), where=whole > 0)
+
+
+def _percent(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(share <= 1, 100 * share, np.inf)
 
 
 def _told(
@@ -152,43 +153,32 @@ def _boxed(sums: Sums, mode: str, size: int) -> tuple[NDArray[np.float64], NDArr
     return np.stack(added[:3]), added[3]
 
 
-def _spots(good: GoodPage, sums: Sums) -> NDArray[np.float64]:
-    """Least diameter of a solid spot: its share of the box that tells it best."""
-    scatter = good.ours.tolerance.scatter.boxes
-    least = np.full(sums.tiles.shape[2:], np.inf)
+def _spots(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
+    mode, light_mode = MODES.index(SPOT), MODES.index("light")
     pixels = sums.tiles[1, -1].astype(np.float64)
+    found = []
     for place, size in enumerate(SIZES):
-        wanted = good.alarms_at(good.raised("box", f"{SPOT}+", str(size))) + SURE
         maps, light = _boxed(sums, SPOT, size)
-        _, whole = _told(
-            maps, light, COMMON_NEAR if size <= SMALL else COMMON, scatter[MODES.index(SPOT), place]
-        )
+        common = COMMON_NEAR if size <= SMALL else COMMON
+        _, whole = _told(maps, light, common, scatter.boxes[mode, place])
+        # On bare paper a spot is told from changes of light by its size alone: there light itself says more.
+        lighter = _of_light(maps[1], light, scatter.boxes[light_mode, place])
         count = cv2.boxFilter(pixels, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
         # A pixel is cut off at 10 sigma, whatever the ink.
         amount = np.minimum(CLIPPED_SIGMAS / np.sqrt(np.maximum(maps[0] / np.maximum(count, 1), 1e-12)), 1)
-        share = np.divide(wanted, amount * whole, out=np.full(whole.shape, np.inf), where=whole > 0)
-        # On bare paper a spot is told from changes of light by its size alone: there light itself says more.
-        lighter = good.alarms_at(good.raised("box", "light-", str(size))) + SURE
-        told = amount * _of_light(maps[1], light, scatter[MODES.index("light"), place])
-        share = np.minimum(share, np.divide(lighter, told, out=np.full(told.shape, np.inf), where=told > 0))
-        area_mm2 = (size * sums.tile_mm) ** 2
-        diameter = 2 * np.sqrt(share * area_mm2 / np.pi)
-        least = np.minimum(least, np.where(share <= np.pi / 4, diameter, np.inf))
-    return least
+        found.append(amount * np.maximum(whole, lighter))
+    return np.stack(found)
 
 
-def _densities(good: GoodPage, sums: Sums) -> NDArray[np.float64]:
-    mode, place = "gain-all", SIZES.index(DENSITY_TILES)
-    wanted = max(good.alarms_at(good.raised("box", mode + sign, str(DENSITY_TILES))) for sign in "+-") + SURE
-    maps, light = _boxed(sums, mode, DENSITY_TILES)
-    _, whole = _told(maps, light, COMMON, good.ours.tolerance.scatter.boxes[MODES.index(mode), place])
-    return np.divide(100 * wanted, whole, out=np.full(whole.shape, np.inf), where=whole > 0)
+def _patches(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
+    mode, place = "gain-all", SIZES.index(PATCH_TILES)
+    maps, light = _boxed(sums, mode, PATCH_TILES)
+    return _told(maps, light, COMMON, scatter.boxes[MODES.index(mode), place])[1]
 
 
-def _streaks(good: GoodPage, sums: Sums) -> NDArray[np.float64]:
-    """Ink of a full-length streak about every column."""
+def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
+    """About every column; NaN: off the page."""
     mode, place = MODES.index(SPOT), WIDTHS.index(STREAK_WIDTH)
-    wanted = good.alarms_at(good.raised("streak", SPOT, str(STREAK_WIDTH), "full")) + SURE
     parts = sums.columns[1:4].astype(np.float64).sum(axis=2)
     power, _, edges = parts[:, mode]
     # As in the sums of columns: first the common part, then the width.
@@ -196,24 +186,17 @@ def _streaks(good: GoodPage, sums: Sums) -> NDArray[np.float64]:
     edges = edges * np.minimum(own / np.maximum(power, 1e-9), 1)
     width = max(round(STREAK_WIDTH * WIDTH_UNIT_MM / sums.pixel_mm), 1)
     own, edges = (ndimage.uniform_filter1d(one, width, mode="constant") * width for one in (own, edges))
-    noise, of_edges, tolerance = good.ours.tolerance.scatter.streaks[mode, place, -1]
+    noise, of_edges, tolerance = scatter.streaks[mode, place, -1]
     spread = noise * np.maximum(own - edges, 0) + of_edges * edges + tolerance * own**2
-    whole = np.where(own > 0, own / np.sqrt(spread + 1e-9), 0)
-    least = np.divide(100 * wanted, whole, out=np.full(whole.shape, np.inf), where=whole > 0)
-    return np.asarray(np.where(least <= 100, least, np.where(own > 0, np.inf, np.nan)))
+    return np.where(own > 0, own / np.sqrt(spread + 1e-9), np.nan)
 
 
-def _inks(good: GoodPage, fit: Fit) -> dict[str, float]:
-    """Change of each ink that the page tells of: T is its estimate over what good prints scatter by."""
-    of = {one.name: one.value for one in good.said}
-    prior = Tolerance().gain
+def _inks(fit: Fit, said: Sequence[Said]) -> dict[str, float]:
+    """T is an ink's estimate over what good prints scatter by; inks that the page tells nothing of are left out."""
+    of, prior = {one.name: one.value for one in said}, Tolerance().gain
     found = {}
     for ink, letter in enumerate(INKS):
         surprise, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
-        if surprise < 1e-6 or gain < 1e-6:
-            continue
-        known = min(gain / surprise, 1.0)  # sqrt(1 - what stays unknown)
-        wanted = good.alarms_at(lambda t, letter=letter: {f"fit/gain-{letter}": t, "fit/gain-rms": t})  # type: ignore[misc]
-        least = 100 * prior * (wanted + SURE) / known
-        found[letter] = float(least)
+        if surprise >= 1e-6 and gain >= 1e-6:
+            found[letter] = min(gain / surprise, 1.0) / prior  # sqrt(1 - what stays unknown)
     return found

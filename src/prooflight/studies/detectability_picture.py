@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 NOWHERE: Final = "#b3261e"
 """Colour of places where nothing of the kind would be caught."""
-TICKS: Final = {"spot": (0.2, 0.5, 1, 2, 5, 10), "density": (5, 10, 20, 50, 100)}
+TICKS: Final = {"spot": (0.2, 0.5, 1, 2, 5, 10), "patch": (5, 10, 20, 50, 100)}
 INKS: Final = {
     "C": ("cyan", "#0091c8"),
     "M": ("magenta", "#c8006f"),
@@ -33,7 +33,7 @@ INKS: Final = {
 
 
 def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
-    """The page; the smallest spot; the faintest streak across it; the smallest change of density, places and inks."""
+    """The page; the smallest spot; the faintest streak; the smallest loss of density, in places and of inks."""
     ratio = page.height_mm / page.width_mm
     figure = Figure(figsize=(15.5, 4.1 * ratio + 2.6), layout="constrained")
     grid = figure.add_gridspec(2, 3, height_ratios=[4.1 * ratio, 1.7])
@@ -47,11 +47,11 @@ def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
     _map(
         figure,
         axes[2],
-        reach.density_percent,
+        reach.patch_percent,
         reach,
         page,
-        "Smallest change of all inks in 16 x 16 mm [%]",
-        TICKS["density"],
+        "Smallest loss of all inks in 16 x 16 mm [%]",
+        TICKS["patch"],
     )
     for one in axes:
         one.set_xlabel("x [mm]")
@@ -121,7 +121,7 @@ def _inks(axes: Axes, reach: Reach) -> None:
     axes.bar_label(bars, fmt="%.0f %%", padding=4)
     axes.invert_yaxis()
     axes.set_xlim(0, 1.18 * max(values, default=1.0))
-    axes.set_title("Smallest change of one ink all over [%]")
+    axes.set_title("Smallest loss of one ink all over [%]")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if not shown:

@@ -1,6 +1,7 @@
 """The smallest spot, the faintest streak and density change that a press would catch on each page of a job.
 
-In closed form ahead of printing, then verified: such defects are printed into simulated prints and looked for.
+How strong a defect must be is learned from prints with such defects; what is so strong where follows in closed form;
+and that is verified by further prints with defects just so strong.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from prooflight.deciding.families import all_said
 from prooflight.deciding.tolerance import look
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
-from prooflight.studies.detectability import STREAK_WIDTH, GoodPage, reach
+from prooflight.studies.catching import SURE, Catching
+from prooflight.studies.detectability import PATCH_TILES, STREAK_WIDTH, Reach, Telling
 from prooflight.studies.detectability_picture import draw_reach
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -32,15 +34,17 @@ if TYPE_CHECKING:
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press import Press
-    from prooflight.studies.detectability import Reach
 
+LEARNING: Final = 60
+"""Prints with each defect, over all pages, from which it is learned how strong it must be."""
 TRIALS: Final = 12
 """Of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
 STREAK_MM: Final = 0.254 * STREAK_WIDTH
 PRINTS: Final = 4
 """Good prints of a page, one of which must pass."""
 BLACK: Final = 3
-DEFECTS: Final = ("spot", "streak", "density")
+DEFECTS: Final = ("spot", "streak", "patch", "ink")
+NAMES: Final = {"spot": "spots", "streak": "streaks", "patch": "pale patches", "ink": "pale inks"}
 EDGE_MM: Final = 6.0
 """Defects are printed no nearer to the page's edges."""
 
@@ -74,16 +78,25 @@ class JobPages:
         return opened(self.job).page(index + 1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JobReach:
+    """All pages, and how strong each defect must be."""
+
+    pages: list[PageReach]
+    wanted: dict[str, Catching]
+
+
 def run_detectability_study(
     job: JobSource,
     press: Press,
     results: Path,
     *,
     pages: Sequence[int] | None = None,
+    learning: int = LEARNING,
     trials: int = TRIALS,
     seed: int = 1,
     progress: Callable[[str], None] = lambda _step: None,
-) -> list[PageReach]:
+) -> JobReach:
     """Write ``detectability.md`` and a picture of each page into ``results``.
 
     pages: numbers of the job's; None: all. RequestError: the press was not taught our detector.
@@ -93,60 +106,87 @@ def run_detectability_study(
         remedy = "build it with `prooflight press build --detector quick`"
         raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
     results.mkdir(parents=True, exist_ok=True)
+    numbers = list(pages or range(1, len(opened(job)) + 1))
+
+    def bench(number: int) -> _Bench:
+        day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
+        return _Bench(press, ours, day, number - 1, np.random.default_rng([seed, number, 0]))
+
+    wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
+    for turn, number in enumerate(numbers):
+        prints = (turn + 1) * learning // len(numbers) - turn * learning // len(numbers)
+        progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
+        wanted = bench(number).learned(wanted, prints, np.random.default_rng([seed, number, 1]))
+    strengths = {defect: one.strength(SURE) for defect, one in wanted.items()}
     found = []
-    for number in pages or range(1, len(opened(job)) + 1):
-        bench = _Bench(
-            press, ours, PressDay.of(press, JobPages(job=job), seed=seed, first=number), number - 1
-        )
-        progress(f"page {number}: what would be caught")
-        one = bench.reach(np.random.default_rng([seed, number, 0]))
-        verified = {}
+    for number in numbers:
+        one = bench(number)
+        reach, verified = Reach.of(one.telling, strengths), {}
         for index, defect in enumerate(("none", *DEFECTS)):
-            progress(f"page {number}: {trials} prints with {defect if index else 'nothing wrong'}")
-            rng = np.random.default_rng([seed, number, 1 + index])
-            verified[defect] = bench.verified(one, defect, trials, rng)
-        page = PageReach(name=bench.page.name, reach=one, verified=verified)
-        draw_reach(results / _picture(page), bench.page, one, press)
+            progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
+            rng = np.random.default_rng([seed, number, 2 + index])
+            verified[defect] = one.verified(reach, defect, trials, rng)
+        page = PageReach(name=one.page.name, reach=reach, verified=verified)
+        draw_reach(results / _picture(page), one.page, reach, press)
         found.append(page)
-    text = "\n".join(page_lines(found, press, ours, trials=trials, seed=seed))
+    job_reach = JobReach(pages=found, wanted=wanted)
+    text = "\n".join(page_lines(job_reach, press, ours, trials=trials, seed=seed))
     with whole_file(results / "detectability.md") as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
-    return found
+    return job_reach
 
 
 class _Bench:
     """One page on one press day."""
 
-    def __init__(self, press: Press, ours: CalibratedDetector, day: PressDay, index: int) -> None:
+    def __init__(
+        self, press: Press, ours: CalibratedDetector, day: PressDay, index: int, rng: np.random.Generator
+    ) -> None:
         self.press, self.ours, self.day = press, ours, day
         self.page = day.page(index)
         self.known: PreparedPage = day.known(self.page)[0]
+        self.telling = self._telling(rng)
 
-    def reach(self, rng: np.random.Generator) -> Reach:
+    def _telling(self, rng: np.random.Generator) -> Telling:
         """From the first of a few good prints that does not alarm; RequestError if all do."""
         for _ in range(PRINTS):
             looked, said = self._looked(self.page, rng)
             check_version(self.ours.tolerance, said, self.known.portrait)
-            if (
-                page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
-                <= self.ours.threshold
-            ):
-                good = GoodPage(ours=self.ours, said=said, portrait=self.known.portrait)
-                return reach(good, looked.sums, looked.fit)
+            if self._score(looked, said) <= self.ours.threshold:
+                return Telling.of(looked.sums, looked.fit, said, self.ours.tolerance.scatter)
         what = f"{PRINTS} good prints of it alarm"
         raise RequestError(f"page {self.page.number}", what, remedy="teach the press by more designs")
 
+    def learned(
+        self, wanted: Mapping[str, Catching], prints: int, rng: np.random.Generator
+    ) -> dict[str, Catching]:
+        """What is known after so many more prints with each defect."""
+        found = dict(wanted)
+        for _ in range(prints):
+            tried = {defect: one.next(rng) for defect, one in found.items()}
+            reach = Reach.of(self.telling, tried)
+            for defect, strength in tried.items():
+                printed = _DRAW[defect](self.page, reach, rng)
+                if printed is not None:
+                    found[defect] = found[defect].seen(strength, caught=self._alarms(printed, rng))
+        return found
+
     def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
+        """Prints with a defect just as strong as should be caught."""
         caught = made = 0
         for _ in range(trials):
             printed = self.page if defect == "none" else _DRAW[defect](self.page, of_page, rng)
             if printed is None:
                 continue
             made += 1
-            looked, said = self._looked(printed, rng)
-            score = page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
-            caught += score > self.ours.threshold
-        return Caught(of=made, caught=int(caught))
+            caught += self._alarms(printed, rng)
+        return Caught(of=made, caught=caught)
+
+    def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
+        return self._score(*self._looked(printed, rng)) > self.ours.threshold
+
+    def _score(self, looked: Looked, said: Sequence[Said]) -> float:
+        return page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
 
     def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Said]]:
         scan = self.day.scan(printed, rng)
@@ -163,18 +203,11 @@ class _Bench:
 
 def spotted(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
     """The page with a black spot as small as is said to be caught where it lies; None: there is no such place."""
-    side = of_page.spot_mm.shape
-    y, x = (np.arange(count) * of_page.tile_mm + of_page.tile_mm / 2 for count in side)
-    inside = (
-        _inside(x + of_page.left_mm, page.width_mm)[None]
-        & _inside(y + of_page.top_mm, page.height_mm)[:, None]
-    )
-    rows, columns = np.nonzero(inside & np.isfinite(of_page.spot_mm))
-    if not rows.size:
+    place = _drawn_tile(page, of_page, of_page.spot_mm, EDGE_MM, rng)
+    if place is None:
         return None
-    drawn = int(rng.integers(rows.size))
-    row, column = rows[drawn], columns[drawn]
-    centre = np.array([y[row] + of_page.top_mm, x[column] + of_page.left_mm]) / page.pixel_mm
+    row, column, y_mm, x_mm = place
+    centre = np.array([y_mm, x_mm]) / page.pixel_mm
     radius = of_page.spot_mm[row, column] / 2 / page.pixel_mm
     first = np.maximum((centre - radius).astype(int) - 1, 0)
     last = (centre + radius).astype(int) + 2
@@ -204,23 +237,55 @@ def streaked(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | Non
     return replace(page, cmyk=cmyk)
 
 
-def thickened(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
-    """The page with more or less of one ink, by as much as is said to be caught."""
-    known = {letter: least for letter, least in of_page.inks_percent.items() if least < 100}
-    if not known:
+def patched(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
+    """The page with less of all inks in a square, by as much as is said to be caught where it lies."""
+    side_mm = PATCH_TILES * of_page.tile_mm
+    place = _drawn_tile(page, of_page, of_page.patch_percent, EDGE_MM + side_mm / 2, rng)
+    if place is None:
         return None
-    letter = str(rng.choice(sorted(known)))
-    ink, sign = "CMYK".index(letter), rng.choice((-1, 1))
+    row, column, *middle_mm = place
+    down, across = (
+        slice(*(round((at + side * side_mm / 2) / page.pixel_mm) for side in (-1, 1))) for at in middle_mm
+    )
     cmyk = page.cmyk.copy()
-    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 + sign * known[letter] / 100), rng)
+    cmyk[down, across] = _rounded(cmyk[down, across] * (1 - of_page.patch_percent[row, column] / 100), rng)
     return replace(page, cmyk=cmyk)
 
 
-_DRAW: Final = {"spot": spotted, "streak": streaked, "density": thickened}
+def paled(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
+    """The page with less of one ink, by as much as is said to be caught."""
+    known = {letter: least for letter, least in of_page.inks_percent.items() if np.isfinite(least)}
+    if not known:
+        return None
+    letter = str(rng.choice(sorted(known)))
+    ink = "CMYK".index(letter)
+    cmyk = page.cmyk.copy()
+    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - known[letter] / 100), rng)
+    return replace(page, cmyk=cmyk)
 
 
-def _inside(place_mm: NDArray[np.floating], extent_mm: float) -> NDArray[np.bool_]:
-    return np.asarray((place_mm > EDGE_MM) & (place_mm < extent_mm - EDGE_MM))
+_DRAW: Final = {"spot": spotted, "streak": streaked, "patch": patched, "ink": paled}
+
+
+def _drawn_tile(
+    page: Page, of_page: Reach, least: NDArray[np.float64], edge_mm: float, rng: np.random.Generator
+) -> tuple[int, int, float, float] | None:
+    """Row and column of a tile where ``least`` is finite, and its middle on the page, y and x. [mm]"""
+    y, x = (
+        np.arange(count) * of_page.tile_mm + of_page.tile_mm / 2 + first
+        for count, first in zip(least.shape, (of_page.top_mm, of_page.left_mm), strict=True)
+    )
+    inside = _inside(y, page.height_mm, edge_mm)[:, None] & _inside(x, page.width_mm, edge_mm)
+    rows, columns = np.nonzero(inside & np.isfinite(least))
+    if not rows.size:
+        return None
+    drawn = int(rng.integers(rows.size))
+    row, column = int(rows[drawn]), int(columns[drawn])
+    return row, column, float(y[row]), float(x[column])
+
+
+def _inside(place_mm: NDArray[np.floating], extent_mm: float, edge_mm: float = EDGE_MM) -> NDArray[np.bool_]:
+    return np.asarray((place_mm > edge_mm) & (place_mm < extent_mm - edge_mm))
 
 
 def _rounded(values: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -233,7 +298,7 @@ def _picture(page: PageReach) -> str:
 
 
 def page_lines(
-    pages: Sequence[PageReach], press: Press, ours: CalibratedDetector, *, trials: int, seed: int
+    job: JobReach, press: Press, ours: CalibratedDetector, *, trials: int, seed: int
 ) -> Iterator[str]:
     """``detectability.md``."""
     yield "# What would be caught before it is printed"
@@ -241,25 +306,47 @@ def page_lines(
     yield (
         f"Press {press.name} ({len(press.sensors)} sensor{'s' * (len(press.sensors) > 1)}, camera pixels of "
         f"{press.geometry.pixel_pitch_mm:.3f} mm on the page), our detector; {ours.promise}. The least that is "
-        "caught in 99 of 100 prints of the press world, in closed form from each page's own information; medians over "
-        "the page with the 5th and 95th percentile in brackets, and the share of places where nothing of the kind is."
+        "caught in 99 of 100 prints of the press world: medians over the page with the 5th and 95th percentile in "
+        "brackets, and the share of places where nothing of the kind is."
     )
-    yield ""
-    yield "| page | black spot [mm] | nowhere | black streak of 0.5 mm [% ink] | nowhere | one ink all over [%] |"
-    yield "|---" * 6 + "|"
-    for page in pages:
-        inks = ", ".join(_of_ink(letter, least) for letter, least in page.reach.inks_percent.items())
-        spot, streak = (_spread(a) for a in (page.reach.spot_mm, page.reach.streak_percent))
-        yield f"| {page.name} | {' | '.join(spot)} | {' | '.join(streak)} | {inks} |"
     yield ""
     yield (
-        f"Verified: {trials} prints of each page with each defect at a place drawn at random, just as faint as should "
-        f"be caught there at 99 %, and as many good prints; every print by itself, one press day a page, seed {seed}."
+        "| page | black spot [mm] | nowhere | black streak of 0.5 mm [% ink] | nowhere | "
+        "loss of all inks in 16 mm [%] | nowhere | loss of one ink all over [%] |"
+    )
+    yield "|---" * 8 + "|"
+    for page in job.pages:
+        reach = page.reach
+        inks = ", ".join(_of_ink(letter, least) for letter, least in reach.inks_percent.items())
+        cells = (_spread(a) for a in (reach.spot_mm, reach.streak_percent, reach.patch_percent))
+        yield f"| {page.name} | " + " | ".join(" | ".join(cell) for cell in cells) + f" | {inks} |"
+    yield ""
+    yield (
+        "How strong a defect must be was learned from prints of these pages with such defects. Strength: what the "
+        "defect adds to the statistic that tells it best, in standard deviations of good prints, in closed form from "
+        "the page's own information."
     )
     yield ""
-    yield "| page | spots caught | streaks caught | density changes caught | good prints that alarmed |"
-    yield "|---" * 5 + "|"
-    rows = [(page.name, page.verified) for page in pages]
+    yield "| | " + " | ".join(NAMES.values()) + " |"
+    yield "|---" * (len(NAMES) + 1) + "|"
+    for chance in (0.5, SURE):
+        cells_ = (f"{job.wanted[defect].strength(chance):.3g}" for defect in NAMES)
+        yield f"| strength that is caught in {chance:.0%} | " + " | ".join(cells_) + " |"
+    yield "| prints | " + " | ".join(str(job.wanted[defect].prints) for defect in NAMES) + " |"
+    yield ""
+    yield (
+        f"Verified: {trials} further prints of each page with each defect at a place drawn at random, just as strong "
+        f"as should be caught at 99 %, and as many good prints; every print by itself, one press day a page, seed "
+        f"{seed}."
+    )
+    yield ""
+    yield (
+        "| page | "
+        + " | ".join(f"{name} caught" for name in NAMES.values())
+        + " | good prints that alarmed |"
+    )
+    yield "|---" * (len(NAMES) + 2) + "|"
+    rows = [(page.name, page.verified) for page in job.pages]
     every = {
         defect: Caught(
             of=sum(found[defect].of for _, found in rows),
@@ -270,7 +357,7 @@ def page_lines(
     for name, found in [*rows, ("all", every)]:
         yield f"| {name} | " + " | ".join(_share(found[defect]) for defect in (*DEFECTS, "none")) + " |"
     yield ""
-    for page in pages:
+    for page in job.pages:
         yield f"![{page.name}]({_picture(page)})"
         yield ""
 

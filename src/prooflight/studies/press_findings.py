@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.studies.press_judging import Judged, Verdicts
+    from prooflight.studies.press_judging import Judged, Kept, Verdicts
     from prooflight.studies.shards import Rows
 
 
@@ -27,12 +27,18 @@ class PressPlan:
     """Judged, each part by what others taught."""
     misprints: int = 1
     """Of each design that is judged: designs tell more than copies."""
+    teaching: int = 500
+    """Designs that teach every part beside other parts' designs ..."""
+    teaching_misprints: int = 3
+    """... and are printed so often wrong: a kind is learned from its own misprints."""
     looser_known: int = 200
     """Good pages that are learned from a press that varies more than was assumed."""
     looser: int = 150
     """Good pages of that press that are judged."""
     ideal: int = 150
     """Designs of the ideal world."""
+    promise: int = 5000
+    """Designs printed once, well, that only set the thresholds of promises."""
     per_day: int = 10
     """Designs printed on one press day; there must be five days to cut into parts."""
     trees: int = TREES
@@ -45,13 +51,21 @@ class PressPlan:
             seed=seed,
             pilot=6,
             designs=60,
+            teaching=8,
             looser_known=12,
             looser=6,
             ideal=20,
+            promise=24,
             per_day=4,
             trees=40,
             ablations=False,
         )
+
+    @property
+    def calibration(self) -> dict[float, int]:
+        """Designs of ``promise`` by the rate that they are to promise; fewer promise what their number allows."""
+        counts = {0.01: min(1500, self.promise), 0.001: self.promise}
+        return {max(rate, 1.01 / (count + 1)): count for rate, count in counts.items()}
 
     def days(self, first: int, count: int) -> list[Day]:
         """Press days on which designs ``first`` and further are printed."""
@@ -70,6 +84,8 @@ class PressFindings:
     pitch_mm: float
     main: Rows
     verdicts: Verdicts
+    kept: list[Kept]
+    """Promises that designs of their own made."""
     looser: dict[str, NDArray[np.bool_]]
     """Whether each good page of the looser press alarmed, by what the threshold rests on."""
     ideal: Verdicts

@@ -10,7 +10,13 @@ import numpy as np
 from prooflight.commissioning.learn import Pages, learn_tolerance, promised
 from prooflight.commissioning.ranking import forested
 from prooflight.deciding.calibrated import WRONG_PAGE
-from prooflight.deciding.operating import Scored, area_under_roc, caught_at, least_cost
+from prooflight.deciding.operating import (
+    Scored,
+    area_under_roc,
+    caught_at,
+    conformal_threshold,
+    least_cost,
+)
 from prooflight.deciding.ranking import every_column, family_columns, group_columns
 
 if TYPE_CHECKING:
@@ -95,11 +101,12 @@ def judged(
     scatter: Scatter,
     *,
     seed: int,
+    teaching: Pages | None = None,
     trees: int = TREES,
     ablations: bool = True,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
-    """Every page of every part."""
+    """Every page of every part. teaching: pages of designs that are not judged and teach every part."""
     names, pages = rows["names"][: rows["values"].shape[1]].tolist(), Pages.of(rows)
     part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
     scores: dict[str, NDArray[np.float64]] = {}
@@ -111,6 +118,7 @@ def judged(
         test, tune = part == index, part == (index + 1) % PARTS
         rng = np.random.default_rng([seed, index, 5])
         learn = pages.rows(~test & ~tune)
+        learn = learn if teaching is None else learn.beside(teaching)
         found = learn_tolerance(learn, names=names, scatter=scatter, rng=rng, trees=trees)
         other = test | tune
         for name, rank in _rankings(found, rows["another"][other]).items():
@@ -133,6 +141,35 @@ def ours_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) 
     """Our score; a scan that shows another page is certain."""
     score = found.score(pages.values, pages.portraits)
     return np.where(another, np.maximum(score, WRONG_PAGE), score)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """A promise that designs of their own made, and what came of it."""
+
+    rate: float
+    designs: int
+    """That made it: printed once, well; they taught nothing."""
+    alarms: NDArray[np.bool_]
+    """(pages,) of those that each part judges, good and bad."""
+
+
+def kept_promises(verdicts: Verdicts, good: Rows, *, calibration: Mapping[float, int]) -> list[Kept]:
+    """Each part's detector with thresholds that good pages of further designs set, on what that part judges.
+
+    calibration: designs by the rate that they promise; the first so many of ``good``.
+    """
+    pages, ours = Pages.of(good), verdicts.methods[OURS]
+    scores = [ours_score(found, pages, good["another"]) for found in verdicts.detectors]
+    found = []
+    for rate, count in calibration.items():
+        alarms = np.zeros(ours.part.shape, bool)
+        for index, score in enumerate(scores):
+            here = ours.part == index
+            threshold = conformal_threshold(score[:count], pages.design[:count], false_alarm_rate=rate)
+            alarms[here] = ours.scored.score[here] > threshold
+        found.append(Kept(rate=rate, designs=count, alarms=alarms))
+    return found
 
 
 def kinds_said(found: TolerancePress, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
@@ -164,11 +201,13 @@ def _rankings(
         assert found.logit is not None
         return found.logit.score(group_columns(evidence(pages), found.families))
 
+    def every(pages: Pages) -> NDArray[np.float64]:
+        deviations = found.deviations(pages.values, pages.portraits)
+        return every_column(found.family_evidence(deviations), pages.portraits, deviations)
+
     def forest(pages: Pages) -> NDArray[np.float64]:
         assert found.forest is not None
-        deviations = found.deviations(pages.values, pages.portraits)
-        columns = every_column(found.family_evidence(deviations), pages.portraits, deviations)
-        return found.forest.score(columns)
+        return found.forest.score(every(pages))
 
     return {
         OURS: lambda pages: ours_score(found, pages, another),
@@ -176,6 +215,7 @@ def _rankings(
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
         "weighed groups of families alone": weighed,
         "forest of all statistics alone": forest,
+        "forests of kinds alone, the most of them": lambda pages: found.of_kinds(every(pages)).max(axis=1),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy import special
 
 from prooflight.deciding.operating import at_threshold, bootstrap_cost, false_alarms_in_words
 from prooflight.simulating.misprints import KINDS
@@ -38,7 +39,8 @@ def page_lines(found: PressFindings) -> Iterator[str]:
         f"Camera pixels of {found.pitch_mm:.3f} mm, two sensors; {plan.designs} composed designs on "
         f"{len(np.unique(rows['day']))} press days: {good} good prints and {bad} misprints, kinds in turn, severity "
         f"even from 0 to 1. The days are cut into five parts. Each is judged by a detector that three others taught, "
-        f"with thresholds from the fifth: nothing that a page is judged by has seen its design or its day. How "
+        f"together with {plan.teaching} designs that are not judged, of {plan.teaching_misprints} misprints each, with "
+        f"thresholds from the fifth: nothing that a page is judged by has seen its design or its day. How "
         f"statistics scatter was learned from {plan.pilot} further designs. `worlds.toml` {worlds_digest()[:12]}, seed "
         f"{plan.seed}. {rows['unmade_kind'].size} misprints stayed below the gate in nine draws and were left out. "
         f"95 % intervals over designs. Never alarming costs alpha."
@@ -155,9 +157,15 @@ def _promises(found: PressFindings) -> Iterator[str]:
     per_part = round(int(good.sum()) / len(np.unique(ours.part)))
     yield "## What was promised, and what came"
     yield ""
-    yield "| promised | on what | good pages judged | false alarms | rate |"
-    yield "|---|---|---|---|---|"
-    yield _promise("1 %", f"{per_part} designs of other days, five times", ours.promised[good])
+    yield "In brackets: what the rate lies below with 95 % certainty."
+    yield ""
+    yield "| promised | on what | good pages judged | false alarms | rate | misprints caught |"
+    yield "|---|---|---|---|---|---|"
+    for kept in found.kept:
+        basis = f"{kept.designs} designs that did nothing else"
+        yield _promise(f"{100 * kept.rate:.3g} %", basis, kept.alarms[good], kept.alarms[~good])
+    basis = f"{per_part} designs of other days, five times"
+    yield _promise("1 %", basis, ours.promised[good], ours.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"
     yield _promise("1 %", f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off])
@@ -167,9 +175,14 @@ def _promises(found: PressFindings) -> Iterator[str]:
     yield ""
 
 
-def _promise(rate: str, basis: str, alarms: NDArray[np.bool_]) -> str:
-    words = f"{alarms.mean():.2%}" if alarms.any() else false_alarms_in_words(0, max(alarms.size, 1))
-    return f"| {rate} | {basis} | {alarms.size} | {int(alarms.sum())} | {words} |"
+def _promise(
+    rate: str, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
+) -> str:
+    """The rate with the upper end of its exact 95 % interval (Clopper and Pearson 1934, one-sided)."""
+    count, pages = int(alarms.sum()), max(alarms.size, 1)
+    most = float(special.betaincinv(count + 1, pages - count, 0.95)) if count < pages else 1.0
+    share = "-" if caught is None else f"{caught.mean():.1%}"
+    return f"| {rate} | {basis} | {pages} | {count} | {count / pages:.2%} (< {most:.2%}) | {share} |"
 
 
 def _others(found: PressFindings) -> Iterator[str]:

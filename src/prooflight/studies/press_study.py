@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.atomic import whole_file
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.learn import Pages, learn_scatter, pooled
+from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, pooled
+from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.operating import Scored, conformal_threshold, least_cost
+from prooflight.deciding.promise import GoodScores
 from prooflight.simulating.worlds import worlds_digest
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.paper_study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -23,6 +26,7 @@ from prooflight.studies.press_judging import (
     PROMISE,
     Judged,
     judged,
+    kept_promises,
     ours_score,
 )
 from prooflight.studies.press_page import page_lines
@@ -31,7 +35,6 @@ from prooflight.studies.shards import digest_of, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -59,13 +62,15 @@ def run_press_study(
     processes: int | None = None,
     plan: PressPlan | None = None,
     real: Folder | None = None,
+    taught: Path | None = None,
     pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
     """Scan, learn, tune, test, and write ``press.md`` into ``results``.
 
-    press_file: of two sensors, the first of which is the ideal world's. real: pages of real documents beside the
-    composed designs. cache: where rows are kept, so that a study that was interrupted goes on.
+    press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
+    that was interrupted goes on. real: pages of real documents beside the composed designs. taught: where to keep
+    the press, with our detector taught by all judged designs and its promise made by those that only promise.
     """
     started = time.perf_counter()
     plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
@@ -94,14 +99,35 @@ def run_press_study(
     if real is not None:
         real_scene = replace(scene, number=4, pages=real, misprints=3)
         real_rows = bench.said(real_scene, scatter, _fitting(real, press, plan), "real pages")
+    first += plan.ideal
+    promise = bench.said(
+        replace(scene, number=5, misprints=0),
+        scatter,
+        plan.days(first, plan.promise),
+        "good pages that promise",
+    )
+    first += plan.promise
+    teaching = bench.said(
+        replace(scene, number=6, misprints=plan.teaching_misprints),
+        scatter,
+        plan.days(first, plan.teaching),
+        "designs that teach",
+    )
     verdicts = judged(
-        main, scatter, seed=plan.seed, trees=plan.trees, ablations=plan.ablations, progress=progress
+        main,
+        scatter,
+        teaching=Pages.of(teaching),
+        seed=plan.seed,
+        trees=plan.trees,
+        ablations=plan.ablations,
+        progress=progress,
     )
     found = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
         main=main,
         verdicts=verdicts,
+        kept=kept_promises(verdicts, promise, calibration=plan.calibration),
         looser=_looser(verdicts, looser, plan),
         ideal=judged(ideal, ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
         real=None if real_rows is None else _on_real(verdicts, main, real_rows),
@@ -109,6 +135,9 @@ def run_press_study(
     text = "\n".join(page_lines(found))
     with whole_file(results / "press.md") as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
+    if taught is not None:
+        progress(f"{taught.name}: learning from every part")
+        _taught(press, main, Pages.of(teaching), promise, scatter, plan).save(taught)
     progress(f"done in {(time.perf_counter() - started) / 60:.0f} minutes")
     return found
 
@@ -131,9 +160,16 @@ class _Bench:
             press.save(path)
         return path
 
-    def digest(self, scene: Scene) -> str:
+    def digest(self, scene: Scene, days: list[Day]) -> str:
         """Of all that a scene's rows depend on."""
-        facts = {"schema": SCHEMA, "worlds": worlds_digest(), "plan": asdict(self.plan), "scene": repr(scene)}
+        facts = {
+            "schema": SCHEMA,
+            "worlds": worlds_digest(),
+            "pilot": self.plan.pilot,
+            "press": scene.press.name,
+            "scene": repr(replace(scene, press=Path())),
+            "days": [day.designs for day in days],
+        }
         return digest_of(facts)
 
     def scatter(self, scene: Scene, days: list[Day], what: str) -> Scatter:
@@ -142,7 +178,7 @@ class _Bench:
             ScatterWork(scene=scene),
             days,
             self.cache / "scatter",
-            digest=self.digest(scene),
+            digest=self.digest(scene, days),
             processes=self.processes,
             progress=self.told(what),
         )
@@ -154,7 +190,7 @@ class _Bench:
             SaidWork(scene=scene, scatter=scatter),
             days,
             self.cache / "said",
-            digest=self.digest(scene),
+            digest=self.digest(scene, days),
             processes=self.processes,
             progress=self.told(what),
         )
@@ -162,6 +198,28 @@ class _Bench:
     def told(self, what: str) -> Callable[[int, int], None]:
         """Progress of a list of pieces."""
         return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
+
+
+def _taught(
+    press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
+) -> Press:
+    """The press with what all judged designs teach; nothing that was published here was judged by it."""
+    tolerance = learn_tolerance(
+        Pages.of(main).beside(teaching),
+        names=main["names"][: main["values"].shape[1]].tolist(),
+        scatter=scatter,
+        rng=np.random.default_rng([plan.seed, 9]),
+        trees=plan.trees,
+    )
+    good = Pages.of(promise)
+    score = ours_score(tolerance, good, promise["another"])
+    ours = CalibratedDetector.calibrated(
+        tolerance,
+        simulated=GoodScores.of(score, good.design).worst,
+        false_alarm_rate=1 / press.good_pages_per_false_alarm,
+        misprint_rate=press.costs.misprint_rate,
+    )
+    return replace(press, ours=ours)
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:

@@ -134,69 +134,70 @@ def tile_sums(residual, weight, light, white, add, gain, of_edges, side, pushes,
     As ``line_sums``, r kept below 10 sigma; the last place is the energy: sum of r^2 / V, each at most 25, and pixels.
     """
     lines, pixels = residual.shape
-    row = np.empty((4, pixels), np.float32)
-    sums = np.zeros((4, MODES + 1, pixels), np.float32)
-    made = np.empty((3, pixels), np.float32)
-    rows, columns = pushes.shape[1], pushes.shape[2]
-    for line in range(2, min(lines - 2, rows * side)):
-        weigh_row(
-            residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), row
-        )
-        void_row(light[line], white, made[0])
-        blur_row(light, line, made[1])
-        whole, c, g, y, k = made[2], gain[0, line], gain[1, line], gain[2, line], gain[3, line]
-        for x in range(pixels):
-            whole[x] = c[x] + g[x] + y[x] + k[x]
-        add_mode(light[line], row[0], row[1], row[2], row[3], sums[0, 0], sums[1, 0], sums[2, 0], sums[3, 0])
-        for ink in range(INKS):
-            m = 1 + ink
-            add_mode(
-                add[ink, line], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
-            )
-        for ink in range(INKS):
-            m = 1 + INKS + ink
-            if not gain[ink, line].any():
-                continue
-            add_mode(
-                gain[ink, line],
-                row[0],
-                row[1],
-                row[2],
-                row[3],
-                sums[0, m],
-                sums[1, m],
-                sums[2, m],
-                sums[3, m],
-            )
-        for of_light in range(3):
-            m = 1 + 2 * INKS + of_light
-            add_mode(
-                made[of_light], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
-            )
-        energy, count = sums[0, MODES], sums[1, MODES]
-        r, w = residual[line], weight[line]
-        for x in range(pixels):
-            energy[x] += min(r[x] * r[x] * w[x], _MOST_SQUARE)
-        for x in range(pixels):
-            count[x] += np.float32(w[x] > 0)
-        if line % side == side - 1 or line == lines - 3:
-            tile = line // side
-            for m in range(MODES + 1):
-                gather(sums[0, m], side, columns, pushes[m, tile])
-                gather(sums[1, m], side, columns, powers[m, tile])
-                gather(sums[2, m], side, columns, shared[m, tile])
-                gather(sums[3, m], side, columns, edges[m, tile])
+    most, any_edge = np.float32(10), np.float32(1)
+    rows = np.empty((side, 4, pixels), np.float32)
+    made = np.empty((3, side, pixels), np.float32)
+    sums = np.empty((4, pixels), np.float32)
+    for tile in range(pushes.shape[1]):
+        first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
+        if first >= last:
+            continue
+        for line in range(first, last):
+            k = line - first
+            weigh_row(residual[line], weight[line], light[line], of_edges[line], most, any_edge, rows[k])
+            void_row(light[line], white, made[0, k])
+            blur_row(light, line, made[1, k])
+            whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+        for m in range(MODES):
             sums[:] = np.float32(0)
+            for k in range(last - first):
+                if m == 0:
+                    mode = light[first + k]
+                elif m < 1 + INKS:
+                    mode = add[m - 1, first + k]
+                elif m < 1 + 2 * INKS:
+                    mode = gain[m - 1 - INKS, first + k]
+                    if not mode.any():
+                        continue
+                else:
+                    mode = made[m - 1 - 2 * INKS, k]
+                row = rows[k]
+                add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
+            gather(sums[0], side, pushes[m, tile])
+            gather(sums[1], side, powers[m, tile])
+            gather(sums[2], side, shared[m, tile])
+            gather(sums[3], side, edges[m, tile])
+        sums[:2] = np.float32(0)
+        for line in range(first, last):
+            add_energy(residual[line], weight[line], sums[0], sums[1])
+        gather(sums[0], side, pushes[MODES, tile])
+        gather(sums[1], side, powers[MODES, tile])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def gather(sums, side, columns, out):  # type: ignore[no-untyped-def]
-    """Sums (pixels,) added up in tiles of ``side``, into out (columns,)."""
+def whole_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
+    """All inks' gain together."""
+    for x in range(out.size):
+        out[x] = cyan[x] + magenta[x] + yellow[x] + black[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
+    """Add a row's squared residuals over their variance, and where there are any."""
+    for x in range(residual.size):
+        energy[x] += min(residual[x] * residual[x] * weight[x], _MOST_SQUARE)
+    for x in range(residual.size):
+        count[x] += np.float32(weight[x] > 0)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def gather(sums, side, out):  # type: ignore[no-untyped-def]
+    """Sums (pixels,) added up in tiles of ``side``, added to out (tile columns,)."""
     if side == 2:
-        for column in range(columns):
+        for column in range(out.size):
             out[column] += sums[2 * column] + sums[2 * column + 1]
         return
-    for column in range(columns):
+    for column in range(out.size):
         total = np.float32(0)
         for x in range(column * side, (column + 1) * side):
             total += sums[x]

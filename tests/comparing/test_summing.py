@@ -142,7 +142,7 @@ def test_images_move_as_splines_and_lines_say(seed: int, right: float, down: flo
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise, across, along, found)
+    move_smooth(noise[None], np.array([0]), across, along, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)

@@ -214,12 +214,9 @@ def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: f
 
 def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
-    out = np.empty_like(images)
-    for image, target in zip(images, out, strict=True):
-        if image[::8].any():
-            move_smooth(image, seen.across, seen.along, target)
-        else:
-            target[:] = 0
+    out = np.zeros_like(images)
+    some = np.array([n for n, image in enumerate(images) if image[::8].any()], np.int64)
+    move_smooth(images, some, seen.across, seen.along, out)
     return out
 
 

@@ -86,7 +86,7 @@ def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
     found = np.zeros((4, 10, 2, 37), np.float32)
-    line_sums(*of.values(), np.float32(0.7), shift, 2, 12, *found)
+    line_sums(*of.values(), np.array([0.7], np.float32), shift, 12, found[None])
     said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
     asked = np.zeros((4, 10, 2, 37))
     for line in range(2, 21):

@@ -66,43 +66,28 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def line_sums(  # type: ignore[no-untyped-def]
-    residual,
-    weight,
-    light,
-    white,
-    add,
-    gain,
-    of_edges,
-    most_edge,
-    shift,
-    segments,
-    segment_lines,
-    pushes,
-    powers,
-    shared,
-    edges,
+    residual, weight, light, white, add, gain, of_edges, most_edges, shift, segment_lines, out
 ):
-    """Sums down the columns of a page, in segments of its height, added to (modes, segments, pixels).
+    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
 
-    Modes: ``LINE_MODES``. pushes: sum P r / V; powers: P^2 / V; shared: P light / V; edges: the edges' part of powers.
-    white (pixels,): bare paper's light. r is kept below 4 sigma. shift (lines,): whole pixels by which a line is moved
-    left, so that columns of a page that is turned lie on each other; pixels more of whose variance than most_edge is
-    edges' are left out.
+    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. white (pixels,): bare
+    paper's light. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
+    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
     """
     lines, pixels = residual.shape
-    row = np.empty((4, pixels), np.float32)
+    rows = np.empty((most_edges.size, 4, pixels), np.float32)
     void = np.empty(pixels, np.float32)
     for line in range(2, lines - 2):
-        segment = min(line // segment_lines, segments - 1)
+        segment = min(line // segment_lines, out.shape[3] - 1)
         by = shift[line]
         left, right = max(by, 0), min(pixels + by, pixels)
         if left >= right:
             continue
-        weigh_row(residual[line], weight[line], light[line], of_edges[line], np.float32(4), most_edge, row)
+        for n in range(most_edges.size):
+            images = residual[line], weight[line], light[line], of_edges[line]
+            weigh_row(*images, np.float32(4), most_edges[n], rows[n])
         void_row(light[line], white, void)
         to = slice(left - by, right - by)
-        push, power = row[0, left:right], row[1, left:right]
-        shine, edge = row[2, left:right], row[3, left:right]
         for m in range(LINE_MODES):
             if m == 0:
                 mode = light[line, left:right]
@@ -114,17 +99,11 @@ def line_sums(  # type: ignore[no-untyped-def]
                     continue
             else:
                 mode = void[left:right]
-            add_mode(
-                mode,
-                push,
-                power,
-                shine,
-                edge,
-                pushes[m, segment, to],
-                powers[m, segment, to],
-                shared[m, segment, to],
-                edges[m, segment, to],
-            )
+            for n in range(most_edges.size):
+                row = rows[n]
+                weighed = row[0, left:right], row[1, left:right], row[2, left:right], row[3, left:right]
+                push, power = out[n, 0, m, segment, to], out[n, 1, m, segment, to]
+                add_mode(mode, *weighed, push, power, out[n, 2, m, segment, to], out[n, 3, m, segment, to])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

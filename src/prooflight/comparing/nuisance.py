@@ -329,9 +329,9 @@ class _Model:
         unsure: NDArray[np.float64] = np.eye(size)
         for _ in range(ROUNDS):
             w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
-            x = self.x.reshape(-1, size)
-            normal = (x * w[:, None]).T @ x + np.eye(size)
-            asked = x.T @ (w * self.y.ravel()) + self.start
+            x = self.x.reshape(-1, size) * np.sqrt(w)[:, None]
+            normal = x.T @ x + np.eye(size)  # of one matrix: half the work
+            asked = x.T @ (np.sqrt(w) * self.y.ravel()) + self.start
             unsure = np.asarray(np.linalg.inv(normal), np.float64)
             amounts = unsure @ asked
             z = (self.y - self.x @ amounts) / np.sqrt(variance)

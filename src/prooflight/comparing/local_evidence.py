@@ -98,7 +98,8 @@ def summed(
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
     lines, pixels = where.inside.shape
-    tiles = np.zeros((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
+    # Written through once: pages of memory first met here and there cost three times as much.
+    tiles = np.full((4, len(MODES) + 1, lines // side, pixels // side), 0, np.float32)
     columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     for index, sensor in enumerate(sensors):

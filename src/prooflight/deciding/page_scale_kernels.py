@@ -199,6 +199,15 @@ def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
+def says_something(power):  # type: ignore[no-untyped-def]
+    """Whether any place of a map has information; most that do are seen to at once."""
+    for y in range(power.shape[0]):
+        if greatest_of(power[y : y + 1]) > 0:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """``against_own`` of all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
 
@@ -208,7 +217,7 @@ def boxes_against_own(cells, gains, level, known, scatter, least, overlap, value
     nothing = np.zeros((2, height, width), np.float32)
     of_all, maps = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
     for mode in range(modes):
-        if greatest_of(cells[1, mode]) <= 0:
+        if not says_something(cells[1, mode]):
             values[mode] = 0
             places[mode] = 0
             continue

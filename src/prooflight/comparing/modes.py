@@ -214,9 +214,10 @@ def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: f
 
 def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
-    out = np.zeros_like(images)
-    some = np.array([n for n, image in enumerate(images) if image[::8].any()], np.int64)
-    move_smooth(images, some, seen.across, seen.along, out)
+    out = np.empty_like(images)
+    some = np.array([image[::8].any() for image in images])
+    out[~some] = 0
+    move_smooth(images, np.flatnonzero(some), seen.across, seen.along, out)
     return out
 
 

@@ -201,10 +201,10 @@ def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-u
 @njit(cache=True, nogil=True)
 def says_something(power):  # type: ignore[no-untyped-def]
     """Whether any place of a map has information; most that do are seen to at once."""
-    for y in range(power.shape[0]):
-        if greatest_of(power[y : y + 1]) > 0:
-            return True
-    return False
+    y = 0
+    while y < power.shape[0] and greatest_of(power[y : y + 1]) <= 0:
+        y += 1
+    return y < power.shape[0]
 
 
 @njit(cache=True, nogil=True)

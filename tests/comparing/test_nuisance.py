@@ -58,7 +58,7 @@ def judged(press: Press, page: Page, scan: NDArray[np.uint16], placement: Placem
     seen = predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
     own = prepare_modes(page, sensors=sensors, geometry=geometry)
     where = sight(page, geometry, placement)
-    modes = Modes.unstacked(moved(own.stack(), where), len(sensors))
+    modes = Modes(images=moved(own.images, where), sensors=len(sensors))
     colours = page_colours(own.cover)
     fit = fit_nuisances(
         scan, seen, modes, where, sensors=sensors, colours=colours, planes=np.zeros((4, 2)), pixel_mm=pitch,

@@ -86,7 +86,7 @@ def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
     found = np.zeros((4, 10, 2, 37), np.float32)
-    line_sums(*of.values(), np.float32(0.7), shift, 2, 12, *found)
+    line_sums(*of.values(), np.array([0.7], np.float32), shift, 12, found[None])
     said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
     asked = np.zeros((4, 10, 2, 37))
     for line in range(2, 21):
@@ -142,7 +142,7 @@ def test_images_move_as_splines_and_lines_say(seed: int, right: float, down: flo
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise, across, along, found)
+    move_smooth(noise[None], np.array([0]), across, along, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.comparing.summing.binning_kernels import binned_rows, running_means
+from prooflight.comparing.summing.binning_kernels import binned_rows, running_means, take_turns
 from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.predicting.predict import Prediction
 
@@ -90,12 +90,10 @@ def thinned(page: Page, bins: int) -> Page:
     """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
     if bins == 1:
         return page
-    rows, columns = (-(-extent // bins) for extent in page.cmyk.shape[:2])
-    i, j = np.arange(rows)[:, None], np.arange(columns)[None]
-    row = np.minimum(i * bins + (i + j) % bins, page.cmyk.shape[0] - 1)
-    column = np.minimum(j * bins + (i // bins + j // bins) % bins, page.cmyk.shape[1] - 1)
     words = np.ascontiguousarray(page.cmyk).view(np.uint32)[..., 0]
-    cmyk = words[row, column][..., None].view(np.uint8)
+    taken = np.empty([-(-extent // bins) for extent in words.shape], np.uint32)
+    take_turns(words, bins, taken)
+    cmyk = taken[..., None].view(np.uint8)
     return replace(page, cmyk=cmyk, dpi=page.dpi / bins)
 
 

@@ -98,9 +98,9 @@ def summed(
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
     lines, pixels = where.inside.shape
-    tiles = np.zeros((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
-    columns = np.zeros((4, LINE_MODES, SEGMENTS, pixels), np.float32)
-    flat_columns = np.zeros_like(columns)
+    # Written through once: pages of memory first met here and there cost three times as much.
+    tiles = np.full((4, len(MODES) + 1, lines // side, pixels // side), 0, np.float32)
+    columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     for index, sensor in enumerate(sensors):
         light = seen.expected_dn[index] - sensor.column_offset_dn
@@ -114,8 +114,7 @@ def summed(
             modes.gain[index],
             of_edges[index],
         )
-        for most_edge, into in ((1.0, columns), (FLAT, flat_columns)):
-            line_sums(*images, np.float32(most_edge), shift, SEGMENTS, -(-lines // SEGMENTS), *into)
+        line_sums(*images, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
         gains = np.empty(pixels, np.float32)
         column_gains(left[index], weight[index], light, np.float32(1 / COLUMN_SD**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
@@ -133,8 +132,8 @@ def summed(
     )
     return Sums(
         tiles=tiles,
-        columns=columns,
-        flat_columns=flat_columns,
+        columns=columns[0],
+        flat_columns=columns[1],
         cover=cover,
         shifts=plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm),
         tile_mm=side * geometry.pixel_pitch_mm,

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.comparing.summing.moving_kernels import STRETCH, move_smooth, within
+from prooflight.comparing.summing.portrait_kernels import portrait_sums
 from prooflight.pages.sampling import LensCorrection
-from prooflight.predicting.predict import predict
+from prooflight.predicting.predict import predict_light
 from prooflight.predicting.slopes import EVERY, SLOPE_NODES, mean_slopes
 from prooflight.predicting.tables import NODES, SensorModel, node_fractions
 
@@ -36,29 +37,39 @@ COVER_SCALE: Final = 4096.0
 class Modes:
     """Images (..., lines, pixels) of what each cause does to the light of bare columns; inks in the order CMYK."""
 
-    gain: NDArray[np.float32]
-    """(sensors, 4, lines, pixels) J a: by a whole gain of each ink. [DN]"""
-    add: NDArray[np.float32]
-    """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not. [DN]"""
-    dot: NDArray[np.float32]
-    """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
-    texture: NDArray[np.float32]
-    """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
-    cover: NDArray[np.float32]
-    """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
+    images: NDArray[np.float32]
+    """(channels, lines, pixels) all of them, for one move of all; its parts are the properties."""
+    sensors: int
 
-    def stack(self) -> NDArray[np.float32]:
-        """(channels, lines, pixels) for one move of all."""
-        parts = [part.reshape(-1, *part.shape[-2:]) for part in (self.gain, self.add, self.dot)]
-        return np.concatenate([*parts, self.texture, self.cover])
+    @property
+    def gain(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) J a: by a whole gain of each ink. [DN]"""
+        return self._of_inks(0)
 
-    @classmethod
-    def unstacked(cls, images: NDArray[np.float32], sensors: int) -> Modes:
-        """``stack`` undone."""
-        shape, size = images.shape[-2:], sensors * INKS
-        gain, add, dot = (images[size * i : size * (i + 1)].reshape(sensors, INKS, *shape) for i in range(3))
-        rest = images[3 * size :]
-        return cls(gain=gain, add=add, dot=dot, texture=rest[:sensors], cover=rest[sensors:])
+    @property
+    def add(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not. [DN]"""
+        return self._of_inks(1)
+
+    @property
+    def dot(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
+        return self._of_inks(2)
+
+    @property
+    def texture(self) -> NDArray[np.float32]:
+        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
+        return self.images[-INKS - self.sensors : -INKS]
+
+    @property
+    def cover(self) -> NDArray[np.float32]:
+        """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
+        return self.images[-INKS:]
+
+    def _of_inks(self, part: int) -> NDArray[np.float32]:
+        size = self.sensors * INKS
+        images = self.images[size * part : size * (part + 1)]
+        return images.reshape(self.sensors, INKS, *images.shape[1:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,48 +148,27 @@ def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
     return fine
 
 
-def seen_as(
-    page: Page, model: SensorModel, *, geometry: ScanGeometry, threads: int | None = 1
-) -> NDArray[np.float32]:
-    """What one sensor model sees of a page in its place, (lines, pixels)."""
-    return predict(page, sensors=[model], geometry=geometry, threads=threads).expected_dn[0]
-
-
-def prepare_modes(
-    page: Page,
-    *,
-    sensors: Sequence[SensorModel],
-    geometry: ScanGeometry,
-    bins: int = 1,
-    threads: int | None = 1,
-) -> Modes:
-    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads.
-
-    bins: so many of the camera's pixels each way are taken as one.
-    """
-    lines, pixels = -(-geometry.lines(page.height_mm) // bins), geometry.pixels // bins
-    present = [bool(page.cmyk[::2, ::2, ink].any()) for ink in range(INKS)]
-    shape = (len(sensors), INKS, lines, pixels)
-    gain, add, dot = np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    texture = np.zeros((len(sensors), lines, pixels), np.float32)
-    cover = np.zeros((INKS, lines, pixels), np.float32)
-
-    def seen(model: SensorModel) -> NDArray[np.float32]:
-        return seen_as(page, model, geometry=geometry, threads=threads)
-
+def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Modes:
+    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
+    channels = len(sensors) * (3 * INKS + 1) + INKS
+    images = np.zeros((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
+    modes = Modes(images=images, sensors=len(sensors))
+    present = [ink for ink in range(INKS) if page.cmyk[::2, ::2, ink].any()]
     for index, sensor in enumerate(sensors):
         tables = mode_sensor(sensor)
-        texture[index] = seen(tables.texture)
-        for ink in range(INKS):
-            add[index, ink] = -seen(tables.add[ink])
-            if present[ink]:
-                gain[index, ink] = -seen(tables.gain[ink])
-                dot[index, ink] = -seen(tables.dot[ink])
-    for ink in range(INKS):
-        if not present[ink]:
-            continue
-        cover[ink] = seen(cover_sensors(sensors[0])[ink]) / np.float32(COVER_SCALE)
-    return Modes(gain=gain, add=add, dot=dot, texture=texture, cover=cover)
+        for of_inks, out, inks in (
+            (tables.add, modes.add[index], range(INKS)),
+            (tables.gain, modes.gain[index], present),
+            (tables.dot, modes.dot[index], present),
+        ):
+            predict_light(page, [of_inks[ink] for ink in inks], [out[ink] for ink in inks], geometry=geometry)
+            for ink in inks:
+                np.negative(out[ink], out=out[ink])
+        predict_light(page, [tables.texture], [modes.texture[index]], geometry=geometry)
+    areas, cover = cover_sensors(sensors[0]), modes.cover
+    predict_light(page, [areas[ink] for ink in present], [cover[ink] for ink in present], geometry=geometry)
+    cover /= np.float32(COVER_SCALE)
+    return modes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,11 +215,9 @@ def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: f
 def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
     out = np.empty_like(images)
-    for image, target in zip(images, out, strict=True):
-        if image[::8].any():
-            move_smooth(image, seen.across, seen.along, target)
-        else:
-            target[:] = 0
+    some = np.array([image[::8].any() for image in images])
+    out[~some] = 0
+    move_smooth(images, np.flatnonzero(some), seen.across, seen.along, out)
     return out
 
 
@@ -245,22 +233,19 @@ def portrait(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     texture, edges of black, of the other inks, and of two inks at once, whose register nobody sees; share of more ink
     than two solids.
     """
-    some, kept = modes.cover[:, ::PORTRAIT_LINES], inside[::PORTRAIT_LINES]
-    cover = np.stack([plane[kept] for plane in some])
-    across = np.abs(np.diff(some, axis=2))
-    steps = [
-        across[3].mean(),
-        np.abs(np.diff(some[:3].sum(axis=0), axis=1)).mean(),
-        np.sort(across, axis=0)[-2].mean(),
-    ]
-    return np.array(
+    sums, kept, every = portrait_sums(modes.cover, modes.texture[0], inside, PORTRAIT_LINES)
+    ink, solid, printed, heavy, texture, of_black, of_others, of_two = np.split(
+        sums, np.cumsum([4, 4, 1, 1, 1, 1, 1])
+    )
+    edges = np.concatenate([of_black, of_others, of_two]) / every
+    return np.concatenate(
         [
-            *np.log(cover.mean(axis=1, dtype=np.float64) + 1e-4),
-            *(cover > 0.9).mean(axis=1),
-            np.log((cover.sum(axis=0) > 0.05).mean() + 1e-3),
-            inside.mean(),
-            np.log(modes.texture[0, ::PORTRAIT_LINES][kept].mean(dtype=np.float64) + 1),
-            *np.log(np.array(steps, np.float64) + 1e-4),
-            (cover.sum(axis=0) > 2).mean(),
+            np.log(ink / kept + 1e-4),
+            solid / kept,
+            np.log(printed / kept + 1e-3),
+            [inside.mean()],
+            np.log(texture / kept + 1),
+            np.log(edges + 1e-4),
+            heavy / kept,
         ]
     )

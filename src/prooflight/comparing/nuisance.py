@@ -136,10 +136,11 @@ class Colours:
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
     """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
-    sample = cover[:, ::4, ::4].reshape(INKS, -1).T.astype(np.float64)
-    sample = np.concatenate([np.zeros((1, INKS)), sample])
-    steps = np.rint(sample * 16).astype(np.int64).clip(0, 16)
-    keys, count = np.unique(steps @ 17 ** np.arange(INKS)[::-1], return_counts=True)
+    steps = np.rint(cover[:, ::4, ::4].reshape(INKS, -1) * np.float32(16)).clip(0, 16).astype(np.int32)
+    found_at = np.bincount(np.ravel_multi_index(tuple(steps), (17,) * INKS), minlength=17**INKS)
+    found_at[0] += 1  # bare paper is always one of them
+    keys = np.flatnonzero(found_at)
+    count = found_at[keys]
     colours = np.stack(np.unravel_index(keys, (17,) * INKS), axis=1) / 16
     weight = np.sqrt(count)
     left = np.ones(len(colours))
@@ -328,9 +329,9 @@ class _Model:
         unsure: NDArray[np.float64] = np.eye(size)
         for _ in range(ROUNDS):
             w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
-            x = self.x.reshape(-1, size)
-            normal = (x * w[:, None]).T @ x + np.eye(size)
-            asked = x.T @ (w * self.y.ravel()) + self.start
+            x = self.x.reshape(-1, size) * np.sqrt(w)[:, None]
+            normal = x.T @ x + np.eye(size)  # of one matrix: half the work
+            asked = x.T @ (np.sqrt(w) * self.y.ravel()) + self.start
             unsure = np.asarray(np.linalg.inv(normal), np.float64)
             amounts = unsure @ asked
             z = (self.y - self.x @ amounts) / np.sqrt(variance)

@@ -1,9 +1,9 @@
 """Planes far out of register: what each ink's plane, printed elsewhere, would explain of a residual.
 
 Registration follows a plane by its slopes, a few tenths of a millimetre; further off, edges lie beyond what slopes
-foresee. Here every shift within reach is tried at once: with P the effect of a plane's ink, r the residual and V its
-variance, N(d) = sum (P(x - d) - P(x)) r / V and D(d) = sum (P(x - d) - P(x))^2 / V are correlations, and N / D is the
-share of the plane that lies there: 1 where all of it does.
+foresee. Here every shift within reach is tried: with P the effect of a plane's ink, r the residual and V its variance,
+N(d) = sum (P(x - d) - P(x)) r / V and D(d) = sum (P(x - d) - P(x))^2 / V, and N / D is the share of the plane that lies
+there: 1 where all of it does. So few shifts take a tenth of the time, added up one by one, of what transforms take.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import fft
+
+from prooflight.comparing.binning import binned
+from prooflight.comparing.summing.shift_kernels import shift_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,47 +36,24 @@ def plane_shifts(
     """
     side = max(int(CELL_MM / pixel_mm + 0.5), 1)
     reach = round(REACH_MM / (side * pixel_mm))
-    weights = _cells(weight, side)
-    pushes = _cells(left * weight, side)
-    lines, pixels = weights.shape[-2:]
-    shape = (fft.next_fast_len(lines + reach, real=True), fft.next_fast_len(pixels + reach, real=True))
+    weights, pushes = _means(weight, side) * side**2, _means(left * weight, side) * side**2
     steps = np.arange(-reach, reach + 1) * side * pixel_mm
     away_mm = np.hypot(*np.meshgrid(steps, steps))
     wanted = (away_mm >= NEAR_MM) & (away_mm <= REACH_MM)
-
-    def spectrum(image: NDArray[np.floating]) -> NDArray[np.complexfloating]:
-        return np.asarray(fft.rfft2(image.astype(np.float32), s=shape, workers=1))
-
-    of_pushes, of_weights = [spectrum(one) for one in pushes], [spectrum(one) for one in weights]
     found = np.zeros((gain.shape[1], 4))
     for ink in range(gain.shape[1]):
-        crossed = np.zeros((3, *of_weights[0].shape), of_weights[0].dtype)
-        for sensor, of_weight in enumerate(of_weights):
-            plane = _cells(gain[sensor, ink], side) / side**2
-            of_plane = spectrum(plane).conj()
-            crossed[0] += of_pushes[sensor] * of_plane
-            crossed[1] += of_weight * spectrum(plane**2).conj()
-            crossed[2] += spectrum(weights[sensor] * plane) * of_plane
-        push, there, both = (_lags(one, shape, reach) for one in crossed)
-        here = reach, reach
-        explained = push - push[here]
-        power = np.maximum(there + there[here] - 2 * both, 0)
+        explained, power = np.zeros((2, *wanted.shape))
+        for sensor, push in enumerate(pushes):
+            plane = np.pad(_means(gain[sensor, ink], side), reach)
+            shift_sums(push, weights[sensor], plane, wanted, explained, power)
         doubt = np.sqrt(power + (DOUBT * power) ** 2 + 1)
-        sure = np.where(wanted, explained / doubt, 0).clip(min=0)
-        share = np.where(wanted, explained / (power + 1 / DOUBT**2), 0).clip(min=0)
+        sure = (explained / doubt).clip(min=0)
+        share = (explained / (power + 1 / DOUBT**2)).clip(min=0)
         down, right = np.unravel_index(sure.argmax(), sure.shape)
         found[ink] = sure.max(), share.max(), steps[right], steps[down]
     return found
 
 
-def _cells(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Sums over squares of so many pixels: (..., lines // side, pixels // side)."""
-    lines, pixels = (size // side for size in image.shape[-2:])
-    whole = image[..., : lines * side, : pixels * side]
-    return np.asarray(whole.reshape(*image.shape[:-2], lines, side, pixels, side).sum(axis=(-3, -1)))
-
-
-def _lags(crossed: NDArray[np.complexfloating], shape: tuple[int, int], reach: int) -> NDArray[np.float64]:
-    """Correlation at shifts of up to ``reach`` cells: (2 reach + 1, 2 reach + 1), no shift in the middle."""
-    every = fft.irfft2(crossed, s=shape, workers=1)
-    return np.roll(every, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1].astype(np.float64)
+def _means(images: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Over whole squares of so many pixels: (..., lines // side, pixels // side)."""
+    return binned(images, side)[..., : images.shape[-2] // side, :]

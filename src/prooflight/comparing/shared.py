@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from prooflight.comparing.binning import binned, phased
-from prooflight.comparing.modes import seen_as, shadow_sensors
+from prooflight.comparing.modes import shadow_sensors
 from prooflight.comparing.summing.moving_kernels import move, move_shadow
 from prooflight.predicting.kernels import to_columns
-from prooflight.predicting.predict import Prediction, shot_slope
+from prooflight.predicting.predict import Prediction, predict_light, shot_slope
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,7 +50,6 @@ class SharedPrediction:
         sensors: Sequence[SensorModel],
         geometry: ScanGeometry,
         bins: int = 1,
-        threads: int | None = 1,
     ) -> Self:
         """From a page's prediction in its place."""
         light = []
@@ -68,10 +67,9 @@ class SharedPrediction:
                 kept.append(binned((expected.variance_dn2[index] - dark) / gain - above, bins))
             for ink in range(INKS):
                 if page.cmyk[::2, ::2, ink].any():
-                    model = shadow_sensors(sensor)[ink]
-                    shadows[index, ink] = binned(
-                        seen_as(page, model, geometry=geometry, threads=threads), bins
-                    )
+                    shadow = np.empty_like(expected.expected_dn[index])
+                    predict_light(page, [shadow_sensors(sensor)[ink]], [shadow], geometry=geometry)
+                    shadows[index, ink] = binned(shadow, bins)
         if kept:
             variance = np.stack(kept)
         return cls(light=np.stack(light), variance=variance, shadows=shadows)

@@ -82,15 +82,21 @@ def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def sort_row(t, kinds, bins, y, histogram, ends, at):  # type: ignore[no-untyped-def]
-    """Count a row of T (w,) by class and size, and keep each class's greatest and least with their places."""
+def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no-untyped-def]
+    """Count a row of T (w,) by class and size, and keep each class's greatest and least with their places.
+
+    bounds (classes,): |T| up to which a class has nothing new. What is not known is not counted.
+    """
     for x in range(t.size):
-        kind = kinds[x]
-        histogram[kind, bins[x]] += 1
-        if t[x] > ends[kind, 0]:
-            ends[kind, 0], at[kind, 0, 0], at[kind, 0, 1] = t[x], y, x
-        elif t[x] < ends[kind, 1]:
-            ends[kind, 1], at[kind, 1, 0], at[kind, 1, 1] = t[x], y, x
+        kind = np.uint32(kinds[x])  # no index below 0 to look after
+        if kind == NO_CLASS:
+            continue
+        histogram[kind, np.uint32(bins[x])] += np.uint32(1)
+        if abs(t[x]) > bounds[kind]:
+            end = np.uint32(t[x] < 0)
+            if abs(t[x]) > abs(ends[kind, end]):
+                ends[kind, end], at[kind, end, 0], at[kind, end, 1] = t[x], y, x
+                bounds[kind] = min(ends[kind, 0], -ends[kind, 1])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -120,16 +126,15 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
         return
     t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
     kinds, bins = np.empty(width, np.int32), np.empty(width, np.int32)
-    histogram = np.zeros((CLASSES + 1, BINS), np.int64)
-    ends = np.zeros((CLASSES + 1, 2), np.float32)
-    at = np.zeros((CLASSES + 1, 2, 2), np.int64)
+    known = np.zeros((CLASSES, BINS), np.uint32)
+    bounds, ends = np.zeros(CLASSES, np.float32), np.zeros((CLASSES, 2), np.float32)
+    at = np.zeros((CLASSES, 2, 2), np.int64)
     squares = 0.0
     for y in range(height):
         squares += row_of_t(own[y], power[y], edges[y], scatter[0], scatter[1], scatter[2], least, t)
         row_of_classes(power[y], edges[y], most, least, kinds)
         row_of_bins(t, shifted, bins)
-        sort_row(t, kinds, bins, y, histogram, ends, at)
-    known = histogram[:CLASSES]
+        sort_row(t, kinds, bins, y, known, bounds, ends, at)
     total = known.sum()
     values[4] = squares / total
     n = total / overlap
@@ -194,6 +199,15 @@ def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
+def says_something(power):  # type: ignore[no-untyped-def]
+    """Whether any place of a map has information; most that do are seen to at once."""
+    y = 0
+    while y < power.shape[0] and greatest_of(power[y : y + 1]) <= 0:
+        y += 1
+    return y < power.shape[0]
+
+
+@njit(cache=True, nogil=True)
 def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """``against_own`` of all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
 
@@ -203,7 +217,7 @@ def boxes_against_own(cells, gains, level, known, scatter, least, overlap, value
     nothing = np.zeros((2, height, width), np.float32)
     of_all, maps = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
     for mode in range(modes):
-        if greatest_of(cells[1, mode]) <= 0:
+        if not says_something(cells[1, mode]):
             values[mode] = 0
             places[mode] = 0
             continue

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from prooflight.comparing.binning import binned
 from prooflight.comparing.boxed_evidence import cells_of, echoes
 from prooflight.comparing.local_evidence import (
     GHOST_BOXES_MM,
@@ -174,9 +175,7 @@ def of_energy(sums: Sums) -> Iterator[Said]:
     maps, side = np.stack([energy, pixels, share]), 1
     for size in (2, 8, 32):
         step, side = size // side, size
-        rows_, columns = (extent // step for extent in maps.shape[1:])
-        cut = maps[:, : rows_ * step, : columns * step]
-        maps = cut.reshape(3, rows_, step, columns, step).sum(axis=4).sum(axis=2)
+        maps = binned(maps, step)[:, : maps.shape[1] // step] * np.float32(step**2)
         if not maps.size:
             yield Said(name=f"energy/{size}", value=0.0)
             yield Said(name=f"excess/{size}", value=0.0)

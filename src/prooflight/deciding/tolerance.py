@@ -53,7 +53,7 @@ class PreparedPage:
     page: Page
     landmarks: Landmarks
     images: NDArray[np.float32]
-    """``Modes.stack`` of the page in its place, in binned pixels."""
+    """``Modes.images`` of the page in its place, in binned pixels."""
     shared: SharedPrediction | None
     """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
     colours: Colours
@@ -82,7 +82,7 @@ def prepare_page(
     return PreparedPage(
         page=page,
         landmarks=prepare(page, expected, sensors=sensors, geometry=geometry),
-        images=modes.stack(),
+        images=modes.images,
         shared=shared,
         colours=page_colours(modes.cover),
         portrait=portrait(modes, inside),
@@ -122,7 +122,7 @@ def look(
     else:
         taken_mm, planes_mm = planes_taken(found.planes_mm)
         seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
-    modes = Modes.unstacked(moved(prepared.images, where), len(sensors))
+    modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
     measured = binned_scan(scan, bins)
     fit = fit_nuisances(
         measured,

@@ -86,6 +86,20 @@ def predict(
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
+def predict_light(
+    page: Page, tables: Sequence[SensorModel], out: Sequence[NDArray[np.float32]], *, geometry: ScanGeometry
+) -> None:
+    """What bare columns without a lens's far light see of a page in its place, above the backing, of each table.
+
+    Written: (lines, pixels) each [the table's units].
+    """
+    where = course(page, geometry, IN_PLACE)
+    for sensor, light in zip(tables, out, strict=True):
+        seen = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
+        seen(line_from=0, line_to=len(light), light=light)
+        np.maximum(light, 0, out=light)
+
+
 def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
     """Its part of some lines and columns."""
     part = (slice(None), *area)
@@ -116,10 +130,12 @@ def shot_slope(sensor: SensorModel) -> float:
 
 def _in_bands(pool: ThreadPoolExecutor, workers: int, lines: int, work: Callable[..., None]) -> None:
     """Run ``work`` for all lines, in bands on all workers; a band begins by filtering a few rows that others do too."""
-    band = lines if workers == 1 else LINES_PER_BAND
+    if workers == 1:
+        work(line_from=0, line_to=lines)
+        return
     running = [
-        pool.submit(work, line_from=start, line_to=min(start + band, lines))
-        for start in range(0, lines, band)
+        pool.submit(work, line_from=start, line_to=min(start + LINES_PER_BAND, lines))
+        for start in range(0, lines, LINES_PER_BAND)
     ]
     for done in running:
         done.result()

@@ -10,6 +10,7 @@ from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES
 INKS = 4
 _SAME = np.float32(0.004)
 """Ink area by which recipes may differ that are taken for one."""
+_FLOOR = np.float32(1e-12)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -141,30 +142,62 @@ def variances(light, variance, texture, inside, scale, edge, contrast, share, da
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def add_slopes(residual, weight, above, light, below, made, sums):  # type: ignore[no-untyped-def]
+    """Add what a row says of displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
+
+    above, light, below: rows of light; made (3, pixels) is working space.
+    """
+    push, across, along = made[0], made[1], made[2]
+    for x in range(residual.size):
+        r, w = residual[x], weight[x]
+        push[x] = r * w * min(np.float32(1), np.float32(8) / np.sqrt(r * r * w + _FLOOR))
+    for x in range(1, residual.size - 1):
+        across[x] = (light[x + 1] - light[x - 1]) * np.float32(0.5)
+    across[0] = across[residual.size - 1] = np.float32(0)
+    for x in range(residual.size):
+        along[x] = (below[x] - above[x]) * np.float32(0.5)
+    ax, ay, xx, yy, xy = sums[0], sums[1], sums[2], sums[3], sums[4]
+    for x in range(residual.size):
+        ax[x] += across[x] * push[x]
+    for x in range(residual.size):
+        ay[x] += along[x] * push[x]
+    for x in range(residual.size):
+        xx[x] += across[x] * across[x] * weight[x]
+    for x in range(residual.size):
+        yy[x] += along[x] * along[x] * weight[x]
+    for x in range(residual.size):
+        xy[x] += across[x] * along[x] * weight[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def sum_of(row):  # type: ignore[no-untyped-def]
+    """Of a row (n,)."""
+    total = np.float32(0)
+    for x in range(row.size):
+        total += row[x]
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-def]
     """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns).
 
-    Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along.
+    Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along; r is kept
+    below 8 sigma. The last tiles take what is left over.
     """
     lines, pixels = residual.shape
-    for line in range(2, lines - 2):
-        row = min(line // side, out.shape[1] - 1)
-        for x in range(2, pixels - 2):
-            w = weight[line, x]
-            if w <= 0:
-                continue
-            column = min(x // side, out.shape[2] - 1)
-            r = residual[line, x]
-            z2 = r * r * w
-            if z2 > np.float32(64):
-                r *= np.float32(8) / np.sqrt(z2)
-            across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
-            along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
-            out[0, row, column] += across * r * w
-            out[1, row, column] += along * r * w
-            out[2, row, column] += across * across * w
-            out[3, row, column] += along * along * w
-            out[4, row, column] += across * along * w
+    rows, columns = out.shape[1], out.shape[2]
+    sums, made = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
+    for row in range(rows):
+        sums[:] = np.float32(0)
+        last = lines - 2 if row == rows - 1 else (row + 1) * side
+        for line in range(max(row * side, 2), min(last, lines - 2)):
+            around = light[line - 1], light[line], light[line + 1]
+            add_slopes(residual[line], weight[line], *around, made, sums)
+        for i in range(5):
+            for column in range(columns):
+                stop = pixels if column == columns - 1 else (column + 1) * side
+                out[i, row, column] += sum_of(sums[i, column * side : stop])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

@@ -42,13 +42,32 @@ def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def add_tap(first, second, third, fourth, x0, x_slope, y0, y_slope, tap, out):  # type: ignore[no-untyped-def]
-    """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
-    for i in range(out.size):
+def weigh_stretch(x0, x_slope, y0, y_slope, weights):  # type: ignore[no-untyped-def]
+    """``cubic`` at every pixel of a stretch, weights (8 ``STRETCH``,): four across, then four along."""
+    for i in range(STRETCH):
         a, b, c, d = cubic(x0 + x_slope * np.float32(i))
-        e, f, g, h = cubic(y0 + y_slope * np.float32(i))
-        height = e if tap == 0 else (f if tap == 1 else (g if tap == 2 else h))
-        out[i] += height * (a * first[i] + b * second[i] + c * third[i] + d * fourth[i])
+        weights[i], weights[STRETCH + i] = a, b
+        weights[2 * STRETCH + i], weights[3 * STRETCH + i] = c, d
+    for i in range(STRETCH):
+        a, b, c, d = cubic(y0 + y_slope * np.float32(i))
+        weights[4 * STRETCH + i], weights[5 * STRETCH + i] = a, b
+        weights[6 * STRETCH + i], weights[7 * STRETCH + i] = c, d
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def add_tap(first, second, third, fourth, weights, tap, out):  # type: ignore[no-untyped-def]
+    """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
+    heights = weights[(4 + tap) * STRETCH : (5 + tap) * STRETCH]
+    for i in range(out.size):
+        left = weights[i] * first[i] + weights[STRETCH + i] * second[i]
+        right = weights[2 * STRETCH + i] * third[i] + weights[3 * STRETCH + i] * fourth[i]
+        out[i] += heights[i] * (left + right)
+
+
+@njit(cache=True, nogil=True)
+def following(phase, place, n):  # type: ignore[no-untyped-def]
+    """The phase and the place in it of the next of pixels dealt out to n phases; quicker than to divide again."""
+    return (phase + 1, place) if phase + 1 < n else (0, place + 1)
 
 
 @njit(cache=True, nogil=True)
@@ -59,6 +78,7 @@ def move(phases, across, along, out):  # type: ignore[no-untyped-def]
     edge goes on beyond.
     """
     n, lines, pixels = phases.shape[0], phases.shape[2], phases.shape[3]
+    room = np.empty(8 * STRETCH, np.float32)
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     for line in range(lines):
         node_row(across, line, right)
@@ -77,11 +97,17 @@ def move(phases, across, along, out):  # type: ignore[no-untyped-def]
             target[:] = 0
             inner = left >= 0 and left + n * (count - 1) + 4 <= n * pixels
             if inner and top >= 0 and top + 4 <= n * lines:
+                weigh_stretch(x0, x_slope, y0, y_slope, room)
+                p, y = top % n, top // n
+                q, x = left % n, left // n
+                r, x1 = following(q, x, n)
+                s, x2 = following(r, x1, n)
+                t, x3 = following(s, x2, n)
                 for tap in range(4):
-                    of = phases[(top + tap) % n, :, (top + tap) // n]
-                    a, b = of[left % n, left // n :], of[(left + 1) % n, (left + 1) // n :]
-                    c, d = of[(left + 2) % n, (left + 2) // n :], of[(left + 3) % n, (left + 3) // n :]
-                    add_tap(a, b, c, d, x0, x_slope, y0, y_slope, tap, target)
+                    a, b = phases[p, q, y, x : x + count], phases[p, r, y, x1 : x1 + count]
+                    c, d = phases[p, s, y, x2 : x2 + count], phases[p, t, y, x3 : x3 + count]
+                    add_tap(a, b, c, d, room, tap, target)
+                    p, y = following(p, y, n)
             else:
                 for i in range(count):
                     weights = cubic(x0 + x_slope * np.float32(i))
@@ -106,39 +132,92 @@ def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def move_smooth(image, across, along, out):  # type: ignore[no-untyped-def]
-    """``move``, bilinear; 0 beyond the image."""
+def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def]
+    """Whole pixels by which a line's stretches are displaced, whole (2, stretches): right and down of right, down at
+    nodes; what is left at each pixel, shares (2, pixels).
+    """
+    for k in range(whole.shape[1]):
+        start = k * STRETCH
+        count = min(STRETCH, pixels - start)
+        whole[0, k], x0, x_slope = aimed(right, k, start, count)
+        whole[1, k], y0, y_slope = aimed(down, k, start, count)
+        u, v = shares[0, start : start + count], shares[1, start : start + count]
+        for i in range(count):
+            u[i] = x0 + x_slope * np.float32(i)
+            v[i] = y0 + y_slope * np.float32(i)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
+    """Bilinear between two rows of neighbours, one longer than out (n,)."""
+    for i in range(out.size):
+        p = above[i] + u[i] * (above[i + 1] - above[i])
+        q = below[i] + u[i] * (below[i + 1] - below[i])
+        out[i] = p + v[i] * (q - p)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+    """The same of an image from (top, left) on that ends somewhere; 0 beyond."""
     lines, pixels = image.shape
-    right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     one = np.float32(1)
-    for line in range(lines):
-        node_row(across, line, right)
-        node_row(along, line, down)
-        for k in range(right.size - 1):
-            start = k * STRETCH
-            count = min(STRETCH, pixels - start)
-            if count <= 0:
-                break
-            whole_x, x0, x_slope = aimed(right, k, start, count)
-            whole_y, y0, y_slope = aimed(down, k, start, count)
-            left, top = start + whole_x, line + whole_y
-            target = out[line, start : start + count]
-            if left >= 0 and left + count + 1 <= pixels and top >= 0 and top + 2 <= lines:
-                above, below = image[top, left : left + count + 1], image[top + 1, left : left + count + 1]
-                for i in range(count):
-                    u, v = x0 + x_slope * np.float32(i), y0 + y_slope * np.float32(i)
-                    p = above[i] + u * (above[i + 1] - above[i])
-                    q = below[i] + u * (below[i + 1] - below[i])
-                    target[i] = p + v * (q - p)
-            else:
-                for i in range(count):
-                    u, v = x0 + x_slope * np.float32(i), y0 + y_slope * np.float32(i)
-                    target[i] = np.float32(0)
-                    for j in range(2):
-                        for n in range(2):
-                            x, y = left + i + n, top + j
-                            if 0 <= x < pixels and 0 <= y < lines:
-                                target[i] += (u if n else one - u) * (v if j else one - v) * image[y, x]
+    for i in range(out.size):
+        out[i] = np.float32(0)
+        for j in range(2):
+            for n in range(2):
+                x, y = left + i + n, top + j
+                if 0 <= x < pixels and 0 <= y < lines:
+                    out[i] += (u[i] if n else one - u[i]) * (v[i] if j else one - v[i]) * image[y, x]
+
+
+@njit(cache=True, nogil=True)
+def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+    """Both: part of a line, out (n,), that looks u, v (n,) beyond neighbours from (top, left) on."""
+    lines, pixels = image.shape
+    first, last = max(0, -left), min(out.size, pixels - 1 - left)
+    if first >= last or top < 0 or top + 2 > lines:
+        move_edge(image, left, top, u, v, out)
+        return
+    inner = slice(left + first, left + last + 1)
+    above, below = image[top, inner], image[top + 1, inner]
+    move_run(above, below, u[first:last], v[first:last], out[first:last])
+    move_edge(image, left, top, u[:first], v[:first], out[:first])
+    move_edge(image, left + last, top, u[last:], v[last:], out[last:])
+
+
+@njit(cache=True, nogil=True)
+def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
+    """One line, out (pixels,), of an image moved as ``aim_line`` says; stretches that go alike are done at once."""
+    start = 0
+    for k in range(whole.shape[1]):
+        right, down = whole[0, k], whole[1, k]
+        if k + 1 < whole.shape[1] and whole[0, k + 1] == right and whole[1, k + 1] == down:
+            continue
+        stop = min((k + 1) * STRETCH, out.size)
+        u, v = shares[0, start:stop], shares[1, start:stop]
+        move_span(image, start + right, line + down, u, v, out[start:stop])
+        start = stop
+
+
+@njit(cache=True, nogil=True)
+def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
+    """``move`` of some of images (n, lines, pixels), bilinear; 0 beyond.
+
+    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand.
+    """
+    lines, pixels = images.shape[1:]
+    right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
+    whole = np.empty((STRETCH, 2, (pixels + STRETCH - 1) // STRETCH), np.int64)
+    shares = np.empty((STRETCH, 2, pixels), np.float32)
+    for first in range(0, lines, STRETCH):
+        count = min(STRETCH, lines - first)
+        for i in range(count):
+            node_row(across, first + i, right)
+            node_row(along, first + i, down)
+            aim_line(right, down, pixels, whole[i], shares[i])
+        for n in which:
+            for i in range(count):
+                move_line(images[n], first + i, whole[i], shares[i], out[n, first + i])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

@@ -66,43 +66,28 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def line_sums(  # type: ignore[no-untyped-def]
-    residual,
-    weight,
-    light,
-    white,
-    add,
-    gain,
-    of_edges,
-    most_edge,
-    shift,
-    segments,
-    segment_lines,
-    pushes,
-    powers,
-    shared,
-    edges,
+    residual, weight, light, white, add, gain, of_edges, most_edges, shift, segment_lines, out
 ):
-    """Sums down the columns of a page, in segments of its height, added to (modes, segments, pixels).
+    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
 
-    Modes: ``LINE_MODES``. pushes: sum P r / V; powers: P^2 / V; shared: P light / V; edges: the edges' part of powers.
-    white (pixels,): bare paper's light. r is kept below 4 sigma. shift (lines,): whole pixels by which a line is moved
-    left, so that columns of a page that is turned lie on each other; pixels more of whose variance than most_edge is
-    edges' are left out.
+    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. white (pixels,): bare
+    paper's light. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
+    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
     """
     lines, pixels = residual.shape
-    row = np.empty((4, pixels), np.float32)
+    rows = np.empty((most_edges.size, 4, pixels), np.float32)
     void = np.empty(pixels, np.float32)
     for line in range(2, lines - 2):
-        segment = min(line // segment_lines, segments - 1)
+        segment = min(line // segment_lines, out.shape[3] - 1)
         by = shift[line]
         left, right = max(by, 0), min(pixels + by, pixels)
         if left >= right:
             continue
-        weigh_row(residual[line], weight[line], light[line], of_edges[line], np.float32(4), most_edge, row)
+        for n in range(most_edges.size):
+            images = residual[line], weight[line], light[line], of_edges[line]
+            weigh_row(*images, np.float32(4), most_edges[n], rows[n])
         void_row(light[line], white, void)
         to = slice(left - by, right - by)
-        push, power = row[0, left:right], row[1, left:right]
-        shine, edge = row[2, left:right], row[3, left:right]
         for m in range(LINE_MODES):
             if m == 0:
                 mode = light[line, left:right]
@@ -114,17 +99,11 @@ def line_sums(  # type: ignore[no-untyped-def]
                     continue
             else:
                 mode = void[left:right]
-            add_mode(
-                mode,
-                push,
-                power,
-                shine,
-                edge,
-                pushes[m, segment, to],
-                powers[m, segment, to],
-                shared[m, segment, to],
-                edges[m, segment, to],
-            )
+            for n in range(most_edges.size):
+                row = rows[n]
+                weighed = row[0, left:right], row[1, left:right], row[2, left:right], row[3, left:right]
+                push, power = out[n, 0, m, segment, to], out[n, 1, m, segment, to]
+                add_mode(mode, *weighed, push, power, out[n, 2, m, segment, to], out[n, 3, m, segment, to])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -134,69 +113,70 @@ def tile_sums(residual, weight, light, white, add, gain, of_edges, side, pushes,
     As ``line_sums``, r kept below 10 sigma; the last place is the energy: sum of r^2 / V, each at most 25, and pixels.
     """
     lines, pixels = residual.shape
-    row = np.empty((4, pixels), np.float32)
-    sums = np.zeros((4, MODES + 1, pixels), np.float32)
-    made = np.empty((3, pixels), np.float32)
-    rows, columns = pushes.shape[1], pushes.shape[2]
-    for line in range(2, min(lines - 2, rows * side)):
-        weigh_row(
-            residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), row
-        )
-        void_row(light[line], white, made[0])
-        blur_row(light, line, made[1])
-        whole, c, g, y, k = made[2], gain[0, line], gain[1, line], gain[2, line], gain[3, line]
-        for x in range(pixels):
-            whole[x] = c[x] + g[x] + y[x] + k[x]
-        add_mode(light[line], row[0], row[1], row[2], row[3], sums[0, 0], sums[1, 0], sums[2, 0], sums[3, 0])
-        for ink in range(INKS):
-            m = 1 + ink
-            add_mode(
-                add[ink, line], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
-            )
-        for ink in range(INKS):
-            m = 1 + INKS + ink
-            if not gain[ink, line].any():
-                continue
-            add_mode(
-                gain[ink, line],
-                row[0],
-                row[1],
-                row[2],
-                row[3],
-                sums[0, m],
-                sums[1, m],
-                sums[2, m],
-                sums[3, m],
-            )
-        for of_light in range(3):
-            m = 1 + 2 * INKS + of_light
-            add_mode(
-                made[of_light], row[0], row[1], row[2], row[3], sums[0, m], sums[1, m], sums[2, m], sums[3, m]
-            )
-        energy, count = sums[0, MODES], sums[1, MODES]
-        r, w = residual[line], weight[line]
-        for x in range(pixels):
-            energy[x] += min(r[x] * r[x] * w[x], _MOST_SQUARE)
-        for x in range(pixels):
-            count[x] += np.float32(w[x] > 0)
-        if line % side == side - 1 or line == lines - 3:
-            tile = line // side
-            for m in range(MODES + 1):
-                gather(sums[0, m], side, columns, pushes[m, tile])
-                gather(sums[1, m], side, columns, powers[m, tile])
-                gather(sums[2, m], side, columns, shared[m, tile])
-                gather(sums[3, m], side, columns, edges[m, tile])
+    most, any_edge = np.float32(10), np.float32(1)
+    rows = np.empty((side, 4, pixels), np.float32)
+    made = np.empty((3, side, pixels), np.float32)
+    sums = np.empty((4, pixels), np.float32)
+    for tile in range(pushes.shape[1]):
+        first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
+        if first >= last:
+            continue
+        for line in range(first, last):
+            k = line - first
+            weigh_row(residual[line], weight[line], light[line], of_edges[line], most, any_edge, rows[k])
+            void_row(light[line], white, made[0, k])
+            blur_row(light, line, made[1, k])
+            whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+        for m in range(MODES):
             sums[:] = np.float32(0)
+            for k in range(last - first):
+                if m == 0:
+                    mode = light[first + k]
+                elif m < 1 + INKS:
+                    mode = add[m - 1, first + k]
+                elif m < 1 + 2 * INKS:
+                    mode = gain[m - 1 - INKS, first + k]
+                    if not mode.any():
+                        continue
+                else:
+                    mode = made[m - 1 - 2 * INKS, k]
+                row = rows[k]
+                add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
+            gather(sums[0], side, pushes[m, tile])
+            gather(sums[1], side, powers[m, tile])
+            gather(sums[2], side, shared[m, tile])
+            gather(sums[3], side, edges[m, tile])
+        sums[:2] = np.float32(0)
+        for line in range(first, last):
+            add_energy(residual[line], weight[line], sums[0], sums[1])
+        gather(sums[0], side, pushes[MODES, tile])
+        gather(sums[1], side, powers[MODES, tile])
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def gather(sums, side, columns, out):  # type: ignore[no-untyped-def]
-    """Sums (pixels,) added up in tiles of ``side``, into out (columns,)."""
+def whole_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
+    """All inks' gain together."""
+    for x in range(out.size):
+        out[x] = cyan[x] + magenta[x] + yellow[x] + black[x]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
+    """Add a row's squared residuals over their variance, and where there are any."""
+    for x in range(residual.size):
+        energy[x] += min(residual[x] * residual[x] * weight[x], _MOST_SQUARE)
+    for x in range(residual.size):
+        count[x] += np.float32(weight[x] > 0)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def gather(sums, side, out):  # type: ignore[no-untyped-def]
+    """Sums (pixels,) added up in tiles of ``side``, added to out (tile columns,)."""
     if side == 2:
-        for column in range(columns):
+        for column in range(out.size):
             out[column] += sums[2 * column] + sums[2 * column + 1]
         return
-    for column in range(columns):
+    for column in range(out.size):
         total = np.float32(0)
         for x in range(column * side, (column + 1) * side):
             total += sums[x]

@@ -52,7 +52,10 @@ def size_bytes(value: object) -> int:
 
 
 class Ahead(Generic[Ready]):
-    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows."""
+    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows.
+
+    Designs whose sheets have passed before their turn came are not made any more: it would make the next ones late.
+    """
 
     def __init__(
         self,
@@ -72,6 +75,8 @@ class Ahead(Generic[Ready]):
         self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
         self._stale: set[Hashable] = set()
+        self._renewing = False
+        self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
         self._guard = threading.Lock()
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
@@ -83,13 +88,19 @@ class Ahead(Generic[Ready]):
 
     def expect(self, sheet: int) -> None:
         """A sheet of the job and those after it come next."""
+        self._drop_before(sheet)
         last = len(self._book) if len(self._book) else sheet + self._depth
-        for number in range(sheet, min(sheet + self._depth, last)):
+        coming = range(sheet, min(sheet + self._depth, last))
+        for number in coming:
             self._asked(number)
+        self._renew_one(coming)
 
-    def get(self, sheet: int) -> Ready:
-        """The design of a sheet, made ready now if it is not yet; raises what its making raised."""
-        return self._asked(sheet).result()
+    def get(self, sheet: int, *, timeout_s: float | None = None) -> Ready:
+        """The design of a sheet, made ready now if it is not yet; raises what its making raised, or TimeoutError."""
+        asked = self._asked(sheet)
+        with self._guard:
+            self._queued.pop(self._book.design(sheet), None)
+        return asked.result(timeout_s)
 
     def renew(self, prepare: Callable[[Page], Ready]) -> None:
         """From now on designs are made so; what is ready may be used until it is made again."""
@@ -108,15 +119,35 @@ class Ahead(Generic[Ready]):
             known = self._kept.get(design)
             if known is not None:
                 self._kept.move_to_end(design)
-                if design in self._stale:
-                    self._stale.discard(design)
-                    self._pool.submit(self._again, design, sheet)
+                if design in self._queued:
+                    self._queued[design] = sheet
                 return known
             asked = self._pool.submit(self._made, design, sheet)
             self._kept[design] = asked
+            self._queued[design] = sheet
             return asked
 
+    def _drop_before(self, sheet: int) -> None:
+        with self._guard:
+            for design, number in list(self._queued.items()):
+                if number < sheet and self._kept[design].cancel():
+                    del self._kept[design], self._queued[design]
+
+    def _renew_one(self, coming: range) -> None:
+        """Make one stale design again, the last to be needed, so that no new one waits long for it."""
+        with self._guard:
+            stale = (number for number in reversed(coming) if self._book.design(number) in self._stale)
+            sheet = next(stale, None)
+            if sheet is None or self._renewing:
+                return
+            self._renewing = True
+            design = self._book.design(sheet)
+            self._stale.discard(design)
+            self._pool.submit(self._again, design, sheet)
+
     def _made(self, design: Hashable, sheet: int) -> Ready:
+        with self._guard:
+            self._queued.pop(design, None)
         try:
             ready = self._timed(sheet)
         except BaseException:
@@ -131,10 +162,13 @@ class Ahead(Generic[Ready]):
 
     def _again(self, design: Hashable, sheet: int) -> None:
         ready: Future[Ready] = Future()
-        ready.set_result(self._timed(sheet))
-        with self._guard:
-            if design in self._kept:
-                self._kept[design] = ready
+        try:
+            ready.set_result(self._timed(sheet))
+            with self._guard:
+                if design in self._kept:
+                    self._kept[design] = ready
+        finally:
+            self._renewing = False
 
     def _timed(self, sheet: int) -> Ready:
         page = self._reader.submit(self._book.page, sheet).result()

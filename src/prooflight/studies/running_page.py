@@ -40,9 +40,10 @@ def _live(rows: list[Mapping[str, Any]]) -> str:
         "A4, 2048 pixels a line. *Asked*: the drum's speed; `-`: as fast as sheets are taken, which is the highest "
         "sustained speed.\n",
         "| run | sensors | detector | designs | sheets | asked /s | reached /s | late | not inspected | misprints "
-        "| verdict median, 99 %, 99.9 %, greatest [ms] | memory at 100, at the end [MB] | CPU a page [s] "
+        "| verdict median, 99 %, 99.9 %, greatest [ms] | own memory at 100, at the end [MB] "
+        "| mapped pages of the ring [MB] | CPU a page [s] "
         "| drum CPU a page [s] |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         verdict, memory = row["verdict_ms"], row["memory_mb"]
@@ -50,8 +51,8 @@ def _live(rows: list[Mapping[str, Any]]) -> str:
         lines.append(
             f"| {row['name']} | {row['sensors']} | {row['detector']} | {row['designs']} | {row['sheets']} "
             f"| {row['asked_pages_per_s'] or '-'} | {row['pages_per_s']:.2f} | {row['late']} "
-            f"| {row['not_inspected']} | {row['misprints']} | {times} | {memory['100']}, {memory['end']} "
-            f"| {row['cpu_s_a_page']:.3f} | {row['drum_cpu_s_a_page']:.4f} |"
+            f"| {row['not_inspected']} | {row['misprints']} | {times} | {memory['100'][0]}, {memory['end'][0]} "
+            f"| {memory['end'][1]} | {row['cpu_s_a_page']:.3f} | {row['drum_cpu_s_a_page']:.4f} |"
         )
     lines.append(
         "\nAt full speed the source waits, so sheets queue and their latency says nothing. All prints are good: "
@@ -78,7 +79,7 @@ def _soak(row: Mapping[str, Any]) -> str:
             f"Prints that alarm anyway: {row.get('prints_that_alarm_anyway', 0)}."
         )
     memory = row["memory_mb"]
-    lines.append(f"Memory at 100 sheets {memory['100']} MB, at the end {memory['end']} MB.\n")
+    lines.append(f"Own memory at 100 sheets {memory['100'][0]} MB, at the end {memory['end'][0]} MB.\n")
     if row["unnamed"]:
         some = "; ".join(
             f"{one['kind']} at {one['sheet']} ({one['said'] or 'nothing'})" for one in row["unnamed"][:12]

@@ -105,6 +105,7 @@ def live_row(
     return {
         "name": name,
         "detector": inspector.judge.name,
+        "promise": inspector.promise,
         "sensors": len(press.sensors),
         "designs": len(ring.pages) if ring.repeated else ring.sheets,
         "prints": len(ring.scans),

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from prooflight.inspecting.process import step_back
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
@@ -80,6 +82,7 @@ class Ahead(Generic[Ready]):
         self._guard = threading.Lock()
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
+        self._renewer = ThreadPoolExecutor(1, thread_name_prefix="renew", initializer=step_back)
 
     @property
     def ready(self) -> int:
@@ -110,7 +113,8 @@ class Ahead(Generic[Ready]):
 
     def close(self) -> None:
         """End the threads; what is under way is finished, what is not is dropped."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for pool in (self._pool, self._renewer):
+            pool.shutdown(wait=True, cancel_futures=True)
         self._reader.shutdown(wait=True, cancel_futures=True)
 
     def _asked(self, sheet: int) -> Future[Ready]:
@@ -134,7 +138,7 @@ class Ahead(Generic[Ready]):
                     del self._kept[design], self._queued[design]
 
     def _renew_one(self, coming: range) -> None:
-        """Make one stale design again, the last to be needed, so that no new one waits long for it."""
+        """Make one stale design again, the last to be needed: it may do without, so nothing must wait for it."""
         with self._guard:
             stale = (number for number in reversed(coming) if self._book.design(number) in self._stale)
             sheet = next(stale, None)
@@ -143,7 +147,7 @@ class Ahead(Generic[Ready]):
             self._renewing = True
             design = self._book.design(sheet)
             self._stale.discard(design)
-            self._pool.submit(self._again, design, sheet)
+            self._renewer.submit(self._again, design, sheet)
 
     def _made(self, design: Hashable, sheet: int) -> Ready:
         with self._guard:

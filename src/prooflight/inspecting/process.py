@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import sys
+import threading
 from typing import Final
 
 import cv2
@@ -10,6 +13,8 @@ import cv2
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
 """Names of glibc's mallopt(3)."""
 KEPT_BYTES: Final = 2**31 - 1
+MODEST: Final = 5
+"""Of nice(2): a third of the weight of a thread that inspects."""
 
 
 def settle_process() -> None:
@@ -24,3 +29,9 @@ def settle_process() -> None:
     if mallopt is not None:
         for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
             mallopt(name, value)
+
+
+def step_back() -> None:
+    """Let this thread yield to those that inspect, where the system gives threads a priority of their own."""
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), MODEST)

@@ -16,6 +16,7 @@ import math
 import queue
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 BUSY: Final = "being inspected"
+REHEARSALS: Final = 2
+"""By each thread that inspects."""
 
 
 class Running:
@@ -151,7 +154,10 @@ class Running:
         self.tally.phase = Phase.PREPARING
         self._ahead.expect(0)
         judge, ready, _ = self._ahead.get(0)
-        judge.rehearse(ready)
+        # On all threads at once, so that each finds memory for its pages when sheets come.
+        threads = self._settings.inspectors
+        with ThreadPoolExecutor(threads) as rehearsing:
+            list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * threads)))
         for sheet in range(min(self._settings.ahead, len(self._book))):
             self._ready(sheet)
 

@@ -124,9 +124,10 @@ class Study:
 
     def _ours(self) -> list[dict[str, Any]]:
         """Repeated designs under our detector: as fast as it goes, and in real time at a pace that it sustains."""
-        press, designs = self._taught_a4(), self.plan.designs
-        prints = self._ring(press, f"1-{self.plan.prints}", self.plan.prints, self.plan.prints, repeated=True)
-        some = replace(prints, pages=prints.pages[:designs], scans=prints.scans[:designs])
+        press, count = self._press("one", self.one, "prototype.toml"), self.plan.prints
+        prints = self._ring(press, f"1-{count}", count, count, repeated=True)  # of those that all differ, some
+        some = replace(prints, pages=prints.pages[: self.plan.designs], scans=prints.scans[: self.plan.designs])
+        press = self._taught_a4()
         fast = self._row("repeated designs", press, some, None, self.plan.fast_sheets // 2)
         rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
         return [self._row("repeated designs", press, some, rate, self.plan.fast_sheets), fast]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,10 @@ from prooflight.simulating.drum import DrumFault, turns
 from prooflight.studies.running_drift import streaked
 from prooflight.studies.running_live import _alarms, _in_step, _named, memory_mb, soak_faults
 from prooflight.studies.running_page import running_page
+from prooflight.studies.running_study import Plan, Study
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
 SHEETS = 16
@@ -105,3 +111,25 @@ def test_memory_of_this_process_is_told_apart_from_files() -> None:
     assert more - own >= 150
     assert abs(same - files) < 100
     assert block.nbytes == 200_000_000
+
+
+def test_a_part_that_is_known_is_measured_again_only_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+
+    def picture(_study: Study) -> dict[str, Any]:
+        measured.append(len(measured))
+        return {"picture": f"view{len(measured)}.svg"}
+
+    monkeypatch.setattr(Study, "_picture", picture)
+    (tmp_path / "running").mkdir()
+    study = Study(
+        out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, two=None, inspectors=1,
+        progress=lambda _text: None,
+    )  # fmt: skip
+    study.run(("picture",))
+    assert study.run(("picture",)) == {"picture": {"picture": "view1.svg"}}
+    assert measured == [0]
+    study.run(("picture",), again=True)
+    assert "view2.svg" in (tmp_path / "running.md").read_text()

@@ -92,15 +92,17 @@ class Study:
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure what is not in the cache yet; again: all parts named."""
-        found = self._known()
         for part in parts:
-            if part in found and not again:
+            if part in self._known() and not again:
                 self.progress(f"{part}: known")
                 continue
             self.progress(f"{part}")
-            found[part] = getattr(self, f"_{part}")()
-            self._keep(found)
-        return found
+            measured = getattr(self, f"_{part}")()
+            with whole_file(self._results) as unfinished:
+                unfinished.write_text(json.dumps(self._known() | {part: measured}, indent=1))
+            self._write_page()
+        self._write_page()
+        return self._known()
 
     # --- parts ---
 
@@ -124,13 +126,18 @@ class Study:
 
     def _ours(self) -> list[dict[str, Any]]:
         """Repeated designs under our detector: as fast as it goes, and in real time at a pace that it sustains."""
-        press, count = self._press("one", self.one, "prototype.toml"), self.plan.prints
-        prints = self._ring(press, f"1-{count}", count, count, repeated=True)  # of those that all differ, some
-        some = replace(prints, pages=prints.pages[: self.plan.designs], scans=prints.scans[: self.plan.designs])
+        press, designs, sheets = (
+            self._press("one", self.one, "prototype.toml"),
+            self.plan.designs,
+            self.plan.live_sheets,
+        )
+        prints = self._ring(
+            press, f"1-{self.plan.prints}", designs, designs, repeated=True
+        )  # those that all differ
         press = self._taught_a4()
-        fast = self._row("repeated designs", press, some, None, self.plan.fast_sheets // 2)
+        fast = self._row("repeated designs", press, prints, None, sheets // 20)
         rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
-        return [self._row("repeated designs", press, some, rate, self.plan.fast_sheets), fast]
+        return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
 
     def _row(self, name: str, press: Press, prints: Ring, rate: float | None, sheets: int) -> dict[str, Any]:
         row = live_row(
@@ -278,8 +285,6 @@ class Study:
     def _known(self) -> dict[str, Any]:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
-    def _keep(self, found: dict[str, Any]) -> None:
-        with whole_file(self._results) as unfinished:
-            unfinished.write_text(json.dumps(found, indent=1))
+    def _write_page(self) -> None:
         with whole_file(self.out / "running.md") as unfinished:
-            unfinished.write_text(running_page(found, cores=os.cpu_count() or 1), encoding="utf-8")
+            unfinished.write_text(running_page(self._known(), cores=os.cpu_count() or 1), encoding="utf-8")

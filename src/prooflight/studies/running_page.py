@@ -50,7 +50,7 @@ COLUMNS: Final[dict[str, Callable[[Mapping[str, Any]], object]]] = {
         f"{row['verdict_ms'][name]:.0f}" for name in ("median", "p99", "p99.9", "greatest")
     ),
     "own memory at 100, at the end [MB]": lambda row: ", ".join(
-        str(row["memory_mb"][when][0]) for when in ("100", "end")
+        str(row["memory_mb"][when][0] or "-") for when in ("100", "end")
     ),
     "pages of the ring, mapped [MB]": lambda row: row["memory_mb"]["end"][1],
     "CPU a page [s]": lambda row: f"{row['cpu_s_a_page']:.3f}",
@@ -82,6 +82,8 @@ def _soak(row: Mapping[str, Any]) -> str:
     alarms = row.get("alarms", {})
     lines = [
         "## A long run full of faults\n",
+        "Sheets of 36 x 44 mm, on which a stretch is one to four lines and a splice hides up to all; faults of whole "
+        "pages are in [soak.md](soak.md).\n",
         f"{row['sheets']} sheets in {row['seconds']:.0f} s, {row['faults']} random faults, detector {row['detector']}; "
         f"{row['expected_sheets']} sheets were shown. Named in the journal: {named}.",
         f"Sheets taken for another page: {row.get('taken_for_another_page', 'unknown')}; the longest time out of step: "

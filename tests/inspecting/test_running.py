@@ -73,13 +73,14 @@ class Source:
     closed: threading.Event = field(default_factory=threading.Event)
     sensors: int = 1
     pixels: int = 1
+    pitch_s: float = 1.0
 
     def blocks(self) -> Iterator[LineBlock]:
         for place in range(len(self.script)):
             self.before(place)
             if self.closed.is_set():
                 return
-            yield LineBlock(first_line=place, lines=NOTHING, time_s=float(place))
+            yield LineBlock(first_line=place, lines=NOTHING, time_s=place * self.pitch_s)
 
     def close(self) -> None:
         self.closed.set()
@@ -189,7 +190,7 @@ def test_designs_are_made_ready_ahead_of_their_sheets() -> None:
     judge, ready = Judge(), list[list[int]]()
     script = [seen(page) for page in range(30)]
     source = Source(script, before=lambda place: ready.append(sorted(judge.prepared)) if place == 0 else None)
-    run(script, judge=judge, source=source)
+    run(script, judge=judge, source=source, ahead=10)
     assert ready == [list(range(10))]
 
 
@@ -387,6 +388,42 @@ def test_a_reader_that_lags_passes_sheets_on_instead_of_judging_each_too_late() 
     )
     assert {one.record.verdict.verdict for one in told} == {"not-inspected"}
     assert (running.status().not_inspected, running.status().late) == (6, 0)
+
+
+def test_a_slow_start_does_not_end_all_trying() -> None:
+    """The first sheet takes 9 s of a deadline of 1 s; those after it are in time, one at a time."""
+    clock, done = Clock(), [threading.Event() for _ in range(6)]
+
+    def before(place: int) -> None:
+        if place:
+            assert done[place - 1].wait(PATIENCE_S)
+            clock.now_s = 20.0 * place
+
+    def first(name: str) -> None:
+        clock.now_s += 9.0 if name == "sheet 0" else 0.0
+
+    script = [seen(page, 20.0 * page) for page in range(6)]
+    source = Source(script, before=before, pitch_s=20.0)
+    told: list[Outcome] = []
+
+    def tell(outcome: Outcome) -> None:
+        told.append(outcome)
+        done[outcome.record.sheet].set()
+
+    running, _ = watched(
+        script,
+        judge=Judge(first=first),
+        source=source,
+        clock=clock,
+        source_waits=False,
+        source_clock=True,
+        deadline_s=1.0,
+    )
+    running._tell = tell
+    running.start()
+    assert running.join(PATIENCE_S)
+    assert [one.record.late for one in told] == [True, False, False, False, False, False]
+    assert {one.record.verdict.verdict for one in told} == {"good"}
 
 
 def test_in_order_holds_back_what_comes_early() -> None:

@@ -85,11 +85,74 @@ def test_what_is_stale_is_used_until_it_is_made_again() -> None:
     ahead: Ahead[Any] = Ahead(Book(), lambda page: page, depth=1, room_bytes=10**6)
     assert ahead.get(7)[0] == 7
     ahead.renew(renewed)
+    ahead.expect(7)
     assert ahead.get(7)[0] == 7
     assert begun.wait(20)
     again.set()
     ahead.close()
     assert ahead.get(7)[0] == 107
+
+
+def test_stale_designs_are_made_again_one_at_a_time_so_that_new_ones_need_not_wait() -> None:
+    book = Book()
+    ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=3, room_bytes=10**6)
+    for sheet in range(3):
+        ahead.get(sheet)
+    held, begun = threading.Event(), threading.Event()
+
+    def renewed(page: Any) -> Any:
+        begun.set()
+        held.wait(20)
+        return page
+
+    ahead.renew(renewed)
+    for _ in range(3):
+        ahead.expect(0)
+    assert begun.wait(20)
+    assert book.asked == [0, 1, 2, 2]
+    held.set()
+    ahead.close()
+    assert book.asked == [0, 1, 2, 2]
+
+
+def test_designs_whose_sheets_have_passed_are_not_made_any_more() -> None:
+    book, begun, held = Book(), threading.Event(), threading.Event()
+
+    def slow(page: Any) -> Any:
+        begun.set()
+        held.wait(20)
+        return page
+
+    ahead: Ahead[Any] = Ahead(book, slow, depth=4, room_bytes=10**6)
+    ahead.expect(0)
+    assert begun.wait(20)
+    ahead.expect(10)
+    held.set()
+    assert ahead.get(13)[0] == 13
+    ahead.close()
+    assert book.asked == [0, 10, 11, 12, 13]
+
+
+def test_a_design_that_someone_waits_for_is_made_though_its_sheet_has_passed() -> None:
+    begun, held, got = threading.Event(), threading.Event(), list[int]()
+
+    def slow(page: Any) -> Any:
+        begun.set()
+        held.wait(20)
+        return page
+
+    ahead: Ahead[Any] = Ahead(Book(), slow, depth=1, room_bytes=10**6)
+    ahead.expect(0)
+    assert begun.wait(20)
+    waiter = threading.Thread(target=lambda: got.append(int(ahead.get(1)[0])))
+    waiter.start()
+    while 1 not in ahead._kept or 1 in ahead._queued:
+        waiter.join(0.001)
+    ahead.expect(10)
+    held.set()
+    waiter.join(20)
+    ahead.close()
+    assert got == [1]
 
 
 def test_size_counts_each_array_once() -> None:

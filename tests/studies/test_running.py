@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 
 from prooflight.pages.raster import Page
 from prooflight.simulating.drum import DrumFault, turns
 from prooflight.studies.running_drift import streaked
-from prooflight.studies.running_live import _alarms, _in_step, _named, soak_faults
+from prooflight.studies.running_live import _alarms, _in_step, _named, memory_mb, soak_faults
 from prooflight.studies.running_page import running_page
+from prooflight.studies.running_study import Plan, Study
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
 SHEETS = 16
@@ -82,3 +88,48 @@ def test_the_page_is_written_as_far_as_it_is_measured() -> None:
     page = running_page({}, cores=2)
     assert "on 2 cores" in page
     assert "##" not in page
+
+
+def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
+    row = {
+        "name": "repeated designs", "detector": "ours", "promise": "at most one good page in 12", "sensors": 1,
+        "designs": 10, "prints": 100, "sheets": 2000, "asked_pages_per_s": None, "pages_per_s": 3.25, "late": 0,
+        "not_inspected": 0, "misprints": 4, "cpu_s_a_page": 0.6, "drum_cpu_s_a_page": 0.001,
+        "verdict_ms": {"median": 300.4, "p99": 400.0, "p99.9": 410.0, "greatest": 412.0},
+        "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)},
+    }  # fmt: skip
+    page = running_page({"ours": [row]}, cores=2)
+    assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
+    assert "promises at most one good page in 12." in page
+
+
+@pytest.mark.skipif(memory_mb() == (0, 0), reason="the system does not tell")
+def test_memory_of_this_process_is_told_apart_from_files() -> None:
+    own, files = memory_mb()
+    block = np.ones(25_000_000)
+    more, same = memory_mb()
+    assert more - own >= 150
+    assert abs(same - files) < 100
+    assert block.nbytes == 200_000_000
+
+
+def test_a_part_that_is_known_is_measured_again_only_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+
+    def picture(_study: Study) -> dict[str, Any]:
+        measured.append(len(measured))
+        return {"picture": f"view{len(measured)}.svg"}
+
+    monkeypatch.setattr(Study, "_picture", picture)
+    (tmp_path / "running").mkdir()
+    study = Study(
+        out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, two=None, inspectors=1,
+        progress=lambda _text: None,
+    )  # fmt: skip
+    study.run(("picture",))
+    assert study.run(("picture",)) == {"picture": {"picture": "view1.svg"}}
+    assert measured == [0]
+    study.run(("picture",), again=True)
+    assert "view2.svg" in (tmp_path / "running.md").read_text()

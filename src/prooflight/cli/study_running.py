@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -28,12 +29,17 @@ def running(
         Path | None, typer.Option(metavar="Y.press", help="Two sensors; default two-sensors.toml, untaught.")
     ] = None,
     part: Annotated[
-        list[str] | None, typer.Option(help="repeated, different, soak, drift, streak, picture; default all.")
+        list[str] | None,
+        typer.Option(help="repeated, different, ours, soak, drift, streak, picture; default all."),
     ] = None,
     out: Results = Path("docs/results"),
     cache: Cache = CACHE,
     threads: Annotated[int | None, typer.Option(help="That inspect; default one a core.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of prints, faults and days.", min=0)] = 1,
+    sheets: Annotated[
+        int | None, typer.Option(help="Of the rows in real time at the speed asked; default 2,000.", min=1)
+    ] = None,
+    again: Annotated[bool, typer.Option("--again", help="Measure parts that are known already.")] = False,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -43,18 +49,19 @@ def running(
     for one in part or ():
         if one not in PARTS:
             raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(PARTS)}")
+    plan = Plan.of(quick=quick)
     out.mkdir(parents=True, exist_ok=True)
     study = Study(
         out=out,
         cache=cache,
-        plan=Plan.of(quick=quick),
+        plan=plan if sheets is None else replace(plan, live_sheets=sheets),
         seed=seed,
         one=press,
         two=press_two,
         inspectors=threads or os.cpu_count() or 1,
         progress=show.steps(quiet=json),
     )
-    found = study.run(tuple(part) if part else PARTS)
+    found = study.run(tuple(part) if part else PARTS, again=again)
     if json:
         show.print_json(found)
     else:

@@ -22,6 +22,7 @@ from prooflight.inspecting.inspector import Inspector
 from prooflight.inspecting.journal import Journal, RunFacts, content_digest, default_journal
 from prooflight.inspecting.journaling.exporting import page_facts
 from prooflight.inspecting.paging import SheetEdge, TriggerCount
+from prooflight.inspecting.process import settle_process
 from prooflight.inspecting.recording import Recorder
 from prooflight.inspecting.settings import Settings
 from prooflight.inspecting.status import Phase
@@ -129,6 +130,7 @@ def watch(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
     )
+    settle_process()
     with ExitStack() as stack:
         recorder = None
         if journal != "none":

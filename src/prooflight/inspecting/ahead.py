@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from prooflight.inspecting.process import step_back
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
@@ -52,7 +54,10 @@ def size_bytes(value: object) -> int:
 
 
 class Ahead(Generic[Ready]):
-    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows."""
+    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows.
+
+    Designs whose sheets have passed before their turn came are not made any more: it would make the next ones late.
+    """
 
     def __init__(
         self,
@@ -72,9 +77,12 @@ class Ahead(Generic[Ready]):
         self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
         self._stale: set[Hashable] = set()
+        self._renewing = False
+        self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
         self._guard = threading.Lock()
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
+        self._renewer = ThreadPoolExecutor(1, thread_name_prefix="renew", initializer=step_back)
 
     @property
     def ready(self) -> int:
@@ -83,13 +91,19 @@ class Ahead(Generic[Ready]):
 
     def expect(self, sheet: int) -> None:
         """A sheet of the job and those after it come next."""
+        self._drop_before(sheet)
         last = len(self._book) if len(self._book) else sheet + self._depth
-        for number in range(sheet, min(sheet + self._depth, last)):
+        coming = range(sheet, min(sheet + self._depth, last))
+        for number in coming:
             self._asked(number)
+        self._renew_one(coming)
 
-    def get(self, sheet: int) -> Ready:
-        """The design of a sheet, made ready now if it is not yet; raises what its making raised."""
-        return self._asked(sheet).result()
+    def get(self, sheet: int, *, timeout_s: float | None = None) -> Ready:
+        """The design of a sheet, made ready now if it is not yet; raises what its making raised, or TimeoutError."""
+        asked = self._asked(sheet)
+        with self._guard:
+            self._queued.pop(self._book.design(sheet), None)
+        return asked.result(timeout_s)
 
     def renew(self, prepare: Callable[[Page], Ready]) -> None:
         """From now on designs are made so; what is ready may be used until it is made again."""
@@ -99,7 +113,8 @@ class Ahead(Generic[Ready]):
 
     def close(self) -> None:
         """End the threads; what is under way is finished, what is not is dropped."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for pool in (self._pool, self._renewer):
+            pool.shutdown(wait=True, cancel_futures=True)
         self._reader.shutdown(wait=True, cancel_futures=True)
 
     def _asked(self, sheet: int) -> Future[Ready]:
@@ -108,15 +123,35 @@ class Ahead(Generic[Ready]):
             known = self._kept.get(design)
             if known is not None:
                 self._kept.move_to_end(design)
-                if design in self._stale:
-                    self._stale.discard(design)
-                    self._pool.submit(self._again, design, sheet)
+                if design in self._queued:
+                    self._queued[design] = sheet
                 return known
             asked = self._pool.submit(self._made, design, sheet)
             self._kept[design] = asked
+            self._queued[design] = sheet
             return asked
 
+    def _drop_before(self, sheet: int) -> None:
+        with self._guard:
+            for design, number in list(self._queued.items()):
+                if number < sheet and self._kept[design].cancel():
+                    del self._kept[design], self._queued[design]
+
+    def _renew_one(self, coming: range) -> None:
+        """Make one stale design again, the last to be needed: it may do without, so nothing must wait for it."""
+        with self._guard:
+            stale = (number for number in reversed(coming) if self._book.design(number) in self._stale)
+            sheet = next(stale, None)
+            if sheet is None or self._renewing:
+                return
+            self._renewing = True
+            design = self._book.design(sheet)
+            self._stale.discard(design)
+            self._renewer.submit(self._again, design, sheet)
+
     def _made(self, design: Hashable, sheet: int) -> Ready:
+        with self._guard:
+            self._queued.pop(design, None)
         try:
             ready = self._timed(sheet)
         except BaseException:
@@ -131,10 +166,13 @@ class Ahead(Generic[Ready]):
 
     def _again(self, design: Hashable, sheet: int) -> None:
         ready: Future[Ready] = Future()
-        ready.set_result(self._timed(sheet))
-        with self._guard:
-            if design in self._kept:
-                self._kept[design] = ready
+        try:
+            ready.set_result(self._timed(sheet))
+            with self._guard:
+                if design in self._kept:
+                    self._kept[design] = ready
+        finally:
+            self._renewing = False
 
     def _timed(self, sheet: int) -> Ready:
         page = self._reader.submit(self._book.page, sheet).result()

@@ -64,9 +64,9 @@ class SoughtPage:
     landmarks: Landmarks
 
     @classmethod
-    def of(cls, page: Page, press: Press) -> SoughtPage:
-        """Everything that needs no scan."""
-        nominal = predict(page, sensors=press.sensors, geometry=press.geometry)
+    def of(cls, page: Page, press: Press, *, threads: int | None = None) -> SoughtPage:
+        """Everything that needs no scan. threads: see ``predict``."""
+        nominal = predict(page, sensors=press.sensors, geometry=press.geometry, threads=threads)
         landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
         area = press.geometry.on_page(page.width_mm, page.height_mm)
         short = compact(cut(nominal, area), top_codes_dn=[sensor.top_code_dn for sensor in press.sensors])
@@ -78,14 +78,19 @@ def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
     return find(SoughtPage.of(page, press), scan, press)
 
 
-def find(sought: SoughtPage, scan: NDArray[np.uint16], press: Press) -> FoundPage:
-    """Look for a page in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies."""
+def find(
+    sought: SoughtPage, scan: NDArray[np.uint16], press: Press, *, threads: int | None = None
+) -> FoundPage:
+    """Look for a page in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies.
+
+    threads: see ``predict``.
+    """
     page, nominal = sought.page, sought.nominal
     where = register(sought.landmarks, scan)
     placement = where.placement if where.found and _moved(where, page, press) else IN_PLACE
     moved = placement is not IN_PLACE
     prediction = (
-        predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement)
+        predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement, threads=threads)
         if moved
         else nominal
     )

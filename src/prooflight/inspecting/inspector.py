@@ -66,6 +66,8 @@ class Inspector:
 
     press: Press
     judge: Judge
+    threads: int | None = None
+    """That one page takes; None: one a core."""
 
     @classmethod
     def of(cls, press: Press, name: str | None = None) -> Self:
@@ -87,10 +89,10 @@ class Inspector:
         sensors, geometry = self.press.sensors, self.press.geometry
         sought = known = None
         if isinstance(self.judge, CalibratedDetector):
-            expected = predict(page, sensors=sensors, geometry=geometry)
+            expected = predict(page, sensors=sensors, geometry=geometry, threads=self.threads)
             known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
         else:
-            sought = SoughtPage.of(page, self.press)
+            sought = SoughtPage.of(page, self.press, threads=self.threads)
         return Prepared(page=page, sought=sought, known=known, inks=present_inks(page))
 
     def inspect(
@@ -107,7 +109,7 @@ class Inspector:
         if isinstance(self.judge, CalibratedDetector):
             done = weigh(prepared, scan, press=self.press, ours=self.judge)
         else:
-            done = _compared(prepared, scan, press=self.press, judge=self.judge, seed=seed)
+            done = _compared(self, self.judge, prepared, scan, seed=seed)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
 
@@ -124,7 +126,7 @@ def inspect_page(
 def paper_evidence(page: Page, scan: NDArray[np.uint16], press: Press) -> Evidence:
     """What the paper's detectors look at in one scan of a page."""
     found_page = find(SoughtPage.of(page, press), scan, press)
-    return _gathered(scan, found_page, page, press, seed=0)[1]
+    return _gathered(scan, found_page, page, press, seed=0, threads=None)[1]
 
 
 def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> None:
@@ -146,12 +148,13 @@ def not_inspected(page_name: str) -> Verdict:
 
 
 def _compared(
-    prepared: Prepared, scan: NDArray[np.uint16], *, press: Press, judge: Detector, seed: int
+    inspector: Inspector, judge: Detector, prepared: Prepared, scan: NDArray[np.uint16], *, seed: int
 ) -> Inspection:
     """One scan under the paper's detectors."""
     assert prepared.sought is not None
-    page, found_page = prepared.page, find(prepared.sought, scan, press)
-    seen, evidence = _gathered(scan, found_page, page, press, seed=seed)
+    page, press, threads = prepared.page, inspector.press, inspector.threads
+    found_page = find(prepared.sought, scan, press, threads=threads)
+    seen, evidence = _gathered(scan, found_page, page, press, seed=seed, threads=threads)
     judgement = judge.judge(evidence)
     misprint = judgement.misprint or found_page.wrong_page
     found = Findings(regions=(), kind=None)
@@ -184,16 +187,22 @@ def _compared(
 
 
 def _gathered(
-    scan: NDArray[np.uint16], found_page: FoundPage, page: Page, press: Press, *, seed: int
+    scan: NDArray[np.uint16],
+    found_page: FoundPage,
+    page: Page,
+    press: Press,
+    *,
+    seed: int,
+    threads: int | None,
 ) -> tuple[Prediction, Evidence]:
     """The prediction of the area that is judged, and the evidence there."""
     seen = cut(found_page.prediction, found_page.area)
     measured, seed = scan[(slice(None), *found_page.area)], seed + page.number
     if found_page.compact is not None:
-        return seen, gather_compact(measured, found_page.compact, seed=seed)
+        return seen, gather_compact(measured, found_page.compact, seed=seed, threads=threads)
     top_codes = [sensor.top_code_dn for sensor in press.sensors]
     expected, variance = seen.expected_dn, seen.variance_dn2
-    return seen, gather(measured, expected, variance, top_codes_dn=top_codes, seed=seed)
+    return seen, gather(measured, expected, variance, top_codes_dn=top_codes, seed=seed, threads=threads)
 
 
 def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> BlockGrid:

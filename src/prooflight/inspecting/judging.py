@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
 Ready = TypeVar("Ready")
 Keep = Literal["all", "misprints", "none"]
+OFF_PLACE: Final = (2, 1)
+"""Lines and pixels that a rehearsed page lies off its place."""
+HOLE_PART: Final = 16
+"""Of a scan's length and width, gone from a rehearsed page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,9 +105,12 @@ class PressJudge:
         return ready.thumbnail
 
     def rehearse(self, ready: Known) -> None:
-        """See ``Judge``; on the scan that is expected."""
+        """See ``Judge``; on the scan expected, a little off its place and with a hole: a misprint takes most."""
         expected = self._expected(ready.prepared).expected_dn
-        self.inspect(ready, np.rint(expected).clip(0).astype(np.uint16), name="rehearsal", seed=0)
+        scan = np.roll(np.rint(expected).clip(0).astype(np.uint16), OFF_PLACE, axis=(1, 2))
+        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in scan.shape[1:])
+        scan[:, lines, pixels] = 0
+        self.inspect(ready, scan, name="rehearsal", seed=0)
 
     def following(self, press: Press) -> Self:
         """See ``Judge``."""
@@ -113,4 +120,5 @@ class PressJudge:
         if ready.sought is not None:
             return ready.sought.nominal
         press = self.inspector.press
-        return predict(ready.page, sensors=press.sensors, geometry=press.geometry)
+        threads = self.inspector.threads
+        return predict(ready.page, sensors=press.sensors, geometry=press.geometry, threads=threads)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy import ndimage
 from prooflight.comparing.nuisance import INKS, LAMP_WAVES, Tolerance
 from prooflight.deciding.channels import INKS as INK_NAMES
 from prooflight.deciding.run_level import PageEvidence
+from prooflight.inspecting.column_kernels import column_sums
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,10 +74,11 @@ def light_sums(inspection: Inspection, press: Press) -> NDArray[np.float64]:
     found = np.empty((len(press.sensors), 2, PARTS, measured.shape[2]))
     for index, sensor in enumerate(press.sensors):
         offset = sensor.column_offset_dn[inspection.area[1]]
-        for part, lines in enumerate(map(slice, bounds[:-1], bounds[1:])):
-            whole = expected[index, lines].sum(axis=0)
-            found[index, 0, part] = measured[index, lines].sum(axis=0, dtype=np.uint32) - whole
-            found[index, 1, part] = whole - (lines.stop - lines.start) * offset
+        for part, (first, last) in enumerate(pairwise(bounds)):
+            seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
+            column_sums(measured[index], expected[index], first, last, seen, due)
+            found[index, 0, part] = seen - due
+            found[index, 1, part] = due - (last - first) * offset
     return found
 
 
@@ -109,7 +112,8 @@ def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str,
     ratio = sums[0].sum(axis=0) / sums[1].sum(axis=0)
     x = (np.arange(pixels)[part] + 0.5) / pixels
     waves = np.cos(np.pi * np.multiply.outer(x, np.arange(LAMP_WAVES + 1)))
-    found, *_ = np.linalg.lstsq(waves, ratio, rcond=None)
+    # By normal equations: BLAS would fit the long way round, in threads that fight with those that inspect.
+    found = np.linalg.solve(waves.T @ waves, waves.T @ ratio)
     return {f"lamp-{k}": float(found[k]) for k in range(1, LAMP_WAVES + 1)}
 
 

@@ -16,6 +16,7 @@ import math
 import queue
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 BUSY: Final = "being inspected"
+REHEARSALS: Final = 2
+"""By each thread that inspects."""
 
 
 class Running:
@@ -151,7 +154,10 @@ class Running:
         self.tally.phase = Phase.PREPARING
         self._ahead.expect(0)
         judge, ready, _ = self._ahead.get(0)
-        judge.rehearse(ready)
+        # On all threads at once, so that each finds memory for its pages when sheets come.
+        threads = self._settings.inspectors
+        with ThreadPoolExecutor(threads) as rehearsing:
+            list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * threads)))
         for sheet in range(min(self._settings.ahead, len(self._book))):
             self._ready(sheet)
 
@@ -159,11 +165,10 @@ class Running:
         pager = self._make_pager(self._thumbnails)
         self.tally.phase = Phase.INSPECTING
         for block in self._source.blocks():
-            self._note_lag(block)
-            if not self._behind:
-                self._ready(
-                    pager.next_page
-                )  # a page whose design is not known cannot be told from a stranger
+            spare_s = self._spare_s(block)
+            self._behind = spare_s <= 0
+            if not self._behind:  # a page whose design is not known cannot be told from a stranger
+                self._ready(pager.next_page, within_s=spare_s)
             unknown = self._unknown(pager.next_page)
             for page in pager.push(block):
                 self._arrived(page, block, unknown=unknown, next_page=pager.next_page)
@@ -174,20 +179,22 @@ class Running:
         for page in pager.flush():
             self._arrived(page, None, unknown=unknown, next_page=pager.next_page)
 
-    def _note_lag(self, block: LineBlock) -> None:
-        """Whether lines are read so late that their sheets cannot be in time: then nothing is waited for."""
-        on_time = self._settings.source_waits or not self._settings.source_clock
-        self._behind = not on_time and self._clock() - block.time_s > self._settings.deadline_s
+    def _spare_s(self, block: LineBlock) -> float:
+        """How long a block's sheet may wait for its design and still be in time; none left: nothing is waited for."""
+        if self._settings.source_waits or not self._settings.source_clock:
+            return math.inf
+        due_s = block.time_s + self._settings.deadline_s
+        return due_s - self._inspect_s() - self._clock()
 
     def _unknown(self, sheet: int) -> bool:
         """Whether a sheet's design has not been made ready."""
         return sheet < len(self._book) and self._thumbnails[sheet] is None
 
-    def _ready(self, sheet: int) -> None:
+    def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
         """Wait for a sheet's design; one that cannot be had is said when the sheet is inspected."""
         if sheet < len(self._book):
-            with contextlib.suppress(ProoflightError):
-                self._ahead.get(sheet)
+            with contextlib.suppress(ProoflightError, TimeoutError):
+                self._ahead.get(sheet, timeout_s=None if within_s == math.inf else within_s)
 
     def _arrived(
         self, page: SeenPage | MissingPage, block: LineBlock | None, *, unknown: bool, next_page: int
@@ -219,7 +226,7 @@ class Running:
     def _inspect_all(self) -> None:
         while True:
             sheet, gone = self._waiting.take(
-                lambda: self._clock() + self.tally.typical_s("inspect"), behind=lambda: self._behind
+                lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
             )
             for late in gone:
                 self._pass(late, "its verdict would have come too late")
@@ -232,6 +239,10 @@ class Running:
                 self._done.put(self._inspect(sheet))
             finally:
                 self.tally.count(BUSY, by=-1)
+
+    def _inspect_s(self) -> float:
+        """What an inspection is reckoned to take; not the whole deadline, or a slow start would end all trying."""
+        return min(self.tally.typical_s("inspect"), self._settings.deadline_s / 2)
 
     def _inspect(self, sheet: Sheet) -> Outcome:
         """The verdict on one sheet; whatever goes wrong with it does not stop the run."""

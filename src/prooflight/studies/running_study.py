@@ -31,9 +31,11 @@ from prooflight.studies.running_rig import DESIGN_SEED, A4Designs, Pieces, Ring,
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PARTS: Final = ("repeated", "different", "soak", "drift", "streak", "picture")
+PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "picture")
 SMALL_PIXELS: Final = 400
-PAGES_PER_S, SLOWER_PER_S = 5.0, 4.0
+PAGES_PER_S: Final = 5.0
+OURS_SHARE: Final = 0.7
+"""Of its highest sustained speed, at which our detector is then run in real time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +49,9 @@ class Plan:
     fast_sheets: int
     soak_sheets: int
     taught_designs: int
+    """Small ones, that teach the press of the soak and the picture."""
+    taught_pages: int
+    """Of A4, that teach the press of the real-time rows of our detector."""
     days: int
     """Of runs that drift."""
 
@@ -61,11 +66,12 @@ class Plan:
                 fast_sheets=24,
                 soak_sheets=200,
                 taught_designs=48,
+                taught_pages=24,
                 days=2,
             )
         return cls(
-            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=18_000, taught_designs=240,
-            days=10,
+            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, taught_designs=96,
+            taught_pages=48, days=6,
         )  # fmt: skip
 
 
@@ -84,17 +90,19 @@ class Study:
     inspectors: int
     progress: Callable[[str], None]
 
-    def run(self, parts: tuple[str, ...]) -> dict[str, Any]:
-        """Measure what is not in the cache yet."""
-        found = self._known()
+    def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
+        """Measure what is not in the cache yet; again: all parts named."""
         for part in parts:
-            if part in found:
+            if part in self._known() and not again:
                 self.progress(f"{part}: known")
                 continue
             self.progress(f"{part}")
-            found[part] = getattr(self, f"_{part}")()
-            self._keep(found)
-        return found
+            measured = getattr(self, f"_{part}")()
+            with whole_file(self._results) as unfinished:
+                unfinished.write_text(json.dumps(self._known() | {part: measured}, indent=1))
+            self._write_page()
+        self._write_page()
+        return self._known()
 
     # --- parts ---
 
@@ -107,26 +115,41 @@ class Study:
         return self._live("all pages different", press, count=self.plan.prints, repeated=False)
 
     def _live(self, name: str, press: Press, *, count: int, repeated: bool) -> list[dict[str, Any]]:
-        inspector = Inspector.of(press)
+        """At the speed asked for, and as fast as it goes."""
         prints = self._ring(
             press, f"{len(press.sensors)}-{count}", count, self.plan.prints, repeated=repeated
         )
-        rows = []
-        live = self.plan.live_sheets
-        for rate, sheets in ((PAGES_PER_S, live), (SLOWER_PER_S, live // 4), (None, self.plan.fast_sheets)):
-            played = replace(prints, sheets=sheets)
-            rows.append(
-                live_row(
-                    name,
-                    inspector,
-                    played,
-                    pages_per_s=rate,
-                    inspectors=self.inspectors,
-                    progress=self._counted(f"{name} at {rate or 'full'} speed", sheets),
-                )
-            )
-            self.progress(json.dumps(rows[-1]))
-        return rows
+        return [
+            self._row(name, press, prints, rate, sheets)
+            for rate, sheets in ((PAGES_PER_S, self.plan.live_sheets), (None, self.plan.fast_sheets))
+        ]
+
+    def _ours(self) -> list[dict[str, Any]]:
+        """Repeated designs under our detector: as fast as it goes, and in real time at a pace that it sustains."""
+        press, designs, sheets = (
+            self._press("one", self.one, "prototype.toml"),
+            self.plan.designs,
+            self.plan.live_sheets,
+        )
+        prints = self._ring(
+            press, f"1-{self.plan.prints}", designs, designs, repeated=True
+        )  # those that all differ
+        press = self._taught_a4()
+        fast = self._row("repeated designs", press, prints, None, sheets // 20)
+        rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
+        return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
+
+    def _row(self, name: str, press: Press, prints: Ring, rate: float | None, sheets: int) -> dict[str, Any]:
+        row = live_row(
+            name,
+            Inspector.of(press),
+            replace(prints, sheets=sheets),
+            pages_per_s=rate,
+            inspectors=self.inspectors,
+            progress=self._counted(f"{name} at {rate or 'full'} speed", sheets),
+        )
+        self.progress(json.dumps(row))
+        return row
 
     def _soak(self) -> dict[str, Any]:
         press = self._small()
@@ -220,6 +243,19 @@ class Study:
             build_press(PressFile.preset(preset), seed=1).save(path)
         return Press.load(path)
 
+    def _taught_a4(self) -> Press:
+        """The press with one sensor, taught by A4 designs of its own, once, unless it came taught."""
+        press = self._press("one", self.one, "prototype.toml")
+        if press.ours is not None:
+            return press
+        path = self.cache / "running" / f"one-taught-{self.plan.taught_pages}.press"
+        if not path.exists():
+            rarely = replace(press, good_pages_per_false_alarm=self.plan.taught_pages / 4)
+            designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
+            self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
+            taught(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+        return Press.load(path)
+
     def _small(self) -> Press:
         """The prototype with a line of 400 pixels, taught by pieces of designs, once."""
         path = self.cache / "running" / f"small-{self.plan.taught_designs}.press"
@@ -244,13 +280,11 @@ class Study:
 
     @property
     def _results(self) -> Path:
-        return self.cache / "running" / f"results-{self.plan.live_sheets}-{self.seed}.json"
+        return self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json"
 
     def _known(self) -> dict[str, Any]:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
-    def _keep(self, found: dict[str, Any]) -> None:
-        with whole_file(self._results) as unfinished:
-            unfinished.write_text(json.dumps(found, indent=1))
+    def _write_page(self) -> None:
         with whole_file(self.out / "running.md") as unfinished:
-            unfinished.write_text(running_page(found, cores=os.cpu_count() or 1), encoding="utf-8")
+            unfinished.write_text(running_page(self._known(), cores=os.cpu_count() or 1), encoding="utf-8")

@@ -23,6 +23,8 @@ SURROUND: Final = 9
 """Detail is light minus its mean over so many thumbnail pixels square, 8 mm: type, rules and edges."""
 DETAIL_LIMIT: Final = 0.2
 """Stronger detail counts as this, so that a few heavy edges do not drown type. [white]"""
+ROWS_AT_ONCE: Final = 8
+"""Of a prediction, which as a whole fits no cache."""
 CELL: Final = 16
 """Thumbnail pixels in a cell of a signature, 13 mm: a shift of 1 mm hardly changes it."""
 
@@ -96,8 +98,13 @@ def thumbnail(light: NDArray[np.float32], *, width_mm: float, height_mm: float) 
 
 def thumbnail_of(page: Page, prediction: Prediction, press: Press) -> Thumbnail:
     """Of a page as it lies in the press, from its prediction in its place."""
-    scan = np.rint(np.maximum(prediction.expected_dn, 0)).astype(np.uint16)
-    return thumbnail(Shrinker(press).picture(scan), width_mm=page.width_mm, height_mm=page.height_mm)
+    expected, shrinker = prediction.expected_dn, Shrinker(press)
+    light = np.empty((expected.shape[1] // SHRINK, shrinker.columns), np.float32)
+    for row in range(0, len(light), ROWS_AT_ONCE):
+        rows = light[row : row + ROWS_AT_ONCE]
+        lines = expected[:, SHRINK * row : SHRINK * (row + len(rows))]
+        rows[:] = shrinker.rows(np.rint(np.maximum(lines, 0)).astype(np.uint16))
+    return thumbnail(light, width_mm=page.width_mm, height_mm=page.height_mm)
 
 
 class RepeatedJob:

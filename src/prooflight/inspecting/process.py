@@ -1,0 +1,37 @@
+"""How a process is set for page after page of the same size."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+from typing import Final
+
+import cv2
+
+TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
+"""Names of glibc's mallopt(3)."""
+KEPT_BYTES: Final = 2**31 - 1
+MODEST: Final = 5
+"""Of nice(2): a third of the weight of a thread that inspects."""
+
+
+def settle_process() -> None:
+    """Keep freed memory for the next page, and leave threads to whoever shares out the pages.
+
+    A page takes some 200 MB for moments; given back and asked for again, the system clears it each time, which costs
+    a tenth of an inspection. OpenCV's own threads would fight with those that inspect. For the whole process; where
+    the C library is not glibc, memory stays as it was.
+    """
+    cv2.setNumThreads(1)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
+            mallopt(name, value)
+
+
+def step_back() -> None:
+    """Let this thread yield to those that inspect, where the system gives threads a priority of their own."""
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), MODEST)

@@ -20,17 +20,21 @@ FEWEST_FOR_PROCESSES = 6
 
 
 def in_order(
-    work: Callable[[Item], Result], items: Iterable[Item], *, processes: int | None = None
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    *,
+    processes: int | None = None,
+    fewest: int = FEWEST_FOR_PROCESSES,
 ) -> Iterator[Result]:
     """``work`` of each item, in the order of the items, in as many processes as there are cores.
 
     Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it travels
     once to each process, since it may hold a press. The first error is raised where its result would have come; work
-    not begun by then is dropped.
+    not begun by then is dropped. fewest: items from which on processes are started.
     """
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
-    if processes == 1 or len(waiting) < FEWEST_FOR_PROCESSES:
+    if processes == 1 or len(waiting) < fewest:
         yield from map(work, waiting)
         return
     context = multiprocessing.get_context("spawn")

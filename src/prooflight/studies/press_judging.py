@@ -18,6 +18,7 @@ from prooflight.deciding.operating import (
     least_cost,
 )
 from prooflight.deciding.ranking import every_column, family_columns, group_columns
+from prooflight.pages.parallel import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -104,37 +105,83 @@ def judged(
     teaching: Pages | None = None,
     trees: int = TREES,
     ablations: bool = True,
+    processes: int | None = 1,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
     """Every page of every part. teaching: pages of designs that are not judged and teach every part."""
-    names, pages = rows["names"][: rows["values"].shape[1]].tolist(), Pages.of(rows)
+    pages = Pages.of(rows)
     part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
+    work = _PartWork(
+        rows=rows,
+        part=part,
+        scatter=scatter,
+        seed=seed,
+        teaching=teaching,
+        trees=trees,
+        ablations=ablations,
+    )
     scores: dict[str, NDArray[np.float64]] = {}
     detectors = []
     kinds = np.zeros(len(part), "U16")
     boxes = np.full((len(part), 4), np.nan, np.float32)
-    for index in range(PARTS):
-        progress(f"part {index + 1} of {PARTS}: learning")
-        test, tune = part == index, part == (index + 1) % PARTS
-        rng = np.random.default_rng([seed, index, 5])
-        learn = pages.rows(~test & ~tune)
-        learn = learn if teaching is None else learn.beside(teaching)
-        found = learn_tolerance(learn, names=names, scatter=scatter, rng=rng, trees=trees)
-        other = test | tune
-        for name, rank in _rankings(found, rows["another"][other]).items():
+    progress(f"{PARTS} parts: learning and judging")
+    for index, said in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
+        progress(f"part {index + 1} of {PARTS} is judged")
+        test, tune = work.test_and_tune(index)
+        for name, score in said.scores.items():
             # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
-            scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, other] = rank(
-                pages.rows(other)
-            )
-        if ablations:
-            for name, score in _without(learn, pages.rows(other), names, scatter, rng, trees // 2):
-                scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, other] = score
-        good = pages.rows(tune & ~pages.bad)
-        detectors.append(promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))))
-        kinds[test] = kinds_said(found, rows, test)
-        boxes[test] = places_said(found, rows["values"][test], rows["portrait"][test], rows["boxes"][test])
+            scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, test | tune] = score
+        detectors.append(said.found)
+        kinds[test], boxes[test] = said.kinds, said.boxes
     methods = {name: _judged(name, score, pages, part) for name, score in scores.items()}
     return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PartSaid:
+    """What one part's judging gives."""
+
+    found: TolerancePress
+    scores: dict[str, NDArray[np.float64]]
+    """Of each method, on the pages of this part and of the one that sets its thresholds."""
+    kinds: NDArray[np.str_]
+    boxes: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PartWork:
+    """Number of a part -> what it says; may travel to another process."""
+
+    rows: Rows
+    part: NDArray[np.int64]
+    scatter: Scatter
+    seed: int
+    teaching: Pages | None
+    trees: int
+    ablations: bool
+
+    def test_and_tune(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which pages a part judges, and which set its thresholds."""
+        return self.part == index, self.part == (index + 1) % PARTS
+
+    def __call__(self, index: int) -> _PartSaid:
+        rows, pages = self.rows, Pages.of(self.rows)
+        names = rows["names"][: rows["values"].shape[1]].tolist()
+        test, tune = self.test_and_tune(index)
+        rng = np.random.default_rng([self.seed, index, 5])
+        learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
+        learn = learn if self.teaching is None else learn.beside(self.teaching)
+        found = learn_tolerance(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
+        scores = {name: rank(other) for name, rank in _rankings(found, rows["another"][test | tune]).items()}
+        if self.ablations:
+            scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
+        good = pages.rows(tune & ~pages.bad)
+        return _PartSaid(
+            found=promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))),
+            scores=scores,
+            kinds=kinds_said(found, rows, test),
+            boxes=places_said(found, rows["values"][test], rows["portrait"][test], rows["boxes"][test]),
+        )
 
 
 def ours_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:

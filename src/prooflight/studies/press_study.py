@@ -120,6 +120,7 @@ def run_press_study(
         seed=plan.seed,
         trees=plan.trees,
         ablations=plan.ablations,
+        processes=processes,
         progress=progress,
     )
     found = PressFindings(

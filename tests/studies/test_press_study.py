@@ -110,6 +110,22 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     assert seldom.alarms[ours.scored.bad].mean() > 0.4
 
 
+def test_good_pages_of_other_designs_set_thresholds_and_teach_nothing(rows: Rows, verdicts: Verdicts) -> None:
+    further = drawn_rows(3)
+    good = {
+        name: column[further["kind"] == ""]
+        for name, column in further.items()
+        if len(column) == len(further["kind"])
+    }
+    good["design"] = good["design"] + 1000
+    more = judged(rows, Scatter.white(), seed=1, good=good, trees=30, ablations=False)
+    ours, before = more.methods[OURS], verdicts.methods[OURS]
+    assert np.array_equal(ours.scored.score, before.scored.score)
+    assert np.array_equal(ours.part, before.part)
+    assert not np.array_equal(ours.promised, before.promised)
+    assert more.detectors[0].good_designs == verdicts.detectors[0].good_designs + DESIGNS
+
+
 def test_places_are_right_within_five_millimetres() -> None:
     places = np.full((3, PLACES, 4), np.nan, np.float32)
     places[:, 0] = 100, 100, 10, 2

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 PARTS: Final = 5
 """Of the press days: in turn one is judged, the next sets thresholds, the other three teach."""
+EVERY: Final = -1
+"""Part of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 PROMISE: Final = 0.01
 OURS: Final = "ours"
@@ -59,7 +61,7 @@ class Judged:
     alarms: NDArray[np.bool_]
     """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
     promised: NDArray[np.bool_]
-    """(pages,) above the conformal threshold of the tuning designs' good pages for ``PROMISE``."""
+    """(pages,) above the threshold that good pages of tuning designs exceed at ``PROMISE``."""
 
     @property
     def area(self) -> float:
@@ -103,16 +105,26 @@ def judged(
     *,
     seed: int,
     teaching: Pages | None = None,
+    good: Rows | None = None,
     trees: int = TREES,
     ablations: bool = True,
     processes: int | None = 1,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
-    """Every page of every part. teaching: pages of designs that are not judged and teach every part."""
-    pages = Pages.of(rows)
+    """Every page of every part.
+
+    teaching: pages of designs that are not judged and teach every part. good: good pages of designs that are not judged
+    and set every part's thresholds, together with the part next to it.
+    """
+    pages, another = Pages.of(rows), rows["another"]
     part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
+    if good is not None:
+        pages, another = pages.beside(Pages.of(good)), np.concatenate([another, good["another"]])
+        part = np.concatenate([part, np.full(len(good["another"]), EVERY)])
     work = _PartWork(
         rows=rows,
+        pages=pages,
+        another=another,
         part=part,
         scatter=scatter,
         seed=seed,
@@ -122,8 +134,8 @@ def judged(
     )
     scores: dict[str, NDArray[np.float64]] = {}
     detectors = []
-    kinds = np.zeros(len(part), "U16")
-    boxes = np.full((len(part), 4), np.nan, np.float32)
+    kinds = np.zeros(len(rows["kind"]), "U16")
+    boxes = np.full((len(kinds), 4), np.nan, np.float32)
     progress(f"{PARTS} parts: learning and judging")
     for index, said in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
         progress(f"part {index + 1} of {PARTS} is judged")
@@ -132,7 +144,8 @@ def judged(
             # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
             scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, test | tune] = score
         detectors.append(said.found)
-        kinds[test], boxes[test] = said.kinds, said.boxes
+        here = test[: len(kinds)]
+        kinds[here], boxes[here] = said.kinds, said.boxes
     methods = {name: _judged(name, score, pages, part) for name, score in scores.items()}
     return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
 
@@ -153,6 +166,9 @@ class _PartWork:
     """Number of a part -> what it says; may travel to another process."""
 
     rows: Rows
+    """Of the pages that are judged, the first of ``pages``."""
+    pages: Pages
+    another: NDArray[np.bool_]
     part: NDArray[np.int64]
     scatter: Scatter
     seed: int
@@ -162,25 +178,25 @@ class _PartWork:
 
     def test_and_tune(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which pages a part judges, and which set its thresholds."""
-        return self.part == index, self.part == (index + 1) % PARTS
+        return self.part == index, (self.part == (index + 1) % PARTS) | (self.part == EVERY)
 
     def __call__(self, index: int) -> _PartSaid:
-        rows, pages = self.rows, Pages.of(self.rows)
+        rows, pages = self.rows, self.pages
         names = rows["names"][: rows["values"].shape[1]].tolist()
         test, tune = self.test_and_tune(index)
         rng = np.random.default_rng([self.seed, index, 5])
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
         learn = learn if self.teaching is None else learn.beside(self.teaching)
         found = learn_tolerance(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
-        scores = {name: rank(other) for name, rank in _rankings(found, rows["another"][test | tune]).items()}
+        scores = {name: rank(other) for name, rank in _rankings(found, self.another[test | tune]).items()}
         if self.ablations:
             scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
-        good = pages.rows(tune & ~pages.bad)
+        good, here = pages.rows(tune & ~pages.bad), test[: len(rows["kind"])]
         return _PartSaid(
             found=promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))),
             scores=scores,
-            kinds=kinds_said(found, rows, test),
-            boxes=places_said(found, rows["values"][test], rows["portrait"][test], rows["boxes"][test]),
+            kinds=kinds_said(found, rows, here),
+            boxes=places_said(found, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
         )
 
 
@@ -295,11 +311,12 @@ def _without(
 
 
 def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> Judged:
+    judged_ = part != EVERY
     score = np.empty(len(part))
     alarms = np.zeros((len(ALPHAS), len(part)), bool)
     promised_ = np.zeros(len(part), bool)
     for index in range(PARTS):
-        test, tune = part == index, part == (index + 1) % PARTS
+        test, tune = part == index, (part == (index + 1) % PARTS) | ~judged_
         of_tune = Scored(score=scores[index, tune], bad=pages.bad[tune], design=pages.design[tune])
         score[test] = scores[index, test]
         for row, alpha in enumerate(ALPHAS):
@@ -307,8 +324,8 @@ def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[
         promised_[test] = score[test] > np.quantile(of_tune.score[~of_tune.bad], 1 - PROMISE, method="higher")
     return Judged(
         name=name,
-        scored=Scored(score=score, bad=pages.bad, design=pages.design),
-        part=part,
-        alarms=alarms,
-        promised=promised_,
+        scored=Scored(score=score[judged_], bad=pages.bad[judged_], design=pages.design[judged_]),
+        part=part[judged_],
+        alarms=alarms[:, judged_],
+        promised=promised_[judged_],
     )

@@ -39,11 +39,12 @@ def page_lines(found: PressFindings) -> Iterator[str]:
         f"Camera pixels of {found.pitch_mm:.3f} mm, two sensors; {plan.designs} composed designs on "
         f"{len(np.unique(rows['day']))} press days: {good} good prints and {bad} misprints, kinds in turn, severity "
         f"even from 0 to 1. The days are cut into five parts. Each is judged by a detector that three others taught, "
-        f"together with {plan.teaching} designs that are not judged, of {plan.teaching_misprints} misprints each, with "
-        f"thresholds from the fifth: nothing that a page is judged by has seen its design or its day. How "
-        f"statistics scatter was learned from {plan.pilot} further designs. `worlds.toml` {worlds_digest()[:12]}, seed "
-        f"{plan.seed}. {rows['unmade_kind'].size} misprints stayed below the gate in nine draws and were left out. "
-        f"95 % intervals over designs. Never alarming costs alpha."
+        f"together with {plan.teaching} designs that are not judged, of {plan.teaching_misprints} misprints each. "
+        f"Thresholds are set by the fifth and by {plan.promise} good prints of designs that do nothing else. Nothing "
+        f"that a page is judged by has seen its design or its day. How statistics scatter was learned from "
+        f"{plan.pilot} further designs. `worlds.toml` {worlds_digest()[:12]}, seed {plan.seed}. "
+        f"{rows['unmade_kind'].size} misprints stayed below the gate in nine draws and were left out. 95 % intervals "
+        f"over designs. Never alarming costs alpha."
     )
     yield ""
     yield "The paper's detectors and the usual ones, raw and registered, on such pages: [paper.md](paper.md)."
@@ -154,7 +155,7 @@ def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.
 def _promises(found: PressFindings) -> Iterator[str]:
     ours, rows = found.verdicts.methods[OURS], found.main
     good = ~ours.scored.bad
-    per_part = round(int(good.sum()) / len(np.unique(ours.part)))
+    setting = round(int(good.sum()) / len(np.unique(ours.part))) + found.plan.promise
     yield "## What was promised, and what came"
     yield ""
     yield "In brackets: what the rate lies below with 95 % certainty."
@@ -164,7 +165,7 @@ def _promises(found: PressFindings) -> Iterator[str]:
     for kept in found.kept:
         basis = f"{kept.designs} designs that did nothing else"
         yield _promise(f"{100 * kept.rate:.3g} %", basis, kept.alarms[good], kept.alarms[~good])
-    basis = f"{per_part} designs of other days, five times"
+    basis = f"{setting} designs, these and those of another part"
     yield _promise("1 %", basis, ours.promised[good], ours.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"

@@ -117,6 +117,7 @@ def run_press_study(
         main,
         scatter,
         teaching=Pages.of(teaching),
+        good=promise,
         seed=plan.seed,
         trees=plan.trees,
         ablations=plan.ablations,
@@ -131,7 +132,7 @@ def run_press_study(
         kept=kept_promises(verdicts, promise, calibration=plan.calibration),
         looser=_looser(verdicts, looser, plan),
         ideal=judged(ideal, ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
-        real=None if real_rows is None else _on_real(verdicts, main, real_rows),
+        real=None if real_rows is None else _on_real(verdicts, main, promise, real_rows),
     )
     text = "\n".join(page_lines(found))
     with whole_file(results / "press.md") as unfinished:
@@ -248,14 +249,13 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
     }
 
 
-def _on_real(verdicts: Verdicts, main: Rows, rows: Rows) -> Judged:
-    """Real pages by the first part's detector, with the thresholds of its tuning designs."""
-    found, composed, pages = verdicts.detectors[0], Pages.of(main), Pages.of(rows)
+def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judged:
+    """Real pages by the first part's detector and thresholds."""
+    found, pages = verdicts.detectors[0], Pages.of(rows)
     part = np.unique(main["day"], return_inverse=True)[1] % PARTS
-    tune = composed.rows(part == 1)
-    of_tune = Scored(
-        score=ours_score(found, tune, main["another"][part == 1]), bad=tune.bad, design=tune.design
-    )
+    tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
+    another = np.concatenate([main["another"][part == 1], promise["another"]])
+    of_tune = Scored(score=ours_score(found, tune, another), bad=tune.bad, design=tune.design)
     score = ours_score(found, pages, rows["another"])
     return Judged(
         name=OURS,

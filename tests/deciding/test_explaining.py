@@ -44,6 +44,7 @@ SPOT = Region(x_mm=10.0, y_mm=20.0, width_mm=2.0, height_mm=2.0, score=9.0, kind
         ("density", "fit/gain-M", None, {"C": ink(1.0), "M": ink(12.3)}, "magenta 12 % too strong"),
         ("density", "fit/gain-all", None, {"C": ink(-10.0), "K": ink(-12.0)}, "all inks 11 % too weak"),
         ("plane-register", "fit/plane-M", None, {"M": ink(register=(0.3, 0.0))}, "register of magenta 0.3 mm"),
+        ("plane-register", "fit/plane-M", None, {"M": ink(register=(0.03, 0.0))}, "register of magenta"),
         ("plane-register", "place/planes", None, {"Y": ink(register=(0.3, 0.4))}, "register of yellow 0.5 mm"),
         ("streak", "streak/add-K/2/full", STREAK, {}, "streak at x = 83 mm in black"),
         ("spots-voids", "box/add-K+/4", SPOT, {}, "spot in black around x = 11 mm, y = 21 mm (2 x 2 mm)"),

@@ -22,6 +22,8 @@ LIGHTENING: Final = ("light", "void")
 MOST_OF_PLANE: Final = 0.5
 GONE_PERCENT: Final = -60.0
 """An ink of which less than 40 % is there is called missing, not weak."""
+LEAST_TOLD_MM: Final = 0.05
+"""A plane less far out of register is said without an amount: 0.0 mm would be read as nothing."""
 
 
 def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
@@ -136,7 +138,8 @@ def _of_register(ink: str, inks: dict[str, Ink]) -> str:
     if not off:
         return "planes out of register"
     worst = ink if ink in off else max(off, key=lambda letter: off[letter])
-    return f"register of {INKS[worst]} {off[worst]:.1f} mm"
+    amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
+    return f"register of {INKS[worst]}{amount}"
 
 
 def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, region: Region | None) -> str:

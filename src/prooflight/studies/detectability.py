@@ -127,6 +127,7 @@ def _told(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """D' of sums (3, ...) of D, C, edges, and T for a whole amount; light: D of the light as a whole."""
     power, shared, edges = maps
+    edges = np.maximum(edges, 0)  # box sums round
     own = np.maximum(power - shared**2 / (light + 1 / common**2), 0)
     at_edges = edges * np.minimum(own / np.maximum(power, 1e-9), 1)
     noise, of_edges, tolerance = scatter

@@ -125,4 +125,5 @@ def _inks(axes: Axes, reach: Reach) -> None:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if not shown:
+        axes.set(xticks=[], yticks=[])
         axes.text(0.5, 0.5, "none would be caught", ha="center", va="center", transform=axes.transAxes)

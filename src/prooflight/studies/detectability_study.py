@@ -23,7 +23,7 @@ from prooflight.studies.detectability import PATCH_TILES, STREAK_WIDTH, Reach, T
 from prooflight.studies.detectability_picture import draw_reach
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press import Press
 
+HALF: Final = 0.5
 LEARNING: Final = 60
 """Prints with each defect, over all pages, from which it is learned how strong it must be."""
 TRIALS: Final = 12
@@ -63,6 +64,8 @@ class PageReach:
 
     name: str
     reach: Reach
+    half: Reach
+    """What is caught in every second print."""
     verified: dict[str, Caught]
     """By defect; ``none``: good prints that alarmed."""
 
@@ -117,16 +120,16 @@ def run_detectability_study(
         prints = (turn + 1) * learning // len(numbers) - turn * learning // len(numbers)
         progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
         wanted = bench(number).learned(wanted, prints, np.random.default_rng([seed, number, 1]))
-    strengths = {defect: one.strength(SURE) for defect, one in wanted.items()}
+    sure, half = ({defect: one.strength(chance) for defect, one in wanted.items()} for chance in (SURE, HALF))
     found = []
     for number in numbers:
         one = bench(number)
-        reach, verified = Reach.of(one.telling, strengths), {}
+        reach, verified = Reach.of(one.telling, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
             rng = np.random.default_rng([seed, number, 2 + index])
             verified[defect] = one.verified(reach, defect, trials, rng)
-        page = PageReach(name=one.page.name, reach=reach, verified=verified)
+        page = PageReach(name=one.page.name, reach=reach, half=Reach.of(one.telling, half), verified=verified)
         draw_reach(results / _picture(page), one.page, reach, press)
         found.append(page)
     job_reach = JobReach(pages=found, wanted=wanted)
@@ -310,17 +313,10 @@ def page_lines(
         "brackets, and the share of places where nothing of the kind is."
     )
     yield ""
-    yield (
-        "| page | black spot [mm] | nowhere | black streak of 0.5 mm [% ink] | nowhere | "
-        "loss of all inks in 16 mm [%] | nowhere | loss of one ink all over [%] |"
-    )
-    yield "|---" * 8 + "|"
-    for page in job.pages:
-        reach = page.reach
-        inks = ", ".join(_of_ink(letter, least) for letter, least in reach.inks_percent.items())
-        cells = (_spread(a) for a in (reach.spot_mm, reach.streak_percent, reach.patch_percent))
-        yield f"| {page.name} | " + " | ".join(" | ".join(cell) for cell in cells) + f" | {inks} |"
+    yield from _reach_lines((page.name, page.reach) for page in job.pages)
+    yield "The same, caught in every second print:"
     yield ""
+    yield from _reach_lines((page.name, page.half) for page in job.pages)
     yield (
         "How strong a defect must be was learned from prints of these pages with such defects. Strength: what the "
         "defect adds to the statistic that tells it best, in standard deviations of good prints, in closed form from "
@@ -329,7 +325,7 @@ def page_lines(
     yield ""
     yield "| | " + " | ".join(NAMES.values()) + " |"
     yield "|---" * (len(NAMES) + 1) + "|"
-    for chance in (0.5, SURE):
+    for chance in (HALF, SURE):
         cells_ = (f"{job.wanted[defect].strength(chance):.3g}" for defect in NAMES)
         yield f"| strength that is caught in {chance:.0%} | " + " | ".join(cells_) + " |"
     yield "| prints | " + " | ".join(str(job.wanted[defect].prints) for defect in NAMES) + " |"
@@ -360,6 +356,19 @@ def page_lines(
     for page in job.pages:
         yield f"![{page.name}]({_picture(page)})"
         yield ""
+
+
+def _reach_lines(pages: Iterable[tuple[str, Reach]]) -> Iterator[str]:
+    yield (
+        "| page | black spot [mm] | nowhere | black streak of 0.5 mm [% ink] | nowhere | "
+        "loss of all inks in 16 mm [%] | nowhere | loss of one ink all over [%] |"
+    )
+    yield "|---" * 8 + "|"
+    for name, reach in pages:
+        inks = ", ".join(_of_ink(letter, least) for letter, least in reach.inks_percent.items())
+        cells = (_spread(a) for a in (reach.spot_mm, reach.streak_percent, reach.patch_percent))
+        yield f"| {name} | " + " | ".join(" | ".join(cell) for cell in cells) + f" | {inks} |"
+    yield ""
 
 
 def _spread(values: NDArray[np.float64]) -> tuple[str, str]:

@@ -7,16 +7,12 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def best_cut(columns, bad, weight, rows, order, tries, least, rng):  # type: ignore[no-untyped-def]
+def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
     """Of so many columns drawn, each cut at a place drawn evenly between its least and greatest: which, and where.
 
-    columns (columns, pages), rows: of the node, order: all columns in any order, shuffled as far as they are drawn. -1:
-    none leaves ``least`` rows on either side.
+    columns (columns, pages); rows: of the node, of_bad and of_all: their weights; order: all columns in any order,
+    shuffled as far as they are drawn. -1: none leaves ``least`` rows on either side.
     """
-    of_all = of_bad = 0.0
-    for row in rows:
-        of_all += weight[row]
-        of_bad += weight[row] * bad[row]
     best, at, most = -1, np.float32(0), 0.0
     for drawn in range(tries):
         swap = drawn + int(rng.random() * (order.size - drawn))
@@ -67,7 +63,7 @@ def grow(columns, bad, weight, tries, least, rng, column, cut, left, right, shar
         share[nodes] = of_bad / of_all
         which, at = -1, np.float32(0)
         if 0 < of_bad < of_all and here.size >= 2 * least:
-            which, at = best_cut(columns, bad, weight, here, order, tries, least, rng)
+            which, at = best_cut(columns, bad, weight, here, of_bad, of_all, order, tries, least, rng)
         column[nodes], cut[nodes], left[nodes], right[nodes] = which, at, -1, -1
         if which >= 0:
             middle = first

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.ranking import forested, weighed
+from prooflight.commissioning.ranking import even, forested, weighed
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.comparing.nuisance import Spread
+from prooflight.deciding.calibrated import WRONG_PAGE
 from prooflight.deciding.operating import conformal_threshold
 from prooflight.deciding.ranking import (
     Forest,
@@ -19,6 +20,7 @@ from prooflight.deciding.ranking import (
     family_columns,
     group_columns,
     mixed_columns,
+    scores_of,
 )
 from prooflight.deciding.taught import TolerancePress, compressed, families_of
 
@@ -201,7 +203,7 @@ def learn_tolerance(
         kinds=every.kinds,
         kind_forests=every.kind_forests,
         name_forests=_names(pages, every.kinds, family_columns(evidence), rng, trees // 3),
-        mix=weighed(mixed, pages.bad[place], _even(pages.bad[place])),
+        mix=weighed(mixed, pages.bad[place], even(pages.bad[place])),
     )
 
 
@@ -229,9 +231,9 @@ class _Rankings:
         def against_good(kind: str) -> Forest:
             which = ~pages.bad | (kinds_seen == kind)
             bad, count = pages.bad[which], trees // 4
-            return forested(columns[which], bad, _even(bad), rng=rng, trees=count, column_share=KIND_SHARE)
+            return forested(columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE)
 
-        weight = _even(pages.bad)
+        weight = even(pages.bad)
         kinds_seen = np.zeros(len(pages.bad), "U1") if pages.kind is None else pages.kind
         kinds = tuple(np.unique(kinds_seen[pages.bad]).tolist())
         kinds = kinds if len(kinds) > 1 else ()
@@ -244,17 +246,8 @@ class _Rankings:
 
     def said(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
         """``mixed_columns``."""
-        of_kinds = [forest.score(columns) for forest in self.kind_forests]
-        return mixed_columns(
-            self.logit.score(groups),
-            self.forest.score(columns),
-            np.array(of_kinds).reshape(-1, len(columns)).T,
-        )
-
-
-def _even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights with which both sides count the same."""
-    return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
+        of_kinds = scores_of(self.kind_forests, columns)
+        return mixed_columns(self.logit.score(groups), self.forest.score(columns), of_kinds)
 
 
 def _names(
@@ -265,9 +258,15 @@ def _names(
         return ()
     kind, columns = pages.kind[pages.bad], columns[pages.bad]
     return tuple(
-        forested(columns, kind == one, _even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
+        forested(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
         for one in kinds
     )
+
+
+def certain_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Our score of pages (pages,); a scan that shows another page is certain."""
+    score = found.score(pages.values, pages.portraits)
+    return np.where(another, np.maximum(score, WRONG_PAGE), score)
 
 
 def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:

@@ -18,6 +18,11 @@ RIDGE: Final = 2.0
 """Half the inverse variance of weights of columns in standard deviations, beside log losses of one."""
 
 
+def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights with which both sides count the same."""
+    return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
+
+
 def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]) -> Logit:
     """Logistic regression with a ridge: columns (pages, columns), weight (pages,) of each page."""
     mean, sd = columns.mean(axis=0), columns.std(axis=0) + 1e-9

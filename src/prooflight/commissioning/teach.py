@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, pooled
+from prooflight.commissioning.learn import Pages, certain_score, learn_scatter, learn_tolerance, pooled
 from prooflight.commissioning.rehearse import DESIGNS_A_DAY, SaidWork, ScatterWork
 from prooflight.deciding.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
-from prooflight.deciding.calibrated import WRONG_PAGE, CalibratedDetector
+from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.promise import GoodScores
 from prooflight.errors import RequestError
 from prooflight.pages.parallel import in_order
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from prooflight.commissioning.rehearse import Designs, Rows
     from prooflight.comparing.evidence import Evidence
     from prooflight.comparing.local_evidence import Scatter
+    from prooflight.deciding.taught import TolerancePress
     from prooflight.pages.raster import Page
     from prooflight.press import Press
 
@@ -109,12 +110,16 @@ def _ours(
         rng=rng,
         ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
     )
-    good = Pages.of(tune)
-    score = tolerance.score(good.values, good.portraits)
-    score = np.where(tune["another"], np.maximum(score, WRONG_PAGE), score)
+    return calibrated_for(press, tolerance, tune)
+
+
+def calibrated_for(press: Press, tolerance: TolerancePress, good: Rows) -> CalibratedDetector:
+    """The detector with the threshold that keeps what the press file asks for; good: rows that taught nothing."""
+    pages = Pages.of(good)
+    score = certain_score(tolerance, pages, good["another"])
     return CalibratedDetector.calibrated(
         tolerance,
-        simulated=GoodScores.of(score, good.design).worst,
+        simulated=GoodScores.of(score, pages.design).worst,
         false_alarm_rate=1 / press.good_pages_per_false_alarm,
         misprint_rate=press.costs.misprint_rate,
     )

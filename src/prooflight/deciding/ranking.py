@@ -96,3 +96,8 @@ class Forest:
         narrow, chance = np.ascontiguousarray(columns, np.float32), np.empty(len(columns))
         shares_of(narrow, self.column, self.cut, self.left, self.right, self.share, self.root, chance)
         return np.log((chance + LEAST_CHANCE) / (1 + LEAST_CHANCE - chance))
+
+
+def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What each forest says of rows (pages, columns): (pages, forests), none of which there may be."""
+    return np.array([forest.score(columns) for forest in forests]).reshape(-1, len(columns)).T

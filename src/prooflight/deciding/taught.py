@@ -22,6 +22,7 @@ from prooflight.deciding.ranking import (
     family_columns,
     group_columns,
     mixed_columns,
+    scores_of,
 )
 
 if TYPE_CHECKING:
@@ -163,15 +164,14 @@ class TolerancePress:
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
-        return np.array([forest.score(every) for forest in self.kind_forests]).reshape(-1, len(every)).T
+        return scores_of(self.kind_forests, every)
 
     def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
         """The kind of misprint that each page looks like most; empty where none was seen in learning."""
         if not self.name_forests:
             return [""] * len(values)
         columns = family_columns(self.family_evidence(self.deviations(values, portraits)))
-        said = np.stack([forest.score(columns) for forest in self.name_forests])
-        return [self.kinds[index] for index in said.argmax(axis=0)]
+        return [self.kinds[index] for index in scores_of(self.name_forests, columns).argmax(axis=1)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""

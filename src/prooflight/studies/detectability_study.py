@@ -44,8 +44,8 @@ STREAK_MM: Final = 0.254 * STREAK_WIDTH
 PRINTS: Final = 4
 """Good prints of a page, one of which must pass."""
 BLACK: Final = 3
-DEFECTS: Final = ("spot", "streak", "patch", "ink")
 NAMES: Final = {"spot": "spots", "streak": "streaks", "patch": "pale patches", "ink": "pale inks"}
+DEFECTS: Final = tuple(NAMES)
 EDGE_MM: Final = 6.0
 """Defects are printed no nearer to the page's edges."""
 

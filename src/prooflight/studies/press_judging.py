@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.learn import Pages, learn_tolerance, promised
-from prooflight.commissioning.ranking import forested
-from prooflight.deciding.calibrated import WRONG_PAGE
+from prooflight.commissioning.learn import Pages, certain_score, learn_tolerance, promised
+from prooflight.commissioning.ranking import even, forested
 from prooflight.deciding.operating import (
     Scored,
     area_under_roc,
@@ -200,12 +199,6 @@ class _PartWork:
         )
 
 
-def ours_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Our score; a scan that shows another page is certain."""
-    score = found.score(pages.values, pages.portraits)
-    return np.where(another, np.maximum(score, WRONG_PAGE), score)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kept:
     """A promise that designs of their own made, and what came of it."""
@@ -223,7 +216,7 @@ def kept_promises(verdicts: Verdicts, good: Rows, *, calibration: Mapping[float,
     calibration: designs by the rate that they promise; the first so many of ``good``.
     """
     pages, ours = Pages.of(good), verdicts.methods[OURS]
-    scores = [ours_score(found, pages, good["another"]) for found in verdicts.detectors]
+    scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
     found = []
     for rate, count in calibration.items():
         alarms = np.zeros(ours.part.shape, bool)
@@ -273,7 +266,7 @@ def _rankings(
         return found.forest.score(every(pages))
 
     return {
-        OURS: lambda pages: ours_score(found, pages, another),
+        OURS: lambda pages: certain_score(found, pages, another),
         "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
         "weighed groups of families alone": weighed,
@@ -286,7 +279,7 @@ def _without(
     learn: Pages, other: Pages, names: list[str], scatter: Scatter, rng: np.random.Generator, trees: int
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """The forest of families without some of the statistics, or without what a page's content foretells."""
-    weight = np.where(learn.bad, 0.5 / learn.bad.mean(), 0.5 / (~learn.bad).mean())
+    weight = even(learn.bad)
     firsts = [name.split("/")[0] for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {
         "forest of families alone": (np.ones(len(names), bool), 1.0)

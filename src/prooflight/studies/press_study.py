@@ -11,10 +11,9 @@ import numpy as np
 
 from prooflight.atomic import whole_file
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, pooled
-from prooflight.deciding.calibrated import CalibratedDetector
+from prooflight.commissioning.learn import Pages, certain_score, learn_scatter, learn_tolerance, pooled
+from prooflight.commissioning.teach import calibrated_for
 from prooflight.deciding.operating import Scored, conformal_threshold, least_cost
-from prooflight.deciding.promise import GoodScores
 from prooflight.simulating.worlds import worlds_digest
 from prooflight.studies.corpus import Corpus
 from prooflight.studies.paper_study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -27,7 +26,6 @@ from prooflight.studies.press_judging import (
     Judged,
     judged,
     kept_promises,
-    ours_score,
 )
 from prooflight.studies.press_page import page_lines
 from prooflight.studies.press_scans import SaidWork, ScatterWork, Scene
@@ -213,15 +211,7 @@ def _taught(
         rng=np.random.default_rng([plan.seed, 9]),
         trees=plan.trees,
     )
-    good = Pages.of(promise)
-    score = ours_score(tolerance, good, promise["another"])
-    ours = CalibratedDetector.calibrated(
-        tolerance,
-        simulated=GoodScores.of(score, good.design).worst,
-        false_alarm_rate=1 / press.good_pages_per_false_alarm,
-        misprint_rate=press.costs.misprint_rate,
-    )
-    return replace(press, ours=ours)
+    return replace(press, ours=calibrated_for(press, tolerance, promise))
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
@@ -237,7 +227,7 @@ def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
 def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:
     """Alarms on good pages of a press that varies more, before and after its own good pages were learned."""
     found, pages = verdicts.detectors[0], Pages.of(rows)
-    score = ours_score(found, pages, rows["another"])
+    score = certain_score(found, pages, rows["another"])
     known = np.unique(pages.design)[: plan.looser_known]
     mine = np.isin(pages.design, known)
     rate = max(PROMISE, 1.01 / (len(known) + 1))
@@ -255,8 +245,8 @@ def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judge
     part = np.unique(main["day"], return_inverse=True)[1] % PARTS
     tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
     another = np.concatenate([main["another"][part == 1], promise["another"]])
-    of_tune = Scored(score=ours_score(found, tune, another), bad=tune.bad, design=tune.design)
-    score = ours_score(found, pages, rows["another"])
+    of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design)
+    score = certain_score(found, pages, rows["another"])
     return Judged(
         name=OURS,
         scored=Scored(score=score, bad=pages.bad, design=pages.design),

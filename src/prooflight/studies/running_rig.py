@@ -164,9 +164,8 @@ def ring(
     pages = []
     for index in range(count):
         cmyk = np.asarray(np.load(folder / f"page{index:04}.npy", mmap_mode="r"))
-        cmyk.ravel()[
-            ::SYSTEM_PAGE
-        ].max()  # in memory before the run begins: no press renders from a cold disk
+        # In memory before the run begins: no press renders from a cold disk.
+        cmyk.ravel()[::SYSTEM_PAGE].max()
         pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
     scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
     return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 5
+SCHEMA = 6
 KIND = "prooflight press"
 TABLES = ("mean_dn", "variance_dn2")
 CORRECTION = ("near", "far", "farther")

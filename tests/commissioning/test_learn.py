@@ -65,6 +65,19 @@ def test_the_promise_holds_on_new_designs(found: TolerancePress) -> None:
         promised(found, tune.rows(~tune.bad), false_alarm_rate=1e-4)
 
 
+def test_the_further_out_a_page_is_the_worse_whatever_misprints_looked_like(found: TolerancePress) -> None:
+    pages = drawn(400, 10)
+    good = pages.rows(~pages.bad)
+    scores = []
+    for times in (1e2, 1e3, 1e4):
+        values = good.values[:50].copy()
+        values[:, :4] *= times
+        scores.append(found.score(values, good.portraits[:50]))
+    everyday = found.score(good.values, good.portraits)
+    assert (scores[0] > np.quantile(everyday, 0.995)).all()
+    assert (np.diff(scores, axis=0) > 0).all()
+
+
 def test_it_comes_back_from_its_arrays_and_facts(found: TolerancePress) -> None:
     again = TolerancePress.from_parts(found.arrays(), found.facts())
     pages = drawn(20, 9)

@@ -16,6 +16,7 @@ from prooflight.deciding.operating import conformal_threshold
 from prooflight.deciding.ranking import (
     Forest,
     Logit,
+    Outright,
     every_column,
     family_columns,
     group_columns,
@@ -42,6 +43,9 @@ LEAST_SQUARES: Final = 1.3
 COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
 """Of columns among which a cut is chosen: that tells all misprints from good pages, and one kind by itself."""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
+OUTRIGHT: Final = 0.001
+"""Share of good learning pages that the score that no misprint taught alarms at by itself (assumed: a tenth of what
+presses promise)."""
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
@@ -172,6 +176,7 @@ def learn_tolerance(
         logit=None,
         forest=None,
         mix=None,
+        outright=None,
         kinds=(),
         kind_forests=(),
         name_forests=(),
@@ -195,6 +200,12 @@ def learn_tolerance(
         mine = fold == index
         said.append((np.flatnonzero(mine), rankings(~mine, trees // 2).said(groups[mine], columns[mine])))
     place, mixed = (np.concatenate(part) for part in zip(*said, strict=True))
+    mix = weighed(mixed, pages.bad[place], even(pages.bad[place]))
+    good_place = place[~pages.bad[place]]
+    outright = Outright(
+        guard=float(np.quantile(found.guard(evidence[good_place]), 1 - OUTRIGHT)),
+        score=float(np.quantile(mix.score(mixed)[~pages.bad[place]], 1 - OUTRIGHT)),
+    )
     every = rankings(np.ones(len(pages.bad), bool), trees)
     return replace(
         found,
@@ -203,7 +214,8 @@ def learn_tolerance(
         kinds=every.kinds,
         kind_forests=every.kind_forests,
         name_forests=_names(pages, every.kinds, family_columns(evidence), rng, trees // 3),
-        mix=weighed(mixed, pages.bad[place], even(pages.bad[place])),
+        mix=mix,
+        outright=outright,
     )
 
 

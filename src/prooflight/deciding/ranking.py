@@ -75,6 +75,21 @@ class Logit:
         return np.asarray(self.start + columns @ self.weights)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outright:
+    """Where the score that no misprint taught speaks for itself: forests say no more of a page that is further out."""
+
+    guard: float
+    """Of that score: hardly a good page is beyond."""
+    score: float
+    """Of the taught score: as few good pages are beyond."""
+
+    def lifted(self, score: NDArray[np.floating], guard: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Taught scores (pages,), those of pages beyond ``guard`` raised by how far they are."""
+        beyond = guard - self.guard
+        return np.where(beyond > 0, np.maximum(score, self.score) + beyond, score)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Forest:
     """The mean of many deep decision trees, their nodes one after the other."""

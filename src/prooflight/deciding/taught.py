@@ -18,6 +18,7 @@ from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.ranking import (
     Forest,
     Logit,
+    Outright,
     every_column,
     family_columns,
     group_columns,
@@ -113,6 +114,8 @@ class TolerancePress:
     """Of ``every_column``."""
     mix: Logit | None
     """Of ``mixed_columns``."""
+    outright: Outright | None
+    """Of the mix and ``guard``."""
     kinds: tuple[str, ...]
     """Kinds of misprints that were seen in learning."""
     kind_forests: tuple[Forest, ...]
@@ -156,11 +159,13 @@ class TolerancePress:
         """Evidence for a misprint, higher is worse: (pages,)."""
         deviations = self.deviations(values, portraits)
         evidence = self.family_evidence(deviations)
-        if self.logit is None or self.forest is None or self.mix is None:
-            return self.guard(evidence)
+        guard = self.guard(evidence)
+        if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
+            return guard
         every = every_column(evidence, portraits, deviations)
         summed = self.logit.score(group_columns(evidence, self.families))
-        return self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
+        mixed = self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
+        return self.outright.lifted(mixed, guard)
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
@@ -196,6 +201,7 @@ class TolerancePress:
             "spread": asdict(self.spread),
             "tail_from": self.tail_from,
             "starts": [None if one is None else one.start for one in (self.logit, self.mix)],
+            "outright": None if self.outright is None else asdict(self.outright),
             "kinds": list(self.kinds),
             "threshold": self.threshold,
             "good_designs": self.good_designs,
@@ -223,6 +229,7 @@ class TolerancePress:
             logit=weights("logit", facts["starts"][0]),
             forest=forest("forest") if ranked else None,
             mix=weights("mix", facts["starts"][1]),
+            outright=Outright(**facts["outright"]) if ranked else None,
             kinds=tuple(facts["kinds"]),
             kind_forests=tuple(forest(f"kind{index}") for index in range(len(facts["kinds"]))),
             name_forests=tuple(forest(f"name{index}") for index in range(len(facts["kinds"]))),

@@ -76,45 +76,37 @@ def run_press_study(
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
     scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
-    first = plan.pilot
-    scatter = bench.scatter(replace(scene, misprints=0), plan.days(0, plan.pilot), "pilot")
-    main = bench.said(replace(scene, number=1), scatter, plan.days(first, plan.designs), "scans")
-    first += plan.designs
-    loose = replace(scene, number=2, misprints=0, times=LOOSER)
-    loose_days = plan.days(first, plan.looser_known + plan.looser)
-    looser = bench.said(loose, scatter, loose_days, "looser press")
-    first += plan.looser_known + plan.looser
+    pilot = replace(scene, misprints=0)
+    scatter = bench.scatter(pilot, plan.days_of("pilot"), "pilot")
+    main = bench.said(replace(scene, number=1), scatter, plan.days_of("designs"), "scans")
+    looser = bench.said(
+        replace(pilot, number=2, times=LOOSER), scatter, plan.days_of("looser"), "looser press"
+    )
     alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1])
     ideal_scene = Scene(
         press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
     )
     ideal_scatter = bench.scatter(
-        replace(ideal_scene, misprints=0), plan.days(first, plan.pilot), "ideal world, pilot"
+        replace(ideal_scene, misprints=0), plan.days_of("ideal_pilot"), "ideal world, pilot"
     )
-    first += plan.pilot
-    ideal = bench.said(ideal_scene, ideal_scatter, plan.days(first, plan.ideal), "ideal world")
+    ideal = bench.said(ideal_scene, ideal_scatter, plan.days_of("ideal"), "ideal world")
     real_rows = None
     if real is not None:
         real_scene = replace(scene, number=4, pages=real, misprints=3)
         real_rows = bench.said(real_scene, scatter, _fitting(real, press, plan), "real pages")
-    first += plan.ideal
     promise = bench.said(
-        replace(scene, number=5, misprints=0),
-        scatter,
-        plan.days(first, plan.promise),
-        "good pages that promise",
+        replace(pilot, number=5), scatter, plan.days_of("promise"), "good pages that promise"
     )
-    first += plan.promise
-    teaching = bench.said(
-        replace(scene, number=6, misprints=plan.teaching_misprints),
-        scatter,
-        plan.days(first, plan.teaching),
-        "designs that teach",
+    lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
+    teaching = bench.said(lesson, scatter, plan.days_of("teaching"), "designs that teach")
+    learning = bench.said(
+        replace(pilot, number=7), scatter, plan.days_of("learning"), "good pages that teach"
     )
+    lessons = Pages.of(teaching).beside(Pages.of(learning))
     verdicts = judged(
         main,
         scatter,
-        teaching=Pages.of(teaching),
+        teaching=lessons,
         good=promise,
         seed=plan.seed,
         trees=plan.trees,
@@ -137,7 +129,7 @@ def run_press_study(
         unfinished.write_text(text + "\n", encoding="utf-8")
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
-        _taught(press, main, Pages.of(teaching), promise, scatter, plan).save(taught)
+        _taught(press, main, lessons, promise, scatter, plan).save(taught)
     progress(f"done in {(time.perf_counter() - started) / 60:.0f} minutes")
     return found
 

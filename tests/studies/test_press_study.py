@@ -9,6 +9,7 @@ import pytest
 
 from prooflight.comparing.local_evidence import Scatter
 from prooflight.simulating.misprints import KINDS
+from prooflight.studies.press_findings import FIRST
 from prooflight.studies.press_judging import ALPHAS, OURS, PARTS, Kept, judged, kept_promises
 from prooflight.studies.press_page import near, page_lines
 from prooflight.studies.press_scans import PLACES, Scene
@@ -162,3 +163,14 @@ def test_kinds_take_turns_and_no_two_scenes_share_a_day(tmp_path: Path) -> None:
     plan = PressPlan(seed=1)
     assert [day.designs[0] for day in plan.days(30, 25)] == [30, 40, 50]
     assert plan.days(30, 25)[-1].designs == (50, 51, 52, 53, 54)
+
+
+@pytest.mark.parametrize("plan", [PressPlan(seed=1), PressPlan.quick(1)])
+def test_no_design_is_in_two_scenes(plan: PressPlan) -> None:
+    designs = [design for scene in FIRST for day in plan.days_of(scene) for design in day.designs]
+    assert len(designs) == len(set(designs)) == sum(plan.count(scene) for scene in FIRST)
+
+
+def test_a_scene_that_reaches_into_the_next_is_refused() -> None:
+    with pytest.raises(ValueError, match="designs: there are 1500 designs, not 1501"):
+        PressPlan(seed=1, designs=1501)

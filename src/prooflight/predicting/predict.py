@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.course import course
 from prooflight.predicting.kernels import filter_lines, to_columns
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
+from prooflight.predicting.moving_kernels import filter_moved_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -147,21 +149,37 @@ def _filtering(
     """The filtering kernel with everything set but the lines to do and where to put them."""
     footprint = sensor.footprint
     step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
-    crossed = np.ptp(where.along.places, axis=1).max()
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    across, along = where.across, where.along
+    if where.still:
+        return partial(
+            filter_lines,
+            words,
+            bricks_of(table),
+            np.float32(backing),
+            where.stride,
+            across.places[0],
+            across.segment,
+            footprint.across,
+            np.ascontiguousarray(along.places[:, :1]),
+            along.pitch,
+            footprint.along,
+            step,
+        )
     return partial(
-        filter_lines,
-        np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0],
+        filter_moved_lines,
+        words,
         bricks_of(table),
         np.float32(backing),
-        where.stride,
-        where.across.places,
-        where.across.pitch,
-        where.across.segment,
+        across.places,
+        across.pitch,
+        across.segment,
         footprint.across,
-        where.along.places,
-        where.along.pitch,
-        where.along.segment,
+        along.places,
+        along.pitch,
+        along.segment,
         footprint.along,
         step,
-        int(np.ceil(2 * footprint.reach_mm / page.pixel_mm + crossed)) + 4,
+        where.phase_bits,
+        math.ceil(np.ptp(along.places, axis=1).max()),
     )

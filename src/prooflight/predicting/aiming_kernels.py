@@ -76,24 +76,23 @@ def weights_at_phases(cumulative, step, bits, taps):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def begin_row(places, segment, reach, bits, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
+def begin_row(places, reach, bits, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
     """Where the footprint of every camera pixel of a row begins, and where its weights do in ``weights_at_phases``.
 
     places: of camera pixels 0, segment, 2 segment, ..., linear between. reach: of the footprint [raster pixels];
     beyond: the first raster pixel past the page. Written: first, raster pixels from ``taps`` before the page on, so
-    that none is below 0; weights_at; (pixels,) int32 each. Footprints off the page begin anywhere off it.
+    that none is below 0; weights_at; (segments, segment) int32 each. Footprints off the page begin anywhere off it.
     """
     count, last = np.float32(1 << bits), np.int32(beyond + taps)
     mask, per, wide = np.int32((1 << bits) - 1), np.int32(bits), np.int32(taps)
-    none = np.int32(0)
+    none, per_pixel = np.int32(0), count / first.shape[1]
     for k in range(places.size - 1):
-        start = k * segment
-        firsts, ats = first[start : start + segment], weights_at[start : start + segment]
+        firsts, ats = first[k], weights_at[k]
         begin = places[k] - reach
         whole = np.floor(begin)
         base = np.int32(min(max(whole, -1e6), 1e6)) + wide
         at = np.float32((begin - whole) * count + 0.5)
-        advance = np.float32((places[k + 1] - places[k]) / segment * count)
+        advance = np.float32((places[k + 1] - places[k]) * per_pixel)
         for i in range(firsts.size):
             place = np.int32(np.floor(at + advance * np.float32(i)))
             firsts[i] = min(max(np.int32(base + np.int32(place >> per)), none), last)

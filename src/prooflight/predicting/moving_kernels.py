@@ -75,13 +75,16 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     depth = (seen + crossed + 2 * EIGHT) // EIGHT * EIGHT
     turned = np.zeros((room, depth + taps), np.float32)
     x_places, y_places = np.empty(across_places.shape[1]), np.empty(along_places.shape[1])
-    x_first, x_weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
-    y_first, y_weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
+    x_first = np.empty((x_places.size - 1, across_segment), np.int32)
+    y_first = np.empty((y_places.size - 1, along_segment), np.int32)
+    x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
+    x_begins, x_weigh = x_first.reshape(-1), x_weights_at.reshape(-1)
+    y_begins, y_weigh = y_first.reshape(-1), y_weights_at.reshape(-1)
     next_row = -1
     looked_up = -2
     for line in range(line_from, line_to):
         place_row(along_places, along_pitch, line, y_places)
-        begin_row(y_places, along_segment, reach, bits, taps, rows, y_first, y_weights_at)
+        begin_row(y_places, reach, bits, taps, rows, y_first, y_weights_at)
         if next_row < 0:
             next_row = y_first.min() // EIGHT * EIGHT
         while next_row < y_first.max() + seen:
@@ -91,15 +94,15 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     block[k] = 0
                     continue
                 place_row(across_places, across_pitch, row, x_places)
-                begin_row(x_places, across_segment, reach, bits, taps, columns, x_first, x_weights_at)
+                begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
                 if row - 1 != looked_up or not same_row(words[row], words[looked_up]):
                     look_up_words(words[row], bricks, backing, few, source[taps : taps + columns])
                 looked_up = row
-                filter_row(source, x_first, across_table, x_weights_at, taps, block[k, :pixels])
+                filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
             slot = next_row % depth
             keep_block(block, slot, turned)
             if slot < taps:
                 keep_block(block, depth + slot, turned)
             next_row += EIGHT
-        to_slots(y_first, depth, turned.shape[1])
-        filter_row(turned.reshape(-1), y_first, along_table, y_weights_at, taps, light[line])
+        to_slots(y_begins, depth, turned.shape[1])
+        filter_row(turned.reshape(-1), y_begins, along_table, y_weigh, taps, light[line])

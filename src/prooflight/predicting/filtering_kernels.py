@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.summing_kernels import EIGHT, FEW, FEWEST, MANY, dot_eight, sum_few, sum_fewest, sum_many
+from prooflight.predicting.summing_kernels import (
+    EIGHT,
+    FEW,
+    FEWEST,
+    MANY,
+    dot_eight,
+    sum_few,
+    sum_fewest,
+    sum_many,
+)
 
 
 @njit(cache=True, nogil=True)
@@ -88,7 +97,7 @@ def filter_across(split, pad, columns, first, weights, starts, out):  # type: ig
 
 @njit(cache=True, nogil=True)
 def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-untyped-def]
-    """One line from the ring of filtered rows (depth, pixels), row r at r % depth, from row ``first`` on; out (pixels,).
+    """One line, out (pixels,), from row ``first`` on of the ring of filtered rows (depth, pixels), row r at r % depth.
 
     Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the backing. starts (taps,) int64 is
     working space.

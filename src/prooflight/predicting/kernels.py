@@ -206,3 +206,26 @@ def to_columns(  # type: ignore[no-untyped-def]
             )
             level = column_offset[i] + column_gain[i] * (mean_row[i] + backing)
             mean_row[i] = min(max(level, np.float32(0)), top_code)
+
+
+@njit(cache=True, nogil=True)
+def relight(column_offset, gain_ratio, dark_variance, top_code, mean, variance, mean_out, variance_out):  # type: ignore[no-untyped-def]
+    """Expected DN and variance (lines, pixels) -> what they are once columns' gains are ``gain_ratio`` times theirs.
+
+    Returns whether every mean lay below the top code; of one that does not nobody knows what its light is.
+    """
+    highest = np.float32(0)
+    for line in range(mean.shape[0]):
+        means, variances, to_mean, to_variance = (
+            mean[line],
+            variance[line],
+            mean_out[line],
+            variance_out[line],
+        )
+        for i in range(means.size):
+            highest = max(highest, means[i])
+            level = column_offset[i] + gain_ratio[i] * (means[i] - column_offset[i])
+            to_mean[i] = min(max(level, np.float32(0)), top_code)
+        for i in range(variances.size):
+            to_variance[i] = dark_variance + gain_ratio[i] * (variances[i] - dark_variance)
+    return highest < top_code

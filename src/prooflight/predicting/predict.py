@@ -15,7 +15,7 @@ from prooflight.acquiring.placement import IN_PLACE
 from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.course import course
-from prooflight.predicting.kernels import filter_lines, to_columns
+from prooflight.predicting.kernels import filter_lines, relight, to_columns
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
 from prooflight.predicting.moving_kernels import filter_moved_lines
 
@@ -100,6 +100,28 @@ def predict_light(
         seen = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
         seen(line_from=0, line_to=len(light), light=light)
         np.maximum(light, 0, out=light)
+
+
+def relit(
+    prediction: Prediction, sensors: Sequence[SensorModel], now: Sequence[SensorModel]
+) -> Prediction | None:
+    """A prediction by ``sensors`` as it is by the same ones with other column gains; None: it has to be made again."""
+    expected = np.empty_like(prediction.expected_dn)
+    variance = np.empty_like(prediction.variance_dn2)
+    for index, (sensor, changed) in enumerate(zip(sensors, now, strict=True)):
+        known = relight(
+            sensor.column_offset_dn,
+            changed.column_gain / sensor.column_gain,
+            np.float32(sensor.dark_variance_dn2),
+            np.float32(sensor.top_code_dn),
+            prediction.expected_dn[index],
+            prediction.variance_dn2[index],
+            expected[index],
+            variance[index],
+        )
+        if not known:
+            return None
+    return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:

@@ -101,7 +101,10 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
                     for array, index in ((source, starts), (table, weights_at))
                 ]
             )
-        with cgutils.for_range_slice(builder, ir.Constant(_LONG, 0), taps, ir.Constant(_LONG, EIGHT)) as (tap, _):
+        with cgutils.for_range_slice(builder, ir.Constant(_LONG, 0), taps, ir.Constant(_LONG, EIGHT)) as (
+            tap,
+            _,
+        ):
             for total, begin in zip(sums, begins, strict=True):
                 seen, weight = (
                     builder.load(builder.bitcast(_at(builder, array, tap), eight.as_pointer()), align=4)
@@ -112,8 +115,9 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
         parts = [builder.load(total) for total in sums]
         while len(parts) > 2:
             parts = [_pairs(builder, parts[k], parts[k + 1]) for k in range(0, len(parts), 2)]
+        one, other = parts
         low, high = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
-        result = builder.fadd(_shuffled(builder, *parts, low), _shuffled(builder, *parts, high))
+        result = builder.fadd(_shuffled(builder, one, other, low), _shuffled(builder, one, other, high))
         builder.store(result, builder.bitcast(_at(builder, out, at), eight.as_pointer()), align=4)
         return context.get_dummy_value()
 

@@ -129,5 +129,5 @@ def _nodes(
 
 def _straight(places: NDArray[np.float64], bend: float) -> bool:
     """Whether every second node may be left out: it lies on the line between its neighbours, to ``bend``."""
-    bends = np.abs(np.diff(places, 2, axis=1)) / 2
-    return bool(bends.max(initial=0.0) <= bend)
+    bends = np.diff(places, 2, axis=1)
+    return bool(max(bends.max(initial=0.0), -bends.min(initial=0.0)) <= 2 * bend)

@@ -60,9 +60,9 @@ def predict(
     threads: bands of lines run at once, default one a core.
     """
     lines = geometry.lines(page.height_mm)
+    where = course(page, geometry, placement)
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
-    where = course(page, geometry, placement)
     workers = threads or os.cpu_count() or 1
     with ThreadPoolExecutor(workers) as pool:
         for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):

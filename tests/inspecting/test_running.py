@@ -118,6 +118,9 @@ class Judge:
     def following(self, press: Any) -> Judge:
         return self
 
+    def renewed(self, ready: Any) -> Any:
+        return ready
+
     def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Judged:
         self.first(name)
         return Judged(verdict=Verdict(page=f"design {ready}", verdict="good", action="accept"))

@@ -93,6 +93,17 @@ def test_what_is_stale_is_used_until_it_is_made_again() -> None:
     assert ahead.get(7)[0] == 107
 
 
+def test_what_is_ready_is_made_anew_from_what_it_was_where_that_is_less_work() -> None:
+    book = Book()
+    ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=1, room_bytes=10**6)
+    assert ahead.get(7)[0] == 7
+    ahead.renew(lambda page: page + 100, again=lambda ready: ready + 50)
+    ahead.expect(7)
+    ahead.close()
+    assert ahead.get(7)[0] == 57
+    assert book.asked == [7]
+
+
 def test_stale_designs_are_made_again_one_at_a_time_so_that_new_ones_need_not_wait() -> None:
     book = Book()
     ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=3, room_bytes=10**6)

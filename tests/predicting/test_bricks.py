@@ -132,17 +132,12 @@ def test_compiled_look_up_and_filter_are_vectors(press: Press) -> None:
     (assembly,) = fresh.inspect_asm().values()
     assert assembly.count("vpmaddwd") >= look_up_kernels.AT_ONCE
     assert "pext" in assembly
-    along = njit(filtering_kernels.filter_along.py_func)
-    row = np.zeros((1, 3), np.float32)
-    along(
-        np.zeros((4, 64), np.float32),
-        9,
-        64,
-        np.zeros(1, np.int64),
-        row,
-        row,
-        np.empty(3, np.int64),
-        np.empty(64, np.float32),
-    )
-    (assembly,) = along.inspect_asm().values()
-    assert "vfmadd" in assembly
+    light, out = np.zeros(256, np.float32), np.empty(64, np.float32)
+    along = njit(filtering_kernels.sum_row.py_func)
+    along(light, np.zeros(3, np.int64), np.zeros(3, np.float32), 0, 3, 0, 64, out)
+    places = np.zeros(64, np.int32)
+    moved = njit(filtering_kernels.filter_row.py_func)
+    moved(light, places, light, places, 8, out)
+    for kernel in (along, moved):
+        (assembly,) = kernel.inspect_asm().values()
+        assert "vfmadd" in assembly

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 Ready = TypeVar("Ready")
+Made = TypeVar("Made")
 
 
 class PageBook(Protocol):
@@ -76,6 +77,7 @@ class Ahead(Generic[Ready]):
         self._depth, self._room_bytes = depth, room_bytes
         self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
+        self._anew: Callable[[Ready], Ready] | None = None
         self._stale: set[Hashable] = set()
         self._renewing = False
         self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
@@ -105,10 +107,15 @@ class Ahead(Generic[Ready]):
             self._queued.pop(self._book.design(sheet), None)
         return asked.result(timeout_s)
 
-    def renew(self, prepare: Callable[[Page], Ready]) -> None:
-        """From now on designs are made so; what is ready may be used until it is made again."""
+    def renew(
+        self, prepare: Callable[[Page], Ready], *, again: Callable[[Ready], Ready] | None = None
+    ) -> None:
+        """From now on designs are made so; what is ready may be used until it is made again.
+
+        again: makes a design anew that is ready, with less work.
+        """
         with self._guard:
-            self._prepare = prepare
+            self._prepare, self._anew = prepare, again
             self._stale = set(self._bytes)
 
     def close(self) -> None:
@@ -166,8 +173,13 @@ class Ahead(Generic[Ready]):
 
     def _again(self, design: Hashable, sheet: int) -> None:
         ready: Future[Ready] = Future()
+        with self._guard:
+            anew, kept = self._anew, self._kept.get(design)
         try:
-            ready.set_result(self._timed(sheet))
+            if anew is None or kept is None:
+                ready.set_result(self._timed(sheet))
+            else:
+                ready.set_result(self._timed_call(anew, kept.result()))
             with self._guard:
                 if design in self._kept:
                     self._kept[design] = ready
@@ -175,9 +187,11 @@ class Ahead(Generic[Ready]):
             self._renewing = False
 
     def _timed(self, sheet: int) -> Ready:
-        page = self._reader.submit(self._book.page, sheet).result()
+        return self._timed_call(self._prepare, self._reader.submit(self._book.page, sheet).result())
+
+    def _timed_call(self, make: Callable[[Made], Ready], of: Made) -> Ready:
         started = time.perf_counter()
-        ready = self._prepare(page)
+        ready = make(of)
         self._took(time.perf_counter() - started)
         return ready
 

@@ -1,8 +1,12 @@
-"""Compiled sums down the columns of a page, one core, nothing allocated."""
+"""Compiled sums down the columns of a page, one core."""
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
+
+LINES = 8
+"""Added in single precision at most: the sum is then good to 1e-7 of itself."""
 
 
 @njit(cache=True, nogil=True)
@@ -11,8 +15,14 @@ def column_sums(measured, expected, first, last, seen, due):  # type: ignore[no-
 
     seen (pixels,) uint32, due (pixels,) float64.
     """
-    for line in range(first, last):
-        for pixel in range(seen.size):
-            seen[pixel] += measured[line, pixel]
+    part = np.empty(due.size, np.float32)
+    for top in range(first, last, LINES):
+        part[:] = 0
+        for line in range(top, min(top + LINES, last)):
+            measured_row, expected_row = measured[line], expected[line]
+            for pixel in range(seen.size):
+                seen[pixel] += measured_row[pixel]
+            for pixel in range(part.size):
+                part[pixel] += expected_row[pixel]
         for pixel in range(due.size):
-            due[pixel] += expected[line, pixel]
+            due[pixel] += part[pixel]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +12,7 @@ from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.register import prepare, register
 from prooflight.deciding.calibrated import shows_another
 from prooflight.predicting.compact import compact
-from prooflight.predicting.predict import cut, predict
+from prooflight.predicting.predict import cut, predict, relit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,8 +69,24 @@ class SoughtPage:
         nominal = predict(page, sensors=press.sensors, geometry=press.geometry, threads=threads)
         landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
         area = press.geometry.on_page(page.width_mm, page.height_mm)
-        short = compact(cut(nominal, area), top_codes_dn=[sensor.top_code_dn for sensor in press.sensors])
+        short = _short(nominal, area, press)
         return cls(page=page, nominal=nominal, area=area, compact=short, landmarks=landmarks)
+
+    def relit(self, press: Press) -> SoughtPage | None:
+        """The same where only the light of the press has changed: its landmarks stay; None: make it again."""
+        nominal = relit(self.nominal, self.landmarks.sensors, press.sensors)
+        if nominal is None:
+            return None
+        return replace(
+            self,
+            nominal=nominal,
+            compact=_short(nominal, self.area, press),
+            landmarks=replace(self.landmarks, sensors=press.sensors),
+        )
+
+
+def _short(nominal: Prediction, area: tuple[slice, slice], press: Press) -> CompactPrediction:
+    return compact(cut(nominal, area), top_codes_dn=[sensor.top_code_dn for sensor in press.sensors])
 
 
 def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:

@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
-import cv2
 import numpy as np
 
 from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather, gather_compact
@@ -17,6 +16,7 @@ from prooflight.deciding.tolerance import prepare_page
 from prooflight.deciding.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspecting.finding import SoughtPage, find
+from prooflight.inspecting.ink_kernels import INKS, block_inks
 from prooflight.inspecting.inspection import Inspection, Prepared, pictured, present_inks
 from prooflight.inspecting.weighing import weigh
 from prooflight.predicting.predict import cut, predict
@@ -213,17 +213,28 @@ def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> Blo
     _, rows, across = evidence.block_z.shape
     width_mm = BLOCK_PIXELS * geometry.pixel_pitch_mm
     height_mm = BLOCK_PIXELS * geometry.line_pitch_mm
-    # A few pixels of each block do: to read all would take as long as the rest of the inspection.
-    every = max(page.cmyk.shape[1] // (PIXELS_A_BLOCK * across), 1)
-    thin = np.ascontiguousarray(page.cmyk[::every, ::every])
-    ink = cv2.resize(thin, (across, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
     return BlockGrid(
         z=evidence.block_z,
         tiles=tile_statistics(evidence),
         blocks_per_tile=TILE_PIXELS // BLOCK_PIXELS,
-        ink=ink,
+        ink=_ink(page, rows, across),
         left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm) - shift_x_mm,
         top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm - shift_y_mm,
         width_mm=width_mm,
         height_mm=height_mm,
     )
+
+
+def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
+    """Mean ink fractions of (rows, across) blocks that share the page evenly, (rows, across, 4).
+
+    A few pixels of each block do: to read all would take as long as the rest of the inspection.
+    """
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    lines, columns = (
+        np.arange(PIXELS_A_BLOCK * blocks) * size // (PIXELS_A_BLOCK * blocks)
+        for blocks, size in zip((rows, across), words.shape, strict=True)
+    )
+    ink = np.zeros((rows, across, INKS), np.float32)
+    block_inks(words, lines.reshape(rows, -1), columns.reshape(across, -1), ink)
+    return ink

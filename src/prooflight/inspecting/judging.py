@@ -62,7 +62,11 @@ class Judge(Protocol[Ready]):
         ...
 
     def following(self, press: Press) -> Judge[Ready]:
-        """The same judge on a press that has changed a little."""
+        """The same judge on a press whose light has changed a little."""
+        ...
+
+    def renewed(self, ready: Ready) -> Ready:
+        """A design that the judge made ready before, once it follows the press as it is now."""
         ...
 
 
@@ -115,6 +119,14 @@ class PressJudge:
     def following(self, press: Press) -> Self:
         """See ``Judge``."""
         return replace(self, inspector=replace(self.inspector, press=press))
+
+    def renewed(self, ready: Known) -> Known:
+        """See ``Judge``; a tenth of the work of making it ready, where no detector has learned more of it."""
+        sought = ready.prepared.sought
+        relit = None if sought is None else sought.relit(self.inspector.press)
+        if relit is None:
+            return self.prepare(ready.prepared.page)
+        return replace(ready, prepared=replace(ready.prepared, sought=relit))
 
     def _expected(self, ready: Prepared) -> Prediction:
         if ready.sought is not None:

@@ -154,12 +154,13 @@ class Running:
         self.tally.phase = Phase.PREPARING
         self._ahead.expect(0)
         judge, ready, _ = self._ahead.get(0)
-        # On all threads at once, so that each finds memory for its pages when sheets come.
+        for sheet in range(min(self._settings.ahead, len(self._book))):
+            self._ready(sheet)
+        # On all threads at once, so that each finds memory for its pages when sheets come; and last, or designs would
+        # lie where that memory was.
         threads = self._settings.inspectors
         with ThreadPoolExecutor(threads) as rehearsing:
             list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * threads)))
-        for sheet in range(min(self._settings.ahead, len(self._book))):
-            self._ready(sheet)
 
     def _read_all(self) -> None:
         pager = self._make_pager(self._thumbnails)
@@ -301,8 +302,11 @@ class Running:
         if adapting is not None:
             press = adapting.renewed(self._press, record.sheet)
             if press is not None:
-                self._judge = self._judge.following(press)
-                self._ahead.renew(self._maker(self._judge))
+                self._judge = judge = self._judge.following(press)
+                used = adapting.used.copy()
+                self._ahead.renew(
+                    self._maker(judge), again=lambda made: (judge, judge.renewed(made[1]), used)
+                )
         self._tell(told)
 
     # --- parts ---

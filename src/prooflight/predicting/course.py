@@ -7,6 +7,7 @@ row. Both vary slowly, so they are tabulated at nodes and are linear between.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -22,14 +23,13 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 NODE_PITCH: Final = 16
-"""Lines, raster rows and at most columns from node to node; 1.7 mm at the paper's pitch, where warps span 25 mm."""
-DRIFT_PIXELS: Final = 0.01
-"""How far weights may drift along half a segment. An edge's second derivative is at most the lens's line spread at its
-peak, about 5 a pixel and pixel: weights taken as linear err by 5 x 0.01^2 / 2 of an edge at a segment's ends, 0.025 %.
-[camera pixels]"""
-ROUGH_DRIFT_PIXELS: Final = 0.04
-"""The same of a page that is warped, which registration knows to 0.07 pixels, in segments shorter than ``NODE_PITCH``:
-those of 4 columns take five times as long. Weights err by 0.4 % of an edge at a segment's ends. [camera pixels]"""
+"""Lines, raster rows and columns from node to node; 1.7 mm at the paper's pitch, where warps span 25 mm."""
+MOST_COLUMNS: Final = 256
+"""From node to node where places are straight: single precision then holds them to 1e-4 raster pixels."""
+BEND_PIXELS: Final = 0.001
+"""How far places may lie off the line between nodes for those to be left out. [camera pixels]"""
+PHASES: Final = 4096
+"""At least so many to a camera pixel: the nearest is off by at most 1/8192, and weights by 0.01 % of an edge."""
 _ROUNDING: Final = 1e-9
 
 
@@ -53,8 +53,12 @@ class Course:
     """Raster columns, at raster rows and camera columns."""
     along: Nodes
     """Raster rows, at lines and camera columns."""
+    still: bool
+    """Whether what is seen at a column is the same in every row, but for the row's own place."""
     stride: int
-    """Whole raster pixels from one camera column to the next; what is left over drifts."""
+    """Whole raster pixels from one camera column to the next; 0 if they are no whole number."""
+    phase_bits: int
+    """A raster pixel has 2^phase_bits phases."""
 
 
 def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
@@ -85,16 +89,17 @@ def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
         return seen(x, y)[1] / pixel_mm
 
     ratio = geometry.pixel_pitch_mm / pixel_mm
-    stride = max(round(ratio), 1)
-    allowed = DRIFT_PIXELS * ratio
-    still = placement.is_shift
-    most = allowed if placement.warp is None else ROUGH_DRIFT_PIXELS * ratio
+    bend, still = BEND_PIXELS * ratio, placement.is_shift
+    across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
+    along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
+    steps = np.diff(across.places[0]) / across.segment
+    even = still and np.abs(steps - round(ratio)).max() < _ROUNDING
     return Course(
-        across=_nodes(
-            column_at, rows, geometry.pixels, stride=stride, allowed=allowed, most=most, still=still
-        ),
-        along=_nodes(row_at, lines, geometry.pixels, stride=0, allowed=allowed, most=most, still=still),
-        stride=stride,
+        across=across,
+        along=along,
+        still=still,
+        stride=round(ratio) if even else 0,
+        phase_bits=max(math.ceil(math.log2(PHASES / ratio)), 0),
     )
 
 
@@ -103,14 +108,10 @@ def _nodes(
     rows: int,
     columns: int,
     *,
-    stride: int,
-    allowed: float,
-    most: float,
+    bend: float,
     still: bool,
 ) -> Nodes:
-    """Nodes as coarse as the drift allows; the whole line in one segment where nothing drifts.
-
-    most: drift along half a segment from which one shorter than ``NODE_PITCH`` is needed.
+    """Nodes as coarse as bends allow.
 
     still: what is seen at a column is the same, but for the row's own place, in every row; one cell down then does.
     """
@@ -120,21 +121,13 @@ def _nodes(
     def at(segment: int) -> NDArray[np.float64]:
         return place(down, np.arange(-(-columns // segment) + 1, dtype=np.float64) * segment)
 
-    if still:
-        places = at(columns)
-        if np.abs(np.diff(places, axis=1) - stride * columns).max() < _ROUNDING * columns:
-            return Nodes(places=places, pitch=pitch, segment=columns)
     places, segment = at(NODE_PITCH), NODE_PITCH
-    drift = float(np.abs(np.diff(places, axis=1) / segment - stride).max())
-    wide = 0.7 * allowed  # both passes may err at one place
-    while not still and segment < columns and drift * segment <= wide and _straight(places, allowed):
+    while segment < min(columns, MOST_COLUMNS) and _straight(places, bend):
         places, segment = at(2 * segment), 2 * segment
-    while segment > 1 and drift * segment / 2 > most:
-        segment //= 2
-    return Nodes(places=at(segment) if segment < NODE_PITCH else places, pitch=pitch, segment=segment)
+    return Nodes(places=places, pitch=pitch, segment=segment)
 
 
-def _straight(places: NDArray[np.float64], allowed: float) -> bool:
-    """Whether every second node may be left out: it lies on the line between its neighbours, to a tenth of allowed."""
-    bends = np.abs(np.diff(places, 2, axis=1)) / 2
-    return bool(bends.max(initial=0.0) <= allowed / 10)
+def _straight(places: NDArray[np.float64], bend: float) -> bool:
+    """Whether every second node may be left out: it lies on the line between its neighbours, to ``bend``."""
+    bends = np.diff(places, 2, axis=1)
+    return bool(max(bends.max(initial=0.0), -bends.min(initial=0.0)) <= 2 * bend)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.summing_kernels import FEW, FEWEST, MANY, sum_few, sum_fewest, sum_many
+from prooflight.predicting.summing_kernels import (
+    EIGHT,
+    FEW,
+    FEWEST,
+    MANY,
+    dot_eight,
+    sum_few,
+    sum_fewest,
+    sum_many,
+)
 
 
 @njit(cache=True, nogil=True)
@@ -45,101 +54,73 @@ def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def add_weighted(source, weight, slope, origin, target):  # type: ignore[no-untyped-def]
-    """Target += (weight + slope x (i - origin)) x source, one array at a time so that it runs in vectors."""
-    if slope == 0:
-        for i in range(target.size):
-            target[i] += weight * source[i]
-    else:
-        weight -= slope * np.float32(origin)
-        for i in range(target.size):
-            target[i] += (weight + slope * np.float32(i)) * source[i]
+def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ignore[no-untyped-def]
+    """out[i] = sum over t, first <= t < last, of weights[t] source[starts[t] + i], start <= i < stop."""
+    while start + MANY <= stop:
+        sum_many(source, starts, start, weights, first, last, out, start)
+        start += MANY
+    while start + FEW <= stop:
+        sum_few(source, starts, start, weights, first, last, out, start)
+        start += FEW
+    if start + FEWEST <= stop:
+        sum_fewest(source, starts, start, weights, first, last, out, start)
+        start += FEWEST
+    for i in range(start, stop):
+        for t in range(first, last):
+            out[i] += weights[t] * source[starts[t] + i]
 
 
 @njit(cache=True, nogil=True)
-def any_drift(slopes):  # type: ignore[no-untyped-def]
-    """Whether weights change along a segment."""
-    steepest = np.float32(0)
-    for t in range(slopes.size):
-        steepest = max(steepest, abs(slopes[t]))
-    return steepest != 0
+def filter_across(split, pad, columns, first, weights, starts, out):  # type: ignore[no-untyped-def]
+    """One raster row at camera columns: split as ``deal_row`` deals, weights (taps,); out (pixels,).
 
-
-@njit(cache=True, nogil=True)
-def filter_across(split, pad, columns, segment, first, weights, slopes, starts, out):  # type: ignore[no-untyped-def]
-    """One raster row at camera columns: split as ``deal_row`` deals, weights as ``aim`` does; out (pixels,).
-
-    What is off the page counts as 0, the level of the backing. starts (taps,) int64 is working space.
+    first: the first raster pixel that camera pixel 0 sees; what is off the page counts as 0, the level of the
+    backing. starts (taps,) int64 is working space.
     """
     stride, width = split.shape
-    taps = weights.shape[1]
-    flat = split.reshape(-1)
+    taps = weights.size
     out[:] = 0
-    for k in range(first.size):
-        start = k * segment
-        stop = min(start + segment, out.size)
-        middle = (start + stop) // 2
-        # Pixel i sees raster pixels from first + stride (i - middle); only those that touch the row are done.
-        start = max(start, middle - (first[k] + taps - 1) // stride)
-        stop = min(stop, middle + (columns - 1 - first[k]) // stride + 1)
-        if start >= stop:
-            continue
-        place = first[k] + pad
-        phase, at = place % stride, place // stride - middle
-        for t in range(taps):  # counted on: a division for each tap would take longer than the sums
-            starts[t] = phase * width + at
-            phase += 1
-            if phase == stride:
-                phase, at = 0, at + 1
-        drifts = any_drift(slopes[k])
-        of, by = weights[k], slopes[k]
-        while start + MANY <= stop:
-            sum_many(flat, starts, start, of, by, 0, taps, start - middle, drifts, out, start)
-            start += MANY
-        while start + FEW <= stop:
-            sum_few(flat, starts, start, of, by, 0, taps, start - middle, drifts, out, start)
-            start += FEW
-        if start + FEWEST <= stop:
-            sum_fewest(flat, starts, start, of, by, 0, taps, start - middle, drifts, out, start)
-            start += FEWEST
-        if start < stop:
-            for t in range(taps):
-                source = flat[starts[t] + start : starts[t] + stop]
-                add_weighted(source, weights[k, t], slopes[k, t], middle - start, out[start:stop])
+    # Pixel i sees raster pixels from first + stride i; only those that touch the row are done.
+    start = max(0, -((first + taps - 1) // stride))
+    stop = min(out.size, (columns - 1 - first) // stride + 1)
+    if start >= stop:
+        return
+    place = first + pad
+    phase, at = place % stride, place // stride
+    for t in range(taps):  # counted on: a division for each tap would take longer than the sums
+        starts[t] = phase * width + at
+        phase += 1
+        if phase == stride:
+            phase, at = 0, at + 1
+    sum_row(split.reshape(-1), starts, weights, 0, taps, start, stop, out)
 
 
 @njit(cache=True, nogil=True)
-def filter_along(ring, rows, segment, first, weights, slopes, starts, out):  # type: ignore[no-untyped-def]
-    """One line from the ring of filtered rows (depth, pixels), row r at r % depth; out (pixels,).
+def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-untyped-def]
+    """One line, out (pixels,), from row ``first`` on of the ring of filtered rows (depth, pixels), row r at r % depth.
 
     Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the backing. starts (taps,) int64 is
     working space.
     """
     depth, pixels = ring.shape
-    flat = ring.reshape(-1)
     out[:] = 0
-    for k in range(first.size):
-        start = k * segment
-        stop = min(start + segment, pixels)
-        middle = (start + stop) // 2
-        t_first = max(-first[k], 0)
-        t_last = min(weights.shape[1], rows - first[k])
-        slot = (first[k] + t_first) % depth
-        for t in range(t_first, t_last):
-            starts[t] = slot * pixels
-            slot = slot + 1 if slot + 1 < depth else 0
-        drifts = any_drift(slopes[k])
-        of, by = weights[k], slopes[k]
-        while start + MANY <= stop:
-            sum_many(flat, starts, start, of, by, t_first, t_last, start - middle, drifts, out, start)
-            start += MANY
-        while start + FEW <= stop:
-            sum_few(flat, starts, start, of, by, t_first, t_last, start - middle, drifts, out, start)
-            start += FEW
-        if start + FEWEST <= stop:
-            sum_fewest(flat, starts, start, of, by, t_first, t_last, start - middle, drifts, out, start)
-            start += FEWEST
-        if start < stop:
-            for t in range(t_first, t_last):
-                source = flat[starts[t] + start : starts[t] + stop]
-                add_weighted(source, weights[k, t], slopes[k, t], middle - start, out[start:stop])
+    t_first = max(-first, 0)
+    t_last = min(weights.size, rows - first)
+    slot = (first + t_first) % depth
+    for t in range(t_first, t_last):
+        starts[t] = slot * pixels
+        slot = slot + 1 if slot + 1 < depth else 0
+    sum_row(ring.reshape(-1), starts, weights, t_first, t_last, 0, pixels, out)
+
+
+@njit(cache=True, nogil=True)
+def filter_row(source, starts, table, weights_at, taps, out):  # type: ignore[no-untyped-def]
+    """out[i] = sum over t < taps of table[weights_at[i] + t] source[starts[i] + t]; out (pixels,)."""
+    whole = out.size // EIGHT * EIGHT
+    for at in range(0, whole, EIGHT):
+        dot_eight(source, starts, table, weights_at, taps, out, at)
+    for i in range(whole, out.size):
+        total = np.float32(0)
+        for t in range(taps):
+            total += table[weights_at[i] + t] * source[starts[i] + t]
+        out[i] = total

@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.aiming_kernels import aim, aim_between, phases, place_row, tap_rows, weigh
+from prooflight.predicting.aiming_kernels import aim, aim_each, place_row, whole_eights
 from prooflight.predicting.filtering_kernels import (
     copy_row,
     deal_row,
     dealt_count,
     filter_across,
     filter_along,
+    filter_row,
 )
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
 from prooflight.predicting.tables import NODE_STEP, NODES
-
-__all__ = ["filter_lines", "look_up_row", "place_row", "to_columns", "weigh"]
 
 STRIDE_C, STRIDE_M, STRIDE_Y = NODES**3, NODES**2, NODES
 CELL_BITS = 3
@@ -92,122 +91,88 @@ def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore
 
 
 @njit(cache=True, nogil=True)
+def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untyped-def]
+    """``look_up_light`` of a row of words (columns,), however many; few (2, 8): working space; light (columns,)."""
+    whole = words.size // AT_ONCE * AT_ONCE
+    if whole:
+        look_up_light(words[:whole], bricks, backing, light[:whole])
+    if whole < words.size:
+        last, seen = few[0], few[1].view(np.float32)
+        for i in range(words.size - whole):
+            last[i] = words[whole + i]
+        look_up_light(last, bricks, backing, seen)
+        for i in range(words.size - whole):
+            light[whole + i] = seen[i]
+
+
+@njit(cache=True, nogil=True)
 def filter_lines(  # type: ignore[no-untyped-def]
     words,
     bricks,
     backing,
     stride,
     across_places,
-    across_pitch,
     across_segment,
     across_cumulative,
     along_places,
     along_pitch,
-    along_segment,
     along_cumulative,
     step,
-    depth,
     line_from,
     line_to,
     light,
 ):
-    """What lines line_from .. line_to - 1 see of a page in one table, above the backing's level.
+    """What lines line_from .. line_to - 1 see in one table of a page that is only shifted, above the backing's level.
 
     words (rows, columns) uint32; bricks: ``Bricks``; light (lines, pixels) float32 is written at those lines only:
-    bands may run in several threads. Rows pass once through a ring of ``depth`` filtered rows: as many as there are
-    taps along, and as a line crosses. Other arguments as in ``Course`` and ``Footprint``. ``correct_light`` comes next.
+    bands may run in several threads. stride: raster pixels from one camera pixel to the next, 0 if not a whole number
+    of them; across_places (nodes,), along_places (nodes, 1): where columns and lines look. Rows pass once through a
+    ring of as many filtered rows as there are taps. Other arguments as in ``Course`` and ``Footprint``.
+    ``correct_light`` comes next.
     """
     rows, columns = words.shape
     pixels = light.shape[1]
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
-    begin = taps // stride + 2
+    even = stride > 0
+    begin = taps // max(stride, 1) + 2
     pad = begin * stride
-    width = (columns + 2 * pad) // stride + AT_ONCE
+    width = (columns + 2 * pad) // max(stride, 1) + AT_ONCE
     dealt = np.zeros((stride, width), np.uint32)
     split = np.zeros((stride, width), np.float32)
-    ring = np.empty((depth, pixels), np.float32)
-    x_places = np.empty(across_places.shape[1])
-    x_first = np.empty(x_places.size - 1, np.int64)
-    x_weights, x_weights_room = tap_rows(x_first.size, taps)
-    x_slopes, x_slopes_room = tap_rows(x_first.size, taps)
-    y_places = np.empty(along_places.shape[1])
-    y_first = np.empty(y_places.size - 1, np.int64)
-    y_weights, y_weights_room = tap_rows(y_first.size, taps)
-    y_slopes, y_slopes_room = tap_rows(y_first.size, taps)
-    moving = np.any(across_places[1:] != across_places[0])
-    reach = (across_cumulative.size - 1) / (2 * step)
-    across_phases = phases(across_cumulative, step, taps)
-    along_phases = phases(along_cumulative, step, taps)
+    wide = whole_eights(taps)
+    source = np.zeros(columns + 3 * wide, np.float32)
+    few = np.zeros((2, AT_ONCE), np.uint32)
+    firsts, weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
+    ring = np.empty((taps, pixels), np.float32)
+    x_weights, y_weights = np.empty(taps, np.float32), np.empty(taps, np.float32)
+    x_first = aim(across_places[0], across_cumulative, step, x_weights)
+    if not even:
+        x_weights = aim_each(
+            across_places, across_segment, across_cumulative, step, wide, columns, firsts, weights_at
+        )
+    y_place = np.empty(1)
     starts = np.empty(taps, np.int64)
-    aimed = False
     next_row = -1
     looked_up = -2
     for line in range(line_from, line_to):
-        place_row(along_places, along_pitch, line, y_places)
-        if y_first.size == 1:
-            aim(y_places, pixels, along_segment, 0, along_cumulative, step, y_first, y_weights, y_slopes)
-        else:
-            table, slopes, phase_count = along_phases
-            aim_between(
-                y_places,
-                pixels,
-                along_segment,
-                0,
-                reach,
-                taps,
-                table,
-                slopes,
-                phase_count,
-                y_first,
-                y_weights_room,
-                y_slopes_room,
-            )
+        place_row(along_places, along_pitch, line, y_place)
+        y_first = aim(y_place[0], along_cumulative, step, y_weights)
         if next_row < 0:
-            next_row = max(y_first.min(), 0)
-        while next_row < min(y_first.max() + taps, rows):
-            if moving:
-                place_row(across_places, across_pitch, next_row, x_places)
-                table, slopes, phase_count = across_phases
-                aim_between(
-                    x_places,
-                    pixels,
-                    across_segment,
-                    stride,
-                    reach,
-                    taps,
-                    table,
-                    slopes,
-                    phase_count,
-                    x_first,
-                    x_weights_room,
-                    x_slopes_room,
-                )
-            elif not aimed:
-                aimed = True
-                copy_row(across_places[0], x_places)
-                aim(
-                    x_places,
-                    pixels,
-                    across_segment,
-                    stride,
-                    across_cumulative,
-                    step,
-                    x_first,
-                    x_weights,
-                    x_slopes,
-                )
-            slot = ring[next_row % depth]
-            again = next_row - 1 == looked_up and same_row(words[next_row], words[looked_up])
-            looked_up = next_row
-            if not again:
-                deal_row(words[next_row], begin, dealt)
+            next_row = max(y_first, 0)
+        while next_row < min(y_first + taps, rows):
+            slot, row = ring[next_row % taps], words[next_row]
+            if next_row - 1 == looked_up and same_row(row, words[looked_up]):
+                copy_row(ring[(next_row - 1) % taps], slot)
+            elif even:
+                deal_row(row, begin, dealt)
                 look_up_dealt(dealt, columns, begin, bricks, backing, split)
-            if again and not moving:
-                copy_row(ring[(next_row - 1) % depth], slot)
+                filter_across(split, pad, columns, x_first, x_weights, starts, slot)
             else:
-                filter_across(split, pad, columns, across_segment, x_first, x_weights, x_slopes, starts, slot)
+                look_up_words(row, bricks, backing, few, source[wide : wide + columns])
+                filter_row(source, firsts, x_weights, weights_at, wide, slot)
+            looked_up = next_row
             next_row += 1
-        filter_along(ring, rows, along_segment, y_first, y_weights, y_slopes, starts, light[line])
+        filter_along(ring, rows, y_first, y_weights, starts, light[line])
 
 
 @njit(cache=True, nogil=True)
@@ -241,3 +206,26 @@ def to_columns(  # type: ignore[no-untyped-def]
             )
             level = column_offset[i] + column_gain[i] * (mean_row[i] + backing)
             mean_row[i] = min(max(level, np.float32(0)), top_code)
+
+
+@njit(cache=True, nogil=True)
+def relight(column_offset, gain_ratio, dark_variance, top_code, mean, variance, mean_out, variance_out):  # type: ignore[no-untyped-def]
+    """Expected DN and variance (lines, pixels) -> what they are once columns' gains are ``gain_ratio`` times theirs.
+
+    Returns whether every mean lay below the top code; of one that does not nobody knows what its light is.
+    """
+    highest = np.float32(0)
+    for line in range(mean.shape[0]):
+        means, variances, to_mean, to_variance = (
+            mean[line],
+            variance[line],
+            mean_out[line],
+            variance_out[line],
+        )
+        for i in range(means.size):
+            highest = max(highest, means[i])
+            level = column_offset[i] + gain_ratio[i] * (means[i] - column_offset[i])
+            to_mean[i] = min(max(level, np.float32(0)), top_code)
+        for i in range(variances.size):
+            to_variance[i] = dark_variance + gain_ratio[i] * (variances[i] - dark_variance)
+    return highest < top_code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,8 +15,9 @@ from prooflight.acquiring.placement import IN_PLACE
 from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.course import course
-from prooflight.predicting.kernels import filter_lines, to_columns
+from prooflight.predicting.kernels import filter_lines, relight, to_columns
 from prooflight.predicting.look_up_kernels import AT_ONCE, look_up_light
+from prooflight.predicting.moving_kernels import filter_moved_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -58,9 +60,9 @@ def predict(
     threads: bands of lines run at once, default one a core.
     """
     lines = geometry.lines(page.height_mm)
+    where = course(page, geometry, placement)
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
-    where = course(page, geometry, placement)
     workers = threads or os.cpu_count() or 1
     with ThreadPoolExecutor(workers) as pool:
         for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
@@ -98,6 +100,28 @@ def predict_light(
         seen = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
         seen(line_from=0, line_to=len(light), light=light)
         np.maximum(light, 0, out=light)
+
+
+def relit(
+    prediction: Prediction, sensors: Sequence[SensorModel], now: Sequence[SensorModel]
+) -> Prediction | None:
+    """A prediction by ``sensors`` as it is by the same ones with other column gains; None: it has to be made again."""
+    expected = np.empty_like(prediction.expected_dn)
+    variance = np.empty_like(prediction.variance_dn2)
+    for index, (sensor, changed) in enumerate(zip(sensors, now, strict=True)):
+        known = relight(
+            sensor.column_offset_dn,
+            changed.column_gain / sensor.column_gain,
+            np.float32(sensor.dark_variance_dn2),
+            np.float32(sensor.top_code_dn),
+            prediction.expected_dn[index],
+            prediction.variance_dn2[index],
+            expected[index],
+            variance[index],
+        )
+        if not known:
+            return None
+    return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
@@ -147,21 +171,37 @@ def _filtering(
     """The filtering kernel with everything set but the lines to do and where to put them."""
     footprint = sensor.footprint
     step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
-    crossed = np.ptp(where.along.places, axis=1).max()
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    across, along = where.across, where.along
+    if where.still:
+        return partial(
+            filter_lines,
+            words,
+            bricks_of(table),
+            np.float32(backing),
+            where.stride,
+            across.places[0],
+            across.segment,
+            footprint.across,
+            np.ascontiguousarray(along.places[:, :1]),
+            along.pitch,
+            footprint.along,
+            step,
+        )
     return partial(
-        filter_lines,
-        np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0],
+        filter_moved_lines,
+        words,
         bricks_of(table),
         np.float32(backing),
-        where.stride,
-        where.across.places,
-        where.across.pitch,
-        where.across.segment,
+        across.places,
+        across.pitch,
+        across.segment,
         footprint.across,
-        where.along.places,
-        where.along.pitch,
-        where.along.segment,
+        along.places,
+        along.pitch,
+        along.segment,
         footprint.along,
         step,
-        int(np.ceil(2 * footprint.reach_mm / page.pixel_mm + crossed)) + 4,
+        where.phase_bits,
+        math.ceil(np.ptp(along.places, axis=1).max()),
     )

@@ -11,6 +11,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 FEWEST, FEW, MANY = 8, 16, 64
+EIGHT = FEWEST
 _INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
 _FUSED = ("contract",)
 
@@ -30,82 +31,125 @@ def summing(count: int) -> Any:
     pixels = ir.VectorType(_FLOAT, count)
 
     @intrinsic
-    def sum_pixels(  # type: ignore[no-untyped-def]
-        context, source, starts, further, weights, slopes, first, last, from_middle, drifts, out, at
-    ):
-        """out[at + i] = sum over t of (weights[t] + slopes[t] (from_middle + i)) source[starts[t] + further + i].
+    def sum_pixels(context, source, starts, further, weights, first, last, out, at):  # type: ignore[no-untyped-def]
+        """out[at + i] = sum over t of weights[t] source[starts[t] + further + i].
 
-        i < count, t from first to last - 1; source, out (n,) float32; starts (taps,) int64; weights, slopes (taps,)
-        float32; drifts: False where all slopes are 0. All contiguous.
+        i < count, t from first to last - 1; source, out (n,) float32; starts (taps,) int64; weights (taps,) float32.
+        All contiguous.
         """
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            source, starts, weights, slopes, out = (
-                make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3, 4, 9)
+            source, starts, weights, out = (
+                make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3, 6)
             )
-            further, first, last, from_middle, drifts, at = (args[n] for n in (2, 5, 6, 7, 8, 10))
-            ramp = ir.Constant(pixels, [ir.Constant(_FLOAT, float(i)) for i in range(count)])
-            ramp = builder.fadd(ramp, _filled(builder, builder.sitofp(from_middle, _FLOAT), count))
+            further, first, last, at = (args[n] for n in (2, 4, 5, 7))
             total = cgutils.alloca_once_value(
                 builder, ir.Constant(pixels, [ir.Constant(_FLOAT, 0.0)] * count)
             )
-
-            def add(*, drifting: bool) -> None:
-                with cgutils.for_range_slice(builder, first, last, ir.Constant(_LONG, 1)) as (tap, _):
-                    weight = _filled(builder, builder.load(_at(builder, weights, tap)), count)
-                    if drifting:
-                        slope = _filled(builder, builder.load(_at(builder, slopes, tap)), count)
-                        weight = builder.fadd(builder.fmul(slope, ramp, flags=_FUSED), weight, flags=_FUSED)
-                    place = builder.add(builder.load(_at(builder, starts, tap)), further)
-                    seen = builder.load(builder.bitcast(_at(builder, source, place), pixels.as_pointer()))
-                    seen.align = 4
-                    product = builder.fmul(weight, seen, flags=_FUSED)
-                    builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
-
-            with builder.if_else(drifts) as (drifting, still):
-                with drifting:
-                    add(drifting=True)
-                with still:
-                    add(drifting=False)
+            with cgutils.for_range_slice(builder, first, last, ir.Constant(_LONG, 1)) as (tap, _):
+                weight = _filled(builder, builder.load(_at(builder, weights, tap)), count)
+                place = builder.add(builder.load(_at(builder, starts, tap)), further)
+                seen = builder.load(builder.bitcast(_at(builder, source, place), pixels.as_pointer()))
+                seen.align = 4
+                product = builder.fmul(weight, seen, flags=_FUSED)
+                builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
             target = builder.bitcast(_at(builder, out, at), pixels.as_pointer())
             builder.store(builder.load(total), target, align=4)
             return context.get_dummy_value()
 
         whole = types.int64
-        kinds = (source, starts, whole, weights, slopes, whole, whole, whole, types.boolean, out, whole)
-        return types.void(*kinds), generate
+        return types.void(source, starts, whole, weights, whole, whole, out, whole), generate
 
     return sum_pixels
 
 
 sum_fewest, sum_few, sum_many = summing(FEWEST), summing(FEW), summing(MANY)
-SLACK = 2 * FEWEST
-"""Numbers that ``lerp_eight`` may touch beyond the end of what is asked for."""
+
+
+def _pairs(builder: Any, one: Any, other: Any) -> Any:
+    """Sums of neighbours of two vectors of eight, half of each vector's by half."""
+    evens, odds = [0, 2, 8, 10, 4, 6, 12, 14], [1, 3, 9, 11, 5, 7, 13, 15]
+    return builder.fadd(_shuffled(builder, one, other, evens), _shuffled(builder, one, other, odds))
+
+
+def _shuffled(builder: Any, one: Any, other: Any, places: list[int]) -> Any:
+    chosen = ir.Constant(ir.VectorType(_INT, len(places)), [ir.Constant(_INT, place) for place in places])
+    return builder.shuffle_vector(one, other, chosen)
 
 
 @intrinsic
-def lerp_eight(context, table, slopes, place, taps, share, drift, out, slopes_out, at):  # type: ignore[no-untyped-def]
-    """Eight numbers between two rows of tables (n,) float32, which have ``taps`` numbers each, from ``place`` on.
+def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # type: ignore[no-untyped-def]
+    """out[at + i] = sum over t < taps of table[weights_at[at + i] + t] source[starts[at + i] + t], i < 8.
 
-    out[at:at + 8] = table + share (the table's next row - table), slopes_out of drift x slopes; (n,) float32. Eight are
-    read and written, whether that many are left or not: whoever goes on to the next row overwrites them.
+    source, table, out (n,) float32; starts, weights_at (n,) int32; taps: a whole multiple of 8. All contiguous.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        eight = ir.VectorType(_FLOAT, FEWEST)
-
-        def at_place(n: int, index: Any) -> Any:
-            data = make_array(signature.args[n])(context, builder, args[n]).data
-            return builder.bitcast(_at(builder, data, index), eight.as_pointer())
-
-        low = builder.load(at_place(0, args[2]), align=4)
-        high = builder.load(at_place(0, builder.add(args[2], args[3])), align=4)
-        slope = builder.load(at_place(1, args[2]), align=4)
-        rise = builder.fmul(_filled(builder, args[4], FEWEST), builder.fsub(high, low), flags=_FUSED)
-        builder.store(builder.fadd(low, rise, flags=_FUSED), at_place(6, args[8]), align=4)
-        builder.store(builder.fmul(slope, _filled(builder, args[5], FEWEST)), at_place(7, args[8]), align=4)
+        eight = ir.VectorType(_FLOAT, EIGHT)
+        source, starts, table, weights_at, out = (
+            make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 2, 3, 5)
+        )
+        taps, at = args[4], args[6]
+        none = ir.Constant(eight, [ir.Constant(_FLOAT, 0.0)] * EIGHT)
+        sums = [cgutils.alloca_once_value(builder, none) for _ in range(EIGHT)]
+        begins = []
+        for n in range(EIGHT):
+            place = builder.add(at, ir.Constant(_LONG, n))
+            begins.append(
+                [
+                    _at(builder, array, builder.sext(builder.load(_at(builder, index, place)), _LONG))
+                    for array, index in ((source, starts), (table, weights_at))
+                ]
+            )
+        with cgutils.for_range_slice(builder, ir.Constant(_LONG, 0), taps, ir.Constant(_LONG, EIGHT)) as (
+            tap,
+            _,
+        ):
+            for total, begin in zip(sums, begins, strict=True):
+                seen, weight = (
+                    builder.load(builder.bitcast(_at(builder, array, tap), eight.as_pointer()), align=4)
+                    for array in begin
+                )
+                product = builder.fmul(seen, weight, flags=_FUSED)
+                builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
+        parts = [builder.load(total) for total in sums]
+        while len(parts) > 2:
+            parts = [_pairs(builder, parts[k], parts[k + 1]) for k in range(0, len(parts), 2)]
+        one, other = parts
+        low, high = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+        result = builder.fadd(_shuffled(builder, one, other, low), _shuffled(builder, one, other, high))
+        builder.store(result, builder.bitcast(_at(builder, out, at), eight.as_pointer()), align=4)
         return context.get_dummy_value()
 
-    whole, number = types.int64, types.float32
-    kinds = (table, slopes, whole, whole, number, number, out, slopes_out, whole)
-    return types.void(*kinds), generate
+    whole = types.int64
+    return types.void(source, starts, table, weights_at, whole, out, whole), generate
+
+
+@intrinsic
+def transpose_eight(context, block, at, stride, out, to, out_stride):  # type: ignore[no-untyped-def]
+    """out[to + out_stride i + k] = block[at + stride k + i], i, k < 8; block, out (n,) float32, contiguous."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        eight = ir.VectorType(_FLOAT, EIGHT)
+        block, out = (make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
+
+        def place(array: Any, start: Any, stride: Any, n: int) -> Any:
+            index = builder.add(start, builder.mul(stride, ir.Constant(_LONG, n)))
+            return builder.bitcast(_at(builder, array, index), eight.as_pointer())
+
+        rows = [builder.load(place(block, args[1], args[2], n), align=4) for n in range(EIGHT)]
+        for apart in (4, 2, 1):  # neighbours so far apart swap the halves of their pieces of twice that
+            for n in (n for n in range(EIGHT) if not n & apart):
+                one, other = rows[n], rows[n + apart]
+                low = [i if not i & apart else i - apart + EIGHT for i in range(EIGHT)]
+                high = [i + apart if not i & apart else i + EIGHT for i in range(EIGHT)]
+                rows[n], rows[n + apart] = (
+                    _shuffled(builder, one, other, low),
+                    _shuffled(builder, one, other, high),
+                )
+        for n, row in enumerate(rows):
+            builder.store(row, place(out, args[4], args[5], n), align=4)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(block, whole, whole, out, whole, whole), generate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.kernels import place_row, weigh
+from prooflight.predicting.aiming_kernels import place_row, weigh
 from prooflight.predicting.tables import NODE_STEP
 from prooflight.simulating.session import NOISE_STEPS, TRUE_NODES
 
@@ -161,9 +161,8 @@ def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, 
 def weights_at_phases(cumulative, step, taps):  # type: ignore[no-untyped-def]
     """Weights of raster pixels in a footprint that begins 0, 1/1024, ..., 1 of one into the first: (1025, taps)."""
     table = np.empty((PHASES + 1, taps), np.float32)
-    unused = np.empty(taps, np.float32)
     for phase in range(PHASES + 1):
-        weigh(-phase / PHASES * step, step, cumulative, 0.0, table[phase], unused)
+        weigh(-phase / PHASES * step, step, cumulative, table[phase])
     return table
 
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from scipy import fft
 
+from prooflight.comparing.registering.coarse_kernels import SHRINK, square_means
 from prooflight.comparing.registering.pose import Pose
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from prooflight.predicting.predict import Prediction
     from prooflight.predicting.tables import SensorModel
 
-SHRINK: Final = 8
-"""Camera pixels in a coarse pixel, either way: 0.84 mm."""
 EDGE_LIMIT: Final = 0.15
 """Steeper edges count as this: a page's edge against the backing must not drown its content. [white/coarse pixel]"""
 PAD: Final = 20
@@ -57,9 +56,8 @@ def shrunk(
     rows, columns = (extent // SHRINK for extent in images.shape[1:])
     total = np.zeros((rows, columns), np.float32)
     for image, sensor in zip(images, sensors, strict=True):
-        small = cv2.resize(
-            image[: rows * SHRINK, : columns * SHRINK], (columns, rows), interpolation=cv2.INTER_AREA
-        )
+        small = np.empty((rows, columns), np.float32)
+        square_means(image, small)
         offset, gain = (
             array[: columns * SHRINK].reshape(columns, SHRINK).mean(axis=1)
             for array in (sensor.column_offset_dn, sensor.column_gain)

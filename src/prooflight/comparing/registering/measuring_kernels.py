@@ -61,12 +61,12 @@ def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes
         w, s = taps_y[phase], slopes_y[phase]
         k = 0
         while k + MANY <= width:
-            sum_many(flat, room.starts, k, w, s, 0, count, 0, False, value, k)
-            sum_many(flat, room.starts, k, s, w, 0, count, 0, False, slope, k)
+            sum_many(flat, room.starts, k, w, 0, count, value, k)
+            sum_many(flat, room.starts, k, s, 0, count, slope, k)
             k += MANY
         while k < width:
-            sum_few(flat, room.starts, k, w, s, 0, count, 0, False, value, k)
-            sum_few(flat, room.starts, k, s, w, 0, count, 0, False, slope, k)
+            sum_few(flat, room.starts, k, w, 0, count, value, k)
+            sum_few(flat, room.starts, k, s, 0, count, slope, k)
             k += FEW
         for block in range(columns // EIGHT):
             begin, place = room.begins[block], line * columns + block * EIGHT

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.comparing.registering.coarse import SHRINK, Peak, peaks, refined, shrunk
+from prooflight.comparing.registering.coarse import Peak, peaks, refined, shrunk
+from prooflight.comparing.registering.coarse_kernels import SHRINK
 from prooflight.comparing.registering.pose import Pose, slopes
 from prooflight.comparing.registering.tiles import measured
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 SHRINK = 8
@@ -18,16 +17,20 @@ def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
     held: how many lines sums (pixels,) uint32 already hold. scale (pixels,): light of a digital number in this mean.
     """
     row = 0
-    for line in lines:
+    for n in range(lines.shape[0]):
+        line = lines[n]
         for pixel in range(line.size):
             sums[pixel] += line[pixel]
         held += 1
         if held == SHRINK:
-            for column in range(light.shape[1]):
-                total = np.float32(0)
-                for pixel in range(SHRINK * column, SHRINK * (column + 1)):
-                    total += sums[pixel] * scale[pixel]
-                light[row, column] += total
+            of_row = light[row]
+            for column in range(of_row.size):
+                at = SHRINK * column
+                left = sums[at] * scale[at] + sums[at + 1] * scale[at + 1]
+                left += sums[at + 2] * scale[at + 2] + sums[at + 3] * scale[at + 3]
+                right = sums[at + 4] * scale[at + 4] + sums[at + 5] * scale[at + 5]
+                right += sums[at + 6] * scale[at + 6] + sums[at + 7] * scale[at + 7]
+                of_row[column] += left + right
             sums[:] = 0
             held, row = 0, row + 1
 

@@ -22,12 +22,12 @@ from prooflight.inspecting.inspector import Inspector
 from prooflight.inspecting.journal import Journal, RunFacts, content_digest, default_journal
 from prooflight.inspecting.journaling.exporting import page_facts
 from prooflight.inspecting.paging import SheetEdge, TriggerCount
-from prooflight.inspecting.process import settle_process
 from prooflight.inspecting.recording import Recorder
 from prooflight.inspecting.settings import Settings
 from prooflight.inspecting.status import Phase
 from prooflight.inspecting.watching import watched
 from prooflight.pages.job import JobSource
+from prooflight.pages.process import settle_process
 from prooflight.press import Press
 from prooflight.reporting.live import Recent, live_view
 

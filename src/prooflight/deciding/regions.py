@@ -72,16 +72,15 @@ def findings(grid: BlockGrid) -> Findings:
     joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
     inner = slice(JOINING_BLOCKS, -JOINING_BLOCKS)
     count, labels = cv2.connectedComponents(np.ascontiguousarray(joined[inner, inner]))
-    pieces = [np.where(labels == label, strongest, 0) * flagged for label in range(1, min(count, 400))]
-    pieces.sort(key=lambda piece: -float(np.abs(piece).sum()))
+    weight = np.bincount(labels.ravel(), weights=(np.abs(strongest) * flagged).ravel(), minlength=count)
+    heaviest = 1 + np.argsort(-weight[1:], kind="stable")[:MOST_REGIONS]
+    pieces = [np.where(labels == label, strongest, 0) * flagged for label in heaviest]
     whole = _kind(np.where(flagged, strongest, 0), grid)
     if whole in ("missing-plane", "wrong-page"):
         # One cause all over the page: one box around it says more than a hundred around its words.
         return Findings(regions=(_region(np.where(flagged, strongest, 0), grid, whole),), kind=whole)
-    kinds = [_kind(piece, grid) for piece in pieces[:MOST_REGIONS]]
-    regions = tuple(
-        _region(piece, grid, kind) for piece, kind in zip(pieces[:MOST_REGIONS], kinds, strict=True)
-    )
+    kinds = [_kind(piece, grid) for piece in pieces]
+    regions = tuple(_region(piece, grid, kind) for piece, kind in zip(pieces, kinds, strict=True))
     return Findings(regions=regions, kind=kinds[0])
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from prooflight.inspecting.process import step_back
+from prooflight.pages.process import step_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable

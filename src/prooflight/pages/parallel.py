@@ -8,6 +8,8 @@ from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from prooflight.pages.process import settle_process
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from concurrent.futures import Future
@@ -59,6 +61,7 @@ _held: list[Callable[[Any], Any]] = []
 
 
 def _hold(work: Callable[[Any], Any]) -> None:
+    settle_process()
     _held[:] = [work]
 
 

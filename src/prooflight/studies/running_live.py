@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.inspecting.process import settle_process
 from prooflight.inspecting.settings import Settings
 from prooflight.inspecting.watching import watched
+from prooflight.pages.process import settle_process
 from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
 
 if TYPE_CHECKING:

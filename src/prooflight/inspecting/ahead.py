@@ -107,10 +107,6 @@ class Ahead(Generic[Ready]):
             self._queued.pop(self._book.design(sheet), None)
         return asked.result(timeout_s)
 
-    def rehearse(self, sheet: int) -> None:
-        """Make a sheet's design once more and forget it: what memory that takes is then there for the next."""
-        self._prepare(self._reader.submit(self._book.page, sheet).result())
-
     def renew(
         self, prepare: Callable[[Page], Ready], *, again: Callable[[Ready], Ready] | None = None
     ) -> None:

@@ -58,7 +58,7 @@ class Judge(Protocol[Ready]):
         ...
 
     def rehearse(self, ready: Ready) -> None:
-        """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
+        """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory."""
         ...
 
     def following(self, press: Press) -> Judge[Ready]:
@@ -115,6 +115,7 @@ class PressJudge:
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in scan.shape[1:])
         scan[:, lines, pixels] = 0
         self.inspect(ready, scan, name="rehearsal", seed=0)
+        self.prepare(ready.prepared.page)
 
     def following(self, press: Press) -> Self:
         """See ``Judge``."""

@@ -159,11 +159,8 @@ class Running:
         # On all threads at once, so that each finds memory for its pages when sheets come; and last, or designs would
         # lie where that memory was.
         threads = self._settings.inspectors
-        with ThreadPoolExecutor(threads + 1) as rehearsing:
-            beside = [rehearsing.submit(self._ahead.rehearse, 0), rehearsing.submit(judge.renewed, ready)]
-            list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * threads)))
-            for one in beside:
-                one.result()
+        with ThreadPoolExecutor(threads + 1) as rehearsing:  # one more: designs are made beside
+            list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * (threads + 1))))
 
     def _read_all(self) -> None:
         pager = self._make_pager(self._thumbnails)

@@ -195,7 +195,7 @@ class _Bench:
 def _taught(
     press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
 ) -> Press:
-    """The press with what all judged designs teach; nothing that was published here was judged by it."""
+    """The press with what all judged designs teach, promising ``PROMISE``; nothing published here was judged by it."""
     tolerance = learn_tolerance(
         Pages.of(main).beside(teaching),
         names=main["names"][: main["values"].shape[1]].tolist(),
@@ -203,7 +203,8 @@ def _taught(
         rng=np.random.default_rng([plan.seed, 9]),
         trees=plan.trees,
     )
-    return replace(press, ours=calibrated_for(press, tolerance, promise))
+    promising = replace(press, good_pages_per_false_alarm=1 / PROMISE)
+    return replace(promising, ours=calibrated_for(promising, tolerance, promise))
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:

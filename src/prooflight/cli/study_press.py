@@ -29,7 +29,9 @@ def press(
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     taught: Annotated[
         Path | None,
-        typer.Option(metavar="X.press", help="Keep the press here, taught by all these designs; it promises 1 %."),
+        typer.Option(
+            metavar="X.press", help="Keep the press here, taught by all these designs; it promises 1 %."
+        ),
     ] = None,
     quick: Quick = False,
     json: Json = False,

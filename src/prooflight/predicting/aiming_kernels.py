@@ -66,12 +66,11 @@ def aim_each(places, segment, cumulative, step, taps, beyond, first, weights_at)
 
 
 @njit(cache=True, nogil=True)
-def weights_at_phases(cumulative, step, bits, taps):  # type: ignore[no-untyped-def]
-    """Weights of raster pixels in footprints that begin 0, 1 / 2^bits, ... of one into the first: (2^bits x taps,)."""
-    count = 1 << bits
-    table = np.zeros(count * taps, np.float32)
-    for phase in range(count):
-        weigh(-phase / count * step, step, cumulative, table[phase * taps : (phase + 1) * taps])
+def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped-def]
+    """Weights of raster pixels in footprints that begin 0, 1 / count, ..., 1 of one in: (count + 1, taps)."""
+    table = np.empty((count + 1, taps), np.float32)
+    for phase in range(count + 1):
+        weigh(-phase / count * step, step, cumulative, table[phase])
     return table
 
 

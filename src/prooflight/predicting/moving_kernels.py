@@ -66,8 +66,8 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     seen = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     taps = whole_eights(seen)
     reach = (across_cumulative.size - 1) / (2 * step)
-    across_table = weights_at_phases(across_cumulative, step, bits, taps)
-    along_table = weights_at_phases(along_cumulative, step, bits, taps)
+    across_table = weights_at_phases(across_cumulative, step, 1 << bits, taps).reshape(-1)
+    along_table = weights_at_phases(along_cumulative, step, 1 << bits, taps).reshape(-1)
     source = np.zeros(columns + 3 * taps, np.float32)
     few = np.zeros((2, AT_ONCE), np.uint32)
     room = whole_eights(pixels)

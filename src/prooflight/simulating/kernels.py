@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.predicting.aiming_kernels import place_row, weigh
+from prooflight.predicting.aiming_kernels import place_row, weights_at_phases
 from prooflight.predicting.tables import NODE_STEP
 from prooflight.simulating.session import NOISE_STEPS, TRUE_NODES
 
@@ -158,15 +158,6 @@ def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, 
 
 
 @njit(cache=True, nogil=True)
-def weights_at_phases(cumulative, step, taps):  # type: ignore[no-untyped-def]
-    """Weights of raster pixels in a footprint that begins 0, 1/1024, ..., 1 of one into the first: (1025, taps)."""
-    table = np.empty((PHASES + 1, taps), np.float32)
-    for phase in range(PHASES + 1):
-        weigh(-phase / PHASES * step, step, cumulative, table[phase])
-    return table
-
-
-@njit(cache=True, nogil=True)
 def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-def]
     """Where every camera pixel's footprint begins: raster pixel and phase, (pixels,) each; nodes: of ``place_row``."""
     for k in range(nodes.size - 1):
@@ -265,8 +256,8 @@ def scan_lines(  # type: ignore[no-untyped-def]
     lines, pixels = above_backing.shape
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     reach = (across_cumulative.size - 1) / (2 * step)
-    across_table = weights_at_phases(across_cumulative, step, taps)
-    along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, taps).T)
+    across_table = weights_at_phases(across_cumulative, step, PHASES, taps)
+    along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, PHASES, taps).T)
     upper = np.empty(columns, np.uint32)
     lower = np.empty(columns, np.uint32)
     light = np.zeros((2, columns + 2 * taps), np.float32)

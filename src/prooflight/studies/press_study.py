@@ -76,11 +76,11 @@ def run_press_study(
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
     scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
-    pilot = replace(scene, misprints=0)
-    scatter = bench.scatter(pilot, plan.days_of("pilot"), "pilot")
+    good = replace(scene, misprints=0)
+    scatter = bench.scatter(good, plan.days_of("pilot"), "pilot")
     main = bench.said(replace(scene, number=1), scatter, plan.days_of("designs"), "scans")
     looser = bench.said(
-        replace(pilot, number=2, times=LOOSER), scatter, plan.days_of("looser"), "looser press"
+        replace(good, number=2, times=LOOSER), scatter, plan.days_of("looser"), "looser press"
     )
     alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1])
     ideal_scene = Scene(
@@ -94,14 +94,10 @@ def run_press_study(
     if real is not None:
         real_scene = replace(scene, number=4, pages=real, misprints=3)
         real_rows = bench.said(real_scene, scatter, _fitting(real, press, plan), "real pages")
-    promise = bench.said(
-        replace(pilot, number=5), scatter, plan.days_of("promise"), "good pages that promise"
-    )
+    promise = bench.said(replace(good, number=5), scatter, plan.days_of("promise"), "good pages that promise")
     lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
     teaching = bench.said(lesson, scatter, plan.days_of("teaching"), "designs that teach")
-    learning = bench.said(
-        replace(pilot, number=7), scatter, plan.days_of("learning"), "good pages that teach"
-    )
+    learning = bench.said(replace(good, number=7), scatter, plan.days_of("learning"), "good pages that teach")
     lessons = Pages.of(teaching).beside(Pages.of(learning))
     verdicts = judged(
         main,

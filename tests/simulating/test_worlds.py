@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.simulating.worlds import amount, gate, worlds, worlds_digest, worlds_text
+from prooflight.simulating.worlds import Amounts, amount, gate, worlds, worlds_digest, worlds_text
 
 SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "worlds.toml"
 
@@ -34,6 +35,20 @@ def ends(kind: str, field: str) -> tuple[float, float]:
 def test_the_packages_copy_is_the_file_that_published_figures_name() -> None:
     assert worlds_text() == SHARED.read_bytes()
     assert worlds_digest() == hashlib.sha256(SHARED.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("variation", "exact"),
+    [
+        ({}, False),
+        ({"all_times": 0.0}, True),
+        ({"all_times": 0.0, "camera": {"sigma_error": [0.7, 1.4]}}, True),
+        ({"all_times": 0.0, "page": {"skew_deg": 0.01}}, False),
+        ({"all_times": 0.0, "paper": {"specks_per_page": 0.5}}, False),
+    ],
+)
+def test_a_press_is_exact_where_nothing_but_noise_varies(variation: dict[str, Any], exact: bool) -> None:
+    assert Amounts.stated(variation).exact == exact
 
 
 def test_there_are_twelve_kinds_each_once() -> None:

@@ -103,8 +103,13 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     """Seed 2: 1 % promised by 150 designs is at most 4 of 150 good pages (Poisson 0.98 at a mean of 1.5)."""
     further = {name: column for name, column in drawn_rows(2).items() if name != "names"}
     good = {name: column[further["kind"] == ""] for name, column in further.items() if name != "unmade_kind"}
-    often, seldom = kept_promises(verdicts, good, calibration={0.1: 100, 0.01: DESIGNS})
+    third = {name: column for name, column in drawn_rows(3).items() if name not in ("names", "unmade_kind")}
+    trial = {name: column[third["kind"] == ""] for name, column in third.items()}
+    (often, seldom), tried = kept_promises(verdicts, good, trial, calibration={0.1: 100, 0.01: DESIGNS})
     ours = verdicts.methods[OURS]
+    assert tried[0].alarms.shape == tried[1].alarms.shape == (DESIGNS,)
+    assert (tried[1].alarms <= tried[0].alarms).all()
+    assert tried[1].alarms.sum() <= 4
     assert often.designs == 100
     assert (seldom.alarms <= often.alarms).all()
     assert seldom.alarms[~ours.scored.bad].sum() <= 4
@@ -144,13 +149,21 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         main=rows,
         verdicts=verdicts,
         kept=[Kept(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
+        tried=[Kept(rate=0.001, designs=5000, alarms=np.zeros(123, bool))],
         looser={"variations 1.5 times those assumed": alarms},
         ideal=verdicts,
         real=verdicts.methods[OURS],
     )
     text = "\n".join(page_lines(found))
     assert "nan" not in text
-    for word in (*KINDS, *verdicts.methods, "2.44%", "Real pages", "ideal world"):
+    for word in (
+        *KINDS,
+        *verdicts.methods,
+        "2.44%",
+        "| 123 | 0 | 0.00% (< 2.41%)",
+        "Real pages",
+        "ideal world",
+    ):
         assert word in text
 
 

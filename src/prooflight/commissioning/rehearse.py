@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
+from prooflight.comparing.nuisance import Spread
 from prooflight.comparing.windows import window_statistics
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
@@ -43,6 +44,11 @@ LONGEST: Final = 1.45
 """Height over width at which a page that is cut to the field is cut off: A4's and a little."""
 SESSION, PRINT = 11, 12
 """What tells random numbers of days from those of designs."""
+
+
+def good_spread(press: Press) -> Spread:
+    """What good prints of a press scatter by: nothing where its ``[variation]`` says that nothing varies."""
+    return Spread.none() if amounts_of(press).exact else Spread()
 
 
 class Designs(Protocol):
@@ -101,6 +107,11 @@ class PressDay:
             print_ = replace(print_, placement=together(print_.placement, moved))
         return fast_scan(page, self.press, self.session, print_, rng=rng)
 
+    def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
+        """A scan looked at as this press's are."""
+        press = self.press
+        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=good_spread(press))
+
     def misprint(
         self, page: Page, expected: Prediction, kind: str, others: list[int], rng: np.random.Generator
     ) -> tuple[Page, Placement] | None:
@@ -128,9 +139,7 @@ class ScatterWork:
             rng = np.random.default_rng([self.seed, index, PRINT])
             page = day.page(index)
             known, _ = day.known(page)
-            looked = look(
-                known, day.scan(page, rng), sensors=self.press.sensors, geometry=self.press.geometry
-            )
+            looked = day.looked(known, day.scan(page, rng))
             for name, values in samples(looked.sums, rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
@@ -168,15 +177,17 @@ class SaidWork:
                 if made is not None:
                     scans[kind] = day.scan(made[0], rng, moved=made[1])
             for of_kind, scan in scans.items():
-                row = self._row(page, known, scan)
+                row = self._row(day, page, known, scan)
                 names = row.pop("names")
                 for name, value in (row | {"design": index, "kind": of_kind}).items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}
         return rows | {"kind": rows["kind"].astype("U16"), "names": np.array(names, "U48")}
 
-    def _row(self, page: Page, known: PreparedPage, scan: NDArray[np.uint16]) -> dict[str, Any]:
-        looked: Looked = look(known, scan, sensors=self.press.sensors, geometry=self.press.geometry)
+    def _row(
+        self, day: PressDay, page: Page, known: PreparedPage, scan: NDArray[np.uint16]
+    ) -> dict[str, Any]:
+        looked = day.looked(known, scan)
         said = all_said(looked.sums, looked.fit, looked.found, self.scatter)
         row: dict[str, Any] = {
             "values": stated(said),

@@ -8,7 +8,7 @@ with that prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -89,6 +89,11 @@ class Fit:
     lost: float
     """Share of blocks that the fit does not explain. [-]"""
 
+    def emptied(self) -> Fit:
+        """The same with every amount 0: it explains nothing."""
+        amounts = ("white", "lamp", "shape", "gain", "dot", "planes")
+        return replace(self, **{name: np.zeros_like(getattr(self, name)) for name in amounts})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
@@ -103,6 +108,16 @@ class Spread:
     dark: float = 0.02
     """More of it where it is dark, times the squared natural logarithm of white over light: what an ink's film or a
     table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
+
+    @classmethod
+    def none(cls) -> Spread:
+        """Of a press whose good prints are as predicted, but for the camera's noise."""
+        return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether good prints are as predicted: in their place, of the inks foretold."""
+        return self == Spread.none()
 
     def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
         """Standard deviation as a share of the light, where there is so much of so much white. [-]"""

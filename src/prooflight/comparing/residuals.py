@@ -95,7 +95,7 @@ def residual_images(
             weight[index],
             of_edges[index],
         )
-    for _ in range(LOCAL_ROUNDS):
+    for _ in range(0 if spread.exact else LOCAL_ROUNDS):
         _take_local_moves(left, weight, seen, sensors)
     return left, weight, of_edges, noise
 

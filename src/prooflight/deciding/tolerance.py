@@ -109,18 +109,24 @@ def look(
     tolerance: Tolerance | None = None,
     spread: Spread | None = None,
 ) -> Looked:
-    """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left."""
+    """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
+
+    Where good prints are exact (``Spread.exact``) that is nothing: what registration and fit find is evidence alone.
+    """
     page, spread = prepared.page, spread or Spread()
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
-    where = sight(page, at, found.placement)
+    placement, planes_mm = found.placement, found.planes_mm
+    if spread.exact:
+        placement, planes_mm = IN_PLACE, np.zeros_like(planes_mm)
+    where = sight(page, at, placement)
     if prepared.shared is None:
-        printed, planes_mm = in_register(page, found.planes_mm)
-        fine = predict(printed, sensors=sensors, geometry=geometry, placement=found.placement, threads=1)
+        printed, planes_mm = in_register(page, planes_mm)
+        fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
         seen = binned_prediction(fine, bins)
     else:
-        taken_mm, planes_mm = planes_taken(found.planes_mm)
+        taken_mm, planes_mm = planes_taken(planes_mm)
         seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
     modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
     measured = binned_scan(scan, bins)
@@ -137,7 +143,14 @@ def look(
         spread=spread,
     )
     left, weight, of_edges, noise = residual_images(
-        measured, seen, modes, where, fit, sensors=taken_as, colours=prepared.colours, spread=spread
+        measured,
+        seen,
+        modes,
+        where,
+        fit.emptied() if spread.exact else fit,
+        sensors=taken_as,
+        colours=prepared.colours,
+        spread=spread,
     )
     sums = summed(
         left,

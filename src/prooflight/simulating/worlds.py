@@ -146,6 +146,16 @@ class Amounts:
             blocks[block] = kind(**(of_file | of_press))
         return cls(**blocks)
 
+    @property
+    def exact(self) -> bool:
+        """Whether good prints differ in nothing but the camera's noise."""
+        amounts = [
+            (name, getattr(getattr(self, block), name))
+            for block, names in self.names().items()
+            for name in names
+        ]
+        return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
+
     def names(self) -> dict[str, tuple[str, ...]]:
         """Blocks and the amounts in each."""
         return {

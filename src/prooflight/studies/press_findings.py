@@ -26,6 +26,7 @@ FIRST: Final[Mapping[str, int]] = {
     "promise": 2060,
     "teaching": 7060,
     "learning": 7560,
+    "trial": 12_000,
     "ideal_pilot": 20_000,
     "ideal": 20_030,
 }
@@ -57,6 +58,8 @@ class PressPlan:
     """Designs of the ideal world, each printed wrong twice."""
     promise: int = 5000
     """Designs printed once, well, that only set the thresholds of promises."""
+    trial: int = 5000
+    """Designs printed once, well, on which promises are tried: so rare a false alarm is seen only among many."""
     per_day: int = 10
     """Designs printed on one press day; there must be five days to cut into parts."""
     trees: int = TREES
@@ -80,6 +83,7 @@ class PressPlan:
             looser=6,
             ideal=20,
             promise=24,
+            trial=16,
             per_day=4,
             trees=40,
             ablations=False,
@@ -119,7 +123,9 @@ class PressFindings:
     main: Rows
     verdicts: Verdicts
     kept: list[Kept]
-    """Promises that designs of their own made."""
+    """Promises that designs of their own made, as they came on the judged designs ..."""
+    tried: list[Kept]
+    """... and on further good designs."""
     looser: dict[str, NDArray[np.bool_]]
     """Whether each good page of the looser press alarmed, by what the threshold rests on."""
     ideal: Verdicts

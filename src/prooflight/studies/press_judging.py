@@ -116,7 +116,7 @@ def judged(
     and set every part's thresholds, together with the part next to it.
     """
     pages, another = Pages.of(rows), rows["another"]
-    part = np.unique(rows["day"], return_inverse=True)[1] % PARTS
+    part = parts_of(rows)
     if good is not None:
         pages, another = pages.beside(Pages.of(good)), np.concatenate([another, good["another"]])
         part = np.concatenate([part, np.full(len(good["another"]), EVERY)])
@@ -207,24 +207,38 @@ class Kept:
     designs: int
     """That made it: printed once, well; they taught nothing."""
     alarms: NDArray[np.bool_]
-    """(pages,) of those that each part judges, good and bad."""
+    """(pages,) of those that each part judges, good and bad; of further good pages, each by one part in turn."""
 
 
-def kept_promises(verdicts: Verdicts, good: Rows, *, calibration: Mapping[float, int]) -> list[Kept]:
+def parts_of(rows: Rows) -> NDArray[np.int64]:
+    """Which part each row is in: days take turns."""
+    return np.asarray(np.unique(rows["day"], return_inverse=True)[1] % PARTS)
+
+
+def kept_promises(
+    verdicts: Verdicts, good: Rows, trial: Rows, *, calibration: Mapping[float, int]
+) -> tuple[list[Kept], list[Kept]]:
     """Each part's detector with thresholds that good pages of further designs set, on what that part judges.
 
-    calibration: designs by the rate that they promise; the first so many of ``good``.
+    The second list: on good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: designs by
+    the rate that they promise; the first so many of ``good``.
     """
     pages, ours = Pages.of(good), verdicts.methods[OURS]
     scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
-    found = []
+    tried, turn = Pages.of(trial), parts_of(trial)
+    of_trial = np.choose(
+        turn, [certain_score(found, tried, trial["another"]) for found in verdicts.detectors]
+    )
+    found: tuple[list[Kept], list[Kept]] = [], []
     for rate, count in calibration.items():
-        alarms = np.zeros(ours.part.shape, bool)
-        for index, score in enumerate(scores):
-            here = ours.part == index
-            threshold = conformal_threshold(score[:count], pages.design[:count], false_alarm_rate=rate)
-            alarms[here] = ours.scored.score[here] > threshold
-        found.append(Kept(rate=rate, designs=count, alarms=alarms))
+        thresholds = np.array(
+            [
+                conformal_threshold(score[:count], pages.design[:count], false_alarm_rate=rate)
+                for score in scores
+            ]
+        )
+        for kept, score, part in zip(found, (ours.scored.score, of_trial), (ours.part, turn), strict=True):
+            kept.append(Kept(rate=rate, designs=count, alarms=score > thresholds[part]))
     return found
 
 

@@ -166,6 +166,9 @@ def _promises(found: PressFindings) -> Iterator[str]:
     for kept in found.kept:
         basis = f"{kept.designs} designs that did nothing else"
         yield _promise(f"{100 * kept.rate:.3g} %", basis, kept.alarms[good], kept.alarms[~good])
+    for tried in found.tried:
+        basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
+        yield _promise(f"{100 * tried.rate:.3g} %", basis, tried.alarms)
     basis = f"{setting} designs, these and those of another part"
     yield _promise("1 %", basis, ours.promised[good], ours.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)

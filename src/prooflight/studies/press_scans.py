@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.commissioning.rehearse import good_spread
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
 from prooflight.deciding.said import stated
@@ -23,9 +24,11 @@ from prooflight.studies.protocol import OTHERS
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from prooflight.comparing.local_evidence import Scatter
     from prooflight.deciding.families import Said
-    from prooflight.deciding.tolerance import PreparedPage
+    from prooflight.deciding.tolerance import Looked, PreparedPage
     from prooflight.pages.raster import Page
     from prooflight.simulating.misprints import Misprint
     from prooflight.studies.captures import World
@@ -91,11 +94,16 @@ class PressDay:
 
     def said(self, known: PreparedPage, printed: Printed, scatter: Scatter, rng: np.random.Generator) -> Row:
         """What one more print of it says."""
-        press = self.room.press
         scan = self.room.recorded(self.room.seen(printed, rng), rng)
-        looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
+        looked = self.looked(known, scan)
         said = all_said(looked.sums, looked.fit, looked.found, scatter)
         return Row(said=said, another=shows_another(looked.found))
+
+    def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
+        """A scan looked at as scans of the press are that this one is taken for."""
+        press = self.room.press
+        spread = good_spread(_press(self.scene.press))
+        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread)
 
     def wrong(
         self, good: Printed, kind: str, others: list[int], rng: np.random.Generator
@@ -136,13 +144,12 @@ class ScatterWork:
     def __call__(self, day: Day, /) -> Rows:
         """``Work``: draws by name, (designs, ...)."""
         bench = self.scene.day(day)
-        press = bench.room.press
         drawn: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
             rng = self.scene.rng(index, 0)
             good, known = bench.design(index)
             scan = bench.room.recorded(bench.room.seen(good, rng), rng)
-            looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
+            looked = bench.looked(known, scan)
             for name, values in samples(looked.sums, rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}

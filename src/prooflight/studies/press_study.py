@@ -21,11 +21,11 @@ from prooflight.studies.press_findings import PressFindings, PressPlan
 from prooflight.studies.press_judging import (
     ALPHAS,
     OURS,
-    PARTS,
     PROMISE,
     Judged,
     judged,
     kept_promises,
+    parts_of,
 )
 from prooflight.studies.press_page import page_lines
 from prooflight.studies.press_scans import SaidWork, ScatterWork, Scene
@@ -82,7 +82,7 @@ def run_press_study(
     looser = bench.said(
         replace(good, number=2, times=LOOSER), scatter, plan.days_of("looser"), "looser press"
     )
-    alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1])
+    alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1], variation={"all_times": 0.0})
     ideal_scene = Scene(
         press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
     )
@@ -98,6 +98,9 @@ def run_press_study(
     lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
     teaching = bench.said(lesson, scatter, plan.days_of("teaching"), "designs that teach")
     learning = bench.said(replace(good, number=7), scatter, plan.days_of("learning"), "good pages that teach")
+    trial = bench.said(
+        replace(good, number=8), scatter, plan.days_of("trial"), "good pages that try promises"
+    )
     lessons = Pages.of(teaching).beside(Pages.of(learning))
     verdicts = judged(
         main,
@@ -110,12 +113,14 @@ def run_press_study(
         processes=processes,
         progress=progress,
     )
+    kept, tried = kept_promises(verdicts, promise, trial, calibration=plan.calibration)
     found = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
         main=main,
         verdicts=verdicts,
-        kept=kept_promises(verdicts, promise, calibration=plan.calibration),
+        kept=kept,
+        tried=tried,
         looser=_looser(verdicts, looser, plan),
         ideal=judged(ideal, ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
         real=None if real_rows is None else _on_real(verdicts, main, promise, real_rows),
@@ -143,9 +148,8 @@ class _Bench:
     def kept(self, press: Press) -> Path:
         """A press as a file for workers."""
         path = self.cache / f"{press.digest[:16]}.press"
-        if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            press.save(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        press.save(path)
         return path
 
     def digest(self, scene: Scene, days: list[Day]) -> str:
@@ -231,7 +235,7 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
 def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judged:
     """Real pages by the first part's detector and thresholds."""
     found, pages = verdicts.detectors[0], Pages.of(rows)
-    part = np.unique(main["day"], return_inverse=True)[1] % PARTS
+    part = parts_of(main)
     tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
     another = np.concatenate([main["another"][part == 1], promise["another"]])
     of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design)

@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 
 from prooflight.comparing.local_evidence import Scatter
+from prooflight.deciding.operating import Scored
 from prooflight.simulating.misprints import KINDS
 from prooflight.studies.press_findings import FIRST
-from prooflight.studies.press_judging import ALPHAS, OURS, PARTS, Kept, judged, kept_promises
+from prooflight.studies.press_judging import (
+    ALPHAS,
+    OURS,
+    PARTS,
+    Kept,
+    judged,
+    kept_promises,
+    promised_by_others,
+)
 from prooflight.studies.press_page import near, page_lines
 from prooflight.studies.press_scans import PLACES, Scene
 from prooflight.studies.press_study import PressFindings, PressPlan
@@ -130,6 +139,16 @@ def test_good_pages_of_other_designs_set_thresholds_and_teach_nothing(rows: Rows
     assert np.array_equal(ours.part, before.part)
     assert not np.array_equal(ours.promised, before.promised)
     assert more.detectors[0].good_designs == verdicts.detectors[0].good_designs + DESIGNS
+
+
+def test_a_page_meets_the_threshold_of_the_other_pages() -> None:
+    """Of n designs that promise 1 in n to each other, only the furthest out alarms; its misprint meets the same."""
+    score = np.array([0.3, 0.9, 0.1, 0.5, 0.95, 0.85])
+    bad = np.array([False, False, False, False, True, True])
+    scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]))
+    assert promised_by_others(scored, 0.25).tolist() == [False, True, False, False, True, True]
+    with pytest.raises(ValueError, match="cannot promise"):
+        promised_by_others(scored, 0.2)
 
 
 def test_places_are_right_within_five_millimetres() -> None:

@@ -242,6 +242,17 @@ def kept_promises(
     return found
 
 
+def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
+    """Alarms (pages,) where each design's pages meet the threshold that the good pages of all other designs set."""
+    alarms = np.zeros(scored.bad.shape, bool)
+    for design in np.unique(scored.design):
+        here = scored.design == design
+        good = ~here & ~scored.bad
+        threshold = conformal_threshold(scored.score[good], scored.design[good], false_alarm_rate=rate)
+        alarms[here] = scored.score[here] > threshold
+    return alarms
+
+
 def kinds_said(found: TolerancePress, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
     """The kind that ours gives to each of some pages."""
     said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")

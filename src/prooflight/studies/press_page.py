@@ -10,7 +10,7 @@ from scipy import special
 from prooflight.deciding.operating import at_threshold, bootstrap_cost, false_alarms_in_words
 from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.worlds import worlds, worlds_digest
-from prooflight.studies.press_judging import ALPHAS, OURS, PROMISE
+from prooflight.studies.press_judging import ALPHAS, OURS, PROMISE, promised_by_others
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +26,8 @@ NEAR_MM: Final = 5.0
 """A place that is said lies right if its middle is no further from the misprint (assumed: what a person sees)."""
 SIGMA_OFF: Final = 1.3
 ALARMED: Final = 0.5
+REAL_PROMISE: Final = 0.05
+"""What so few real pages can promise with more than one of them above the threshold."""
 
 
 def page_lines(found: PressFindings) -> Iterator[str]:
@@ -240,6 +242,15 @@ def _real(found: PressFindings) -> Iterator[str]:
         good = int((~one.scored.bad).sum())
         cells += [f"{1 - rates.misses:.1%}", f"{rates.false_alarms:.1%} of {good}", f"{one.area:.4f}"]
         yield f"| {name} | " + " | ".join(cells) + " |"
+    yield ""
+    bad = real.scored.bad
+    rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))
+    alarms = promised_by_others(real.scored, rate)
+    yield (
+        f"Designs composed to teach promise little for pages unlike them. Where each page meets the threshold that the "
+        f"other {int((~bad).sum()) - 1} real pages set at {rate:.0%}, {alarms[~bad].mean():.1%} of good ones alarm and "
+        f"{alarms[bad].mean():.1%} of {int(bad.sum())} misprints are caught."
+    )
     yield ""
 
 

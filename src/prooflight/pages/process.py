@@ -9,6 +9,9 @@ import threading
 from typing import Final
 
 import cv2
+import numpy as np  # noqa: F401  before their threads can be limited, libraries of linear algebra must be there
+import scipy.linalg  # noqa: F401
+from threadpoolctl import threadpool_limits
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
 """Names of glibc's mallopt(3)."""
@@ -21,10 +24,12 @@ def settle_process() -> None:
     """Keep freed memory for the next page, and leave threads to whoever shares out the pages.
 
     A page takes some 200 MB for moments; given back and asked for again, the system clears it each time, which costs
-    a tenth of an inspection. OpenCV's own threads would fight with those that inspect. For the whole process; where
-    the C library is not glibc, memory stays as it was.
+    a tenth of an inspection. OpenCV's own threads and those of linear algebra would fight with the ones that inspect:
+    two processes on two cores took a quarter longer. For the whole process; where the C library is not glibc, memory
+    stays as it was.
     """
     cv2.setNumThreads(1)
+    threadpool_limits(limits=1)
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):

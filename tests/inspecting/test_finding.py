@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from prooflight.acquiring.placement import IN_PLACE, Placement
-from prooflight.inspecting.finding import find_page
+from prooflight.inspecting.finding import SoughtPage, find, find_page
 from prooflight.inspecting.inspector import detector, inspect_page
 from prooflight.predicting.predict import predict
 from prooflight.simulating.scans import ideal_scan
@@ -38,6 +39,26 @@ def test_a_page_in_its_place_is_not_moved_by_noise(press: Press, page: Page, see
     assert found.placement is IN_PLACE
     assert found.shift_mm is not None
     assert not found.wrong_page
+
+
+@pytest.mark.parametrize("bright", [1.01, 40.0])
+def test_a_page_in_its_place_is_predicted_under_the_light_of_now(
+    press: Press, page: Page, bright: float
+) -> None:
+    """40: where a mean lies at the top code, what its light is can only be found anew."""
+    brighter, now = (
+        replace(
+            press, sensors=tuple(replace(one, column_gain=one.column_gain * times) for one in press.sensors)
+        )
+        for times in (bright, bright * 0.98)
+    )
+    sought = SoughtPage.of(page, brighter).relit(now)
+    expected = predict(page, sensors=now.sensors, geometry=press.geometry)
+    found = find(sought, ideal_scan(expected, now, np.random.default_rng(1)), now)
+    assert found.placement is IN_PLACE
+    # relighting rounds once more than predicting
+    assert found.prediction.expected_dn == pytest.approx(expected.expected_dn, rel=1e-5)
+    assert found.prediction.variance_dn2 == pytest.approx(expected.variance_dn2, rel=1e-5)
 
 
 @pytest.mark.parametrize(

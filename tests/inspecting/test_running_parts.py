@@ -20,8 +20,10 @@ from prooflight.inspecting.inspector import Inspector
 from prooflight.inspecting.outcomes import outcome
 from prooflight.inspecting.paging import SeenPage
 from prooflight.inspecting.run_evidence import COLUMN_MM, columns, columns_mm, run_evidence
+from prooflight.inspecting.settings import Settings
 from prooflight.inspecting.sheets.thumbnails import Thumbnail
 from prooflight.inspecting.status import Tally
+from prooflight.inspecting.watching import threads_a_sheet
 from prooflight.predicting.predict import predict
 from prooflight.reporting.live import Recent, live_view
 from prooflight.simulating.scans import ideal_scan
@@ -293,3 +295,10 @@ def test_live_view_shows_an_alarm_and_where() -> None:
     text = console.export_text()
     for expected in ("WAITING", "streak at 83, 148 mm", "density of cyan", "+3.00 %"):
         assert expected in text
+
+
+def test_a_sheet_with_a_deadline_takes_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    assert threads_a_sheet(Settings(source_waits=False, inspectors=2)) == 8
+    assert threads_a_sheet(Settings(source_waits=True, inspectors=2)) == 4
+    assert threads_a_sheet(Settings(source_waits=True, inspectors=16)) == 1

@@ -83,7 +83,7 @@ class Ahead(Generic[Ready]):
         self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
         self._guard = threading.Lock()
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead", initializer=step_back)
         self._renewer = ThreadPoolExecutor(1, thread_name_prefix="renew", initializer=step_back)
 
     @property

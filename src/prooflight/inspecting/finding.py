@@ -11,8 +11,7 @@ import numpy as np
 from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.register import prepare, register
 from prooflight.deciding.calibrated import shows_another
-from prooflight.predicting.compact import compact
-from prooflight.predicting.predict import cut, predict, relit
+from prooflight.predicting.predict import predict, relit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from prooflight.acquiring.placement import Placement
     from prooflight.comparing.register import Landmarks, Registration
     from prooflight.pages.raster import Page
-    from prooflight.predicting.compact import CompactPrediction
     from prooflight.predicting.predict import Prediction
+    from prooflight.predicting.tables import SensorModel
     from prooflight.press import Press
 
 MOVED_SIGMAS: Final = 4.0
@@ -46,8 +45,6 @@ class FoundPage:
     """The scan shows another page, or this one where no good print lies."""
     shift_mm: tuple[float, float] | None
     """None: the page could not be found in the scan."""
-    compact: CompactPrediction | None
-    """The same prediction of the area judged, where it is known already."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,11 +53,11 @@ class SoughtPage:
 
     page: Page
     nominal: Prediction
-    """Of the page in its place."""
+    """Of the page in its place, under the light that it was made ready for."""
+    lit: tuple[SensorModel, ...]
+    """The sensors under that light."""
     area: tuple[slice, slice]
     """Lines and columns of a scan that it then covers."""
-    compact: CompactPrediction
-    """The prediction of that area."""
     landmarks: Landmarks
 
     @classmethod
@@ -69,24 +66,24 @@ class SoughtPage:
         nominal = predict(page, sensors=press.sensors, geometry=press.geometry, threads=threads)
         landmarks = prepare(page, nominal, sensors=press.sensors, geometry=press.geometry)
         area = press.geometry.on_page(page.width_mm, page.height_mm)
-        short = _short(nominal, area, press)
-        return cls(page=page, nominal=nominal, area=area, compact=short, landmarks=landmarks)
+        return cls(page=page, nominal=nominal, lit=landmarks.sensors, area=area, landmarks=landmarks)
 
-    def relit(self, press: Press) -> SoughtPage | None:
-        """The same where only the light of the press has changed: its landmarks stay; None: make it again."""
-        nominal = relit(self.nominal, self.landmarks.sensors, press.sensors)
-        if nominal is None:
-            return None
-        return replace(
-            self,
-            nominal=nominal,
-            compact=_short(nominal, self.area, press),
-            landmarks=replace(self.landmarks, sensors=press.sensors),
-        )
+    def relit(self, press: Press) -> SoughtPage:
+        """The same where only the light of the press has changed: its landmarks stay."""
+        return replace(self, landmarks=replace(self.landmarks, sensors=press.sensors))
 
+    def in_place(self, *, threads: int | None = None) -> Prediction:
+        """Of the page in its place, under the light as it is now.
 
-def _short(nominal: Prediction, area: tuple[slice, slice], press: Press) -> CompactPrediction:
-    return compact(cut(nominal, area), top_codes_dn=[sensor.top_code_dn for sensor in press.sensors])
+        Made when it is asked for: hardly a print lies in its place to a fiftieth of a pixel. threads: see ``predict``.
+        """
+        now = self.landmarks.sensors
+        if now is self.lit:
+            return self.nominal
+        known = relit(self.nominal, self.lit, now)
+        if known is not None:
+            return known
+        return predict(self.page, sensors=now, geometry=self.landmarks.geometry, threads=threads)
 
 
 def find_page(page: Page, scan: NDArray[np.uint16], press: Press) -> FoundPage:
@@ -101,14 +98,14 @@ def find(
 
     threads: see ``predict``.
     """
-    page, nominal = sought.page, sought.nominal
+    page = sought.page
     where = register(sought.landmarks, scan)
     placement = where.placement if where.found and _moved(where, page, press) else IN_PLACE
     moved = placement is not IN_PLACE
     prediction = (
         predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement, threads=threads)
         if moved
-        else nominal
+        else sought.in_place(threads=threads)
     )
     shift_mm = (round(placement.shift_mm[0], 4), round(placement.shift_mm[1], 4)) if where.found else None
     return FoundPage(
@@ -117,7 +114,6 @@ def find(
         area=inside(page, press, placement) if moved else sought.area,
         wrong_page=shows_another(where),
         shift_mm=shift_mm,
-        compact=None if moved else sought.compact,
     )
 
 

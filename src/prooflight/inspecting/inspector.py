@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather, gather_compact
+from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather
 from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.chi_square import ChiSquare, tile_statistics
 from prooflight.deciding.regions import BlockGrid, Findings, findings
@@ -198,8 +198,6 @@ def _gathered(
     """The prediction of the area that is judged, and the evidence there."""
     seen = cut(found_page.prediction, found_page.area)
     measured, seed = scan[(slice(None), *found_page.area)], seed + page.number
-    if found_page.compact is not None:
-        return seen, gather_compact(measured, found_page.compact, seed=seed, threads=threads)
     top_codes = [sensor.top_code_dn for sensor in press.sensors]
     expected, variance = seen.expected_dn, seen.variance_dn2
     return seen, gather(measured, expected, variance, top_codes_dn=top_codes, seed=seed, threads=threads)

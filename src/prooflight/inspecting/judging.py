@@ -87,8 +87,8 @@ class PressJudge:
     """Of which sheets evidence is kept for the journal."""
 
     def prepare(self, page: Page) -> Known:
-        """See ``Judge``."""
-        prepared = self.inspector.prepare(page)
+        """See ``Judge``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
+        prepared = replace(self.inspector, threads=1).prepare(page)
         expected = self._expected(prepared)
         return Known(prepared=prepared, thumbnail=thumbnail_of(prepared.page, expected, self.inspector.press))
 
@@ -122,12 +122,11 @@ class PressJudge:
         return replace(self, inspector=replace(self.inspector, press=press))
 
     def renewed(self, ready: Known) -> Known:
-        """See ``Judge``; a tenth of the work of making it ready, where no detector has learned more of it."""
+        """See ``Judge``; next to no work, where no detector has learned more of it."""
         sought = ready.prepared.sought
-        relit = None if sought is None else sought.relit(self.inspector.press)
-        if relit is None:
+        if sought is None:
             return self.prepare(ready.prepared.page)
-        return replace(ready, prepared=replace(ready.prepared, sought=relit))
+        return replace(ready, prepared=replace(ready.prepared, sought=sought.relit(self.inspector.press)))
 
     def _expected(self, ready: Prepared) -> Prediction:
         if ready.sought is not None:

@@ -44,8 +44,6 @@ def watched(
     told: ``tell``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
-    # Sheets are shared out over the cores, not parts of each sheet: less is done twice, and nobody waits for another.
-    threads = max((os.cpu_count() or 1) // settings.inspectors, 1)
 
     def pager(known: Sequence[Thumbnail | None]) -> Pager:
         return Pager(press, expected=known, start=start or SheetEdge())
@@ -61,10 +59,20 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        judge=PressJudge(inspector=replace(inspector, threads=threads), keep=keep),
+        judge=PressJudge(inspector=replace(inspector, threads=threads_a_sheet(settings)), keep=keep),
         watch=RunWatch(
             level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
         ),
         settings=settings,
         **told,
     )
+
+
+def threads_a_sheet(settings: Settings) -> int:
+    """Threads that one sheet takes.
+
+    With a deadline each sheet is shared out over all cores, for its verdict to come soon. Without one, sheets are
+    shared out, not their parts: less is done twice, and nobody waits for another.
+    """
+    cores = os.cpu_count() or 1
+    return max(cores // settings.inspectors, 1) if settings.source_waits else cores

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from prooflight.predicting.course import Course
     from prooflight.predicting.tables import SensorModel
 
-LINES_PER_BAND = 128
+BANDS_A_WORKER = 3
+"""Few, for each begins with rows that its neighbour filters too; and more than one, for a worker may be held up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -157,9 +158,10 @@ def _in_bands(pool: ThreadPoolExecutor, workers: int, lines: int, work: Callable
     if workers == 1:
         work(line_from=0, line_to=lines)
         return
+    band = -(-lines // (BANDS_A_WORKER * workers))
     running = [
-        pool.submit(work, line_from=start, line_to=min(start + LINES_PER_BAND, lines))
-        for start in range(0, lines, LINES_PER_BAND)
+        pool.submit(work, line_from=start, line_to=min(start + band, lines))
+        for start in range(0, lines, band)
     ]
     for done in running:
         done.result()

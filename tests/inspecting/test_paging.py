@@ -145,6 +145,18 @@ def test_good_prints_are_paged_in_order_and_nothing_is_said_of_them(job: Job) ->
         assert page.scan.shape == (1, geometry.lines(job.pages[0].height_mm), geometry.pixels)
 
 
+def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
+    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES))
+    pager.rehearse()
+    drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
+    found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
+    for one, other in zip(found, job.play({}, sheets=PAGES), strict=True):
+        assert isinstance(one, SeenPage)
+        assert isinstance(other, SeenPage)
+        assert (one.job_page, one.first_line, one.faults) == (other.job_page, other.first_line, other.faults)
+        assert (one.scan == other.scan).all()
+
+
 def test_a_scan_is_the_lines_from_lead_in_above_the_sheet(job: Job) -> None:
     """The sheet in each scan is the very lines that the drum played, wherever the print put it."""
     whole = np.concatenate(job.scans, axis=1)

@@ -91,6 +91,9 @@ class Pager:
     script: list[SeenPage | MissingPage]
     next_page: int = 0
 
+    def rehearse(self) -> None:
+        pass
+
     def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
         return [self.script[block.first_line]]
 

@@ -130,6 +130,12 @@ class Pager:
         """The page of ``expected`` that should come next."""
         return self._following.frontier
 
+    def rehearse(self) -> None:
+        """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
+        self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
+        for page in self._following.known_near()[:1]:
+            self._following.identify(page.light.astype(np.float32) / np.float32(STEPS), longer=0.0)
+
     def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
         """Pages that are complete with this block. ScanError: the block is not of this press's camera."""
         self._said.extend(self._store.add(block))

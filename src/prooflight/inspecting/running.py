@@ -164,13 +164,15 @@ class Running:
 
     def _read_all(self) -> None:
         pager = self._make_pager(self._thumbnails)
+        pager.rehearse()
         self.tally.phase = Phase.INSPECTING
         for block in self._source.blocks():
             spare_s = self._spare_s(block)
             self._behind = spare_s <= 0
-            if not self._behind:  # a page whose design is not known cannot be told from a stranger
-                self._ready(pager.next_page, within_s=spare_s)
             unknown = self._unknown(pager.next_page)
+            if unknown and not self._behind:  # what is not known cannot be told from a stranger
+                self._ready(pager.next_page, within_s=spare_s)
+                unknown = self._unknown(pager.next_page)
             for page in pager.push(block):
                 self._arrived(page, block, unknown=unknown, next_page=pager.next_page)
             if self._stopping.is_set():

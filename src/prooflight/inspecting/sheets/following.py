@@ -84,7 +84,8 @@ class Following:
     def known_near(self) -> list[Thumbnail]:
         """Thumbnails of pages near the expected one, that first, each once."""
         near = sorted(self._near(), key=lambda page: (page != self.frontier, abs(page - self.frontier)))
-        return [page for _, page, _ in self._designs(near, 0)]
+        known = (self.expected[page] for page in near)
+        return list({id(page): page for page in known if page is not None}.values())
 
     def identify(self, light: NDArray[np.float32], *, longer: float, skipped: int = 0) -> Match:
         """What a sheet shows; light (rows, columns) of its scan. longer: than its page. [rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 SHRINK = 8
@@ -11,28 +12,58 @@ STEPS = 200
 
 
 @njit(cache=True, nogil=True)
+def sum_eight(lines, first, sums):  # type: ignore[no-untyped-def]
+    """Sums (pixels,) uint32 = those of eight lines (n, pixels) uint16 from ``first`` on."""
+    a, b, c, d = lines[first], lines[first + 1], lines[first + 2], lines[first + 3]
+    e, f, g, h = lines[first + 4], lines[first + 5], lines[first + 6], lines[first + 7]
+    for i in range(sums.size):
+        upper = (np.uint32(a[i]) + np.uint32(b[i])) + (np.uint32(c[i]) + np.uint32(d[i]))
+        lower = (np.uint32(e[i]) + np.uint32(f[i])) + (np.uint32(g[i]) + np.uint32(h[i]))
+        sums[i] = np.uint32(upper + lower)
+
+
+@njit(cache=True, nogil=True)
+def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
+    """Add what eight lines' sums (pixels,) say to a row of light (columns,)."""
+    for column in range(of_row.size):
+        at = SHRINK * column
+        left = sums[at] * scale[at] + sums[at + 1] * scale[at + 1]
+        left += sums[at + 2] * scale[at + 2] + sums[at + 3] * scale[at + 3]
+        right = sums[at + 4] * scale[at + 4] + sums[at + 5] * scale[at + 5]
+        right += sums[at + 6] * scale[at + 6] + sums[at + 7] * scale[at + 7]
+        of_row[column] += left + right
+
+
+@njit(cache=True, nogil=True)
 def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
     """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; what is left over to sums.
 
     held: how many lines sums (pixels,) uint32 already hold. scale (pixels,): light of a digital number in this mean.
     """
-    row = 0
-    for n in range(lines.shape[0]):
-        line = lines[n]
-        for pixel in range(line.size):
-            sums[pixel] += line[pixel]
-        held += 1
+    row, n = 0, 0
+    while n < lines.shape[0]:
+        if held == 0 and n + SHRINK <= lines.shape[0]:
+            sum_eight(lines, n, sums)
+            held, n = SHRINK, n + SHRINK
+        else:
+            line = lines[n]
+            for pixel in range(line.size):
+                sums[pixel] += line[pixel]
+            held, n = held + 1, n + 1
         if held == SHRINK:
-            of_row = light[row]
-            for column in range(of_row.size):
-                at = SHRINK * column
-                left = sums[at] * scale[at] + sums[at + 1] * scale[at + 1]
-                left += sums[at + 2] * scale[at + 2] + sums[at + 3] * scale[at + 3]
-                right = sums[at + 4] * scale[at + 4] + sums[at + 5] * scale[at + 5]
-                right += sums[at + 6] * scale[at + 6] + sums[at + 7] * scale[at + 7]
-                of_row[column] += left + right
+            add_light(sums, scale, light[row])
             sums[:] = 0
             held, row = 0, row + 1
+
+
+@njit(cache=True, nogil=True)
+def count_near(light, level, reach, counts):  # type: ignore[no-untyped-def]
+    """How many of each row's columns lie nearer to a level than reach; light (rows, columns), counts (rows,)."""
+    for row in range(light.shape[0]):
+        count = 0
+        for column in range(light.shape[1]):
+            count += abs(light[row, column] - level) < reach
+        counts[row] = count
 
 
 @njit(cache=True, nogil=True)

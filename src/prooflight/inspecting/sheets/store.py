@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.acquiring.lines import check_block
-from prooflight.inspecting.sheets.kernels import SHRINK
+from prooflight.inspecting.sheets.kernels import SHRINK, count_near
 from prooflight.inspecting.sheets.records import Fault
 from prooflight.inspecting.sheets.thumbnails import Shrinker
 
@@ -94,8 +94,9 @@ class LineStore:
         self.end += lines.shape[1]
         rows = self._shrinker.rows(lines)
         if len(rows):
-            backing = np.count_nonzero(np.abs(rows - np.float32(self.backing_light)) < self.near, axis=1)
-            self._backing.extend(backing.tolist())
+            counts = np.empty(len(rows), np.int64)
+            count_near(rows, np.float32(self.backing_light), np.float32(self.near), counts)
+            self._backing.extend(counts.tolist())
 
     @property
     def end_row(self) -> int:

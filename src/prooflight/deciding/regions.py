@@ -11,6 +11,8 @@ import numpy as np
 from prooflight.deciding.verdict import Region
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 FLAGGED = 6.0
@@ -41,8 +43,8 @@ class BlockGrid:
     tiles: NDArray[np.float64]
     """(tile rows, tile columns) evidence of each tile, for a misprint too faint for any single block."""
     blocks_per_tile: int
-    ink: NDArray[np.float32]
-    """(rows, columns, 4) mean ink fractions that were to be printed."""
+    ink: Callable[[], NDArray[np.float32]]
+    """Gives (rows, columns, 4) mean ink fractions that were to be printed; most misprints are named without."""
     left_mm: float
     top_mm: float
     width_mm: float
@@ -68,6 +70,11 @@ def findings(grid: BlockGrid) -> Findings:
         )
         place[inside] = strongest[inside]
         return Findings(regions=(_region(place, grid, UNKNOWN),), kind=UNKNOWN)
+    told = np.where(flagged, strongest, 0)
+    whole = _kind(told, grid)
+    if whole in ("missing-plane", "wrong-page"):
+        # One cause all over the page: one box around it says more than a hundred around its words.
+        return Findings(regions=(_region(told, grid, whole),), kind=whole)
     kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)
     joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
     inner = slice(JOINING_BLOCKS, -JOINING_BLOCKS)
@@ -75,10 +82,6 @@ def findings(grid: BlockGrid) -> Findings:
     weight = np.bincount(labels.ravel(), weights=(np.abs(strongest) * flagged).ravel(), minlength=count)
     heaviest = 1 + np.argsort(-weight[1:], kind="stable")[:MOST_REGIONS]
     pieces = [np.where(labels == label, strongest, 0) * flagged for label in heaviest]
-    whole = _kind(np.where(flagged, strongest, 0), grid)
-    if whole in ("missing-plane", "wrong-page"):
-        # One cause all over the page: one box around it says more than a hundred around its words.
-        return Findings(regions=(_region(np.where(flagged, strongest, 0), grid, whole),), kind=whole)
     kinds = [_kind(piece, grid) for piece in pieces]
     regions = tuple(_region(piece, grid, kind) for piece, kind in zip(pieces, kinds, strict=True))
     return Findings(regions=regions, kind=kinds[0])
@@ -115,7 +118,7 @@ def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
     if (piece < 0).sum() > 0.02 * flagged.sum():
         return "wrong-page"
     for ink in range(4):
-        inked = grid.ink[top:bottom, :, ink] > INKED
+        inked = grid.ink()[top:bottom, :, ink] > INKED
         if not inked.any():
             continue
         found = (flagged[top:bottom] & inked).sum() / inked.sum()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -215,7 +216,7 @@ def _grid(page: Page, press: Press, evidence: Evidence, found: FoundPage) -> Blo
         z=evidence.block_z,
         tiles=tile_statistics(evidence),
         blocks_per_tile=TILE_PIXELS // BLOCK_PIXELS,
-        ink=_ink(page, rows, across),
+        ink=cache(partial(_ink, page, rows, across)),
         left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm) - shift_x_mm,
         top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm - shift_y_mm,
         width_mm=width_mm,

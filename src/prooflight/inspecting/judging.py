@@ -96,7 +96,9 @@ class PressJudge:
         """See ``Judge``; ScanError: the scan does not fit press or page."""
         prepared, press = ready.prepared, self.inspector.press
         inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
-        evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
+        evidence = run_evidence(
+            inspection, press, page_width_mm=prepared.page.width_mm, threads=self.inspector.threads or 1
+        )
         kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
         return Judged(
             verdict=inspection.verdict,
@@ -109,12 +111,13 @@ class PressJudge:
         return ready.thumbnail
 
     def rehearse(self, ready: Known) -> None:
-        """See ``Judge``; on the scan expected, a little off its place and with a hole: a misprint takes most."""
-        expected = self._expected(ready.prepared).expected_dn
-        scan = np.roll(np.rint(expected).clip(0).astype(np.uint16), OFF_PLACE, axis=(1, 2))
-        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in scan.shape[1:])
-        scan[:, lines, pixels] = 0
-        self.inspect(ready, scan, name="rehearsal", seed=0)
+        """See ``Judge``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
+        expected = np.rint(self._expected(ready.prepared).expected_dn).clip(0).astype(np.uint16)
+        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
+        for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
+            scan = np.roll(expected, off, axis=(1, 2))
+            scan[:, lines, pixels] = hole
+            self.inspect(ready, scan, name="rehearsal", seed=0)
         self.prepare(ready.prepared.page)
 
     def following(self, press: Press) -> Self:

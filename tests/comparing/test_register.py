@@ -131,6 +131,16 @@ def test_planes_off_register_are_told_from_the_sheet(press: Press, page: Page, l
     assert found.sheet_mm[0] / pixel_mm == pytest.approx(-1, abs=0.15)
 
 
+def test_threads_share_tiles_out_and_change_nothing(press: Press, page: Page, landmarks: Landmarks) -> None:
+    scan = scan_of(page, press, Placement(shift_mm=(0.3, -0.2), skew_deg=0.05))
+    one, other = register(landmarks, scan), register(landmarks, scan, threads=3)
+    assert one.placement.shift_mm == other.placement.shift_mm
+    assert one.tiles_used == other.tiles_used
+    assert one.placement.warp is not None
+    assert other.placement.warp is not None
+    assert (one.placement.warp.nodes_mm == other.placement.warp.nodes_mm).all()
+
+
 def test_a_blank_page_has_its_edges(press: Press, page: Page) -> None:
     blank = replace(page, cmyk=np.zeros_like(page.cmyk))
     truth = Placement(shift_mm=(0.5, 0.7), skew_deg=-0.05)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy import special
 
 from prooflight.comparing.dither_kernels import CODE_STEPS, TILE
 from prooflight.comparing.kernels import LINES, Z_STEPS, compare_lines
+from prooflight.pages.parallel import shared_out
 from prooflight.predicting.compact import (
     ROUNDING_VARIANCE_DN2,
     CompactPrediction,
@@ -264,9 +264,18 @@ def gather(
     seed: of the random numbers that stand for what rounding lost; same seed, same result, whatever the number of
     threads. naive: the naive histogram as well, which takes a second pass.
     """
+    workers = threads or os.cpu_count() or 1
+    pieces = parts(*variance_dn2.shape[1:])
+
+    def least(sensor: int, lines: range) -> float:
+        return float(variance_dn2[sensor, lines.start : lines.stop].min(initial=math.inf))
+
+    of_pieces = shared_out(
+        [partial(least, s, piece) for s in range(len(top_codes_dn)) for piece in pieces], threads=workers
+    )
     scales = [
-        Scale.of(top_code_dn=top, least_variance_dn2=float(of_sensor.min(initial=math.inf)))
-        for top, of_sensor in zip(top_codes_dn, variance_dn2, strict=True)
+        Scale.of(top_code_dn=top, least_variance_dn2=min(of_pieces[at : at + len(pieces)]))
+        for top, at in zip(top_codes_dn, range(0, len(of_pieces), len(pieces)), strict=True)
     ]
 
     def predicted(sensor: int, lines: range) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
@@ -311,17 +320,11 @@ def _gather(
     passes = (True, False) if naive else (True,)
     tasks = [(s, piece, dither) for dither in passes for s in range(sensors) for piece in pieces]
 
-    def one(task: tuple[int, range, bool]) -> Part:
-        s, piece, dither = task
+    def one(s: int, piece: range, dither: bool) -> Part:
         mean, inverse = predicted(s, piece)
         seen = measured_dn[s, piece.start : piece.stop]
         return compare(seen, mean, inverse, scale=scales[s], sensor=s, lines=piece, seed=seed, dither=dither)
 
-    workers = min(threads or os.cpu_count() or 1, len(tasks))
-    if workers == 1:
-        done = [one(task) for task in tasks]
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            done = list(pool.map(one, tasks))
+    done = shared_out([partial(one, *task) for task in tasks], threads=threads or os.cpu_count() or 1)
     of_sensors = [done[at : at + len(pieces)] for at in range(0, len(done), len(pieces))]
     return join(of_sensors[:sensors], of_sensors[sensors:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -92,13 +93,13 @@ class Registration:
         return self.found and (far or abs(self.placement.skew_deg) >= WRONG_SKEW_DEG)
 
 
-def register(landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
-    """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN].
+def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> Registration:
+    """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN]; threads: that share its tiles out.
 
     A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
     ink plane that is not printed is left out of where the print lies.
     """
-    tried = candidates(landmarks, scan)
+    tried = candidates(landmarks, scan, threads=threads)
     best = tried[0]
     reason = _doubt(tried, landmarks)
     if best.tiles < LEAST_TILES:
@@ -106,7 +107,7 @@ def register(landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
         return Registration(
             placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
         )
-    return _fielded(landmarks, scan, best.pose, reason)
+    return _fielded(landmarks, scan, best.pose, reason, threads)
 
 
 def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
@@ -123,9 +124,12 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
     return ""
 
 
-def _fielded(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason: str) -> Registration:
+def _fielded(
+    landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason: str, threads: int
+) -> Registration:
     pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
     every = np.arange(landmarks.lines.size)
+    measure = partial(measured, landmarks, scan, threads=threads)
 
     def fit(
         tiles: NDArray[np.intp], said: TileMoves, places: NDArray[np.float64], **how: Any
@@ -139,15 +143,15 @@ def _fielded(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason:
 
     some = spread(every.size, FIELD_TILES)
     start = landmarks.moves(pose, some)
-    said = measured(landmarks, scan, some, start, unsure_pixels=UNSURE_PIXELS[0])
+    said = measure(some, start, unsure_pixels=UNSURE_PIXELS[0])
     _, pose, now = fit(some, said, (start + said.moves) * pitch, negligible=ROUGH)
-    said = measured(landmarks, scan, every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
+    said = measure(every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
     shares = printed_shares(landmarks.shares, said)
     places = now + said.moves * pitch
     _, pose, better = fit(every, said, places, negligible=ROUGH)
     again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & said.seen)
     if again.size:
-        more = measured(landmarks, scan, again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
+        more = measure(again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
         said.put(again, more)
         places[again] = better[again] + more.moves * pitch
     weight = trust(places - better, said.precision / np.outer(pitch, pitch))

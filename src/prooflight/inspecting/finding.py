@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -99,7 +100,7 @@ def find(
     threads: see ``predict``.
     """
     page = sought.page
-    where = register(sought.landmarks, scan)
+    where = register(sought.landmarks, scan, threads=threads or os.cpu_count() or 1)
     placement = where.placement if where.found and _moved(where, page, press) else IN_PLACE
     moved = placement is not IN_PLACE
     prediction = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -12,6 +13,7 @@ from prooflight.comparing.nuisance import INKS, LAMP_WAVES, Tolerance
 from prooflight.deciding.channels import INKS as INK_NAMES
 from prooflight.deciding.run_level import PageEvidence
 from prooflight.inspecting.column_kernels import column_sums
+from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +42,9 @@ def columns_mm(press: Press) -> NDArray[np.float64]:
     return np.asarray((np.arange(int(press.geometry.field_mm / COLUMN_MM)) + 0.5) * COLUMN_MM)
 
 
-def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) -> PageEvidence:
+def run_evidence(
+    inspection: Inspection, press: Press, *, page_width_mm: float, threads: int = 1
+) -> PageEvidence:
     """Amounts and columns of one page, whatever its detector; empty where the page was not found."""
     shift_mm = inspection.verdict.shift_mm
     if shift_mm is None:
@@ -51,7 +55,7 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
         excess, light = inspection.looked.sums.columns[:2, 0]
         pitch_mm = inspection.looked.sums.pixel_mm
     else:
-        of_sensors = light_sums(inspection, press)
+        of_sensors = light_sums(inspection, press, threads=threads)
         for sensor, (over, whole) in zip(press.sensors, of_sensors, strict=True):
             values[f"light-{sensor.name}"] = float(np.median(over.sum(axis=0) / whole.sum(axis=0)))
         values |= lamp_waves(of_sensors.sum(axis=0), inspection.area[1], press.geometry.pixels)
@@ -63,7 +67,7 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
     return PageEvidence(values=values, columns=columns(excess, light, at_mm, columns_mm(press).size))
 
 
-def light_sums(inspection: Inspection, press: Press) -> NDArray[np.float64]:
+def light_sums(inspection: Inspection, press: Press, *, threads: int = 1) -> NDArray[np.float64]:
     """Light over what was expected, and light expected, down the columns of an inspection's area.
 
     (sensors, 2, PARTS, columns of the area) [DN]
@@ -72,13 +76,20 @@ def light_sums(inspection: Inspection, press: Press) -> NDArray[np.float64]:
     measured, expected = inspection.measured_dn, inspection.prediction.expected_dn
     bounds = np.arange(PARTS + 1) * measured.shape[1] // PARTS
     found = np.empty((len(press.sensors), 2, PARTS, measured.shape[2]))
-    for index, sensor in enumerate(press.sensors):
-        offset = sensor.column_offset_dn[inspection.area[1]]
-        for part, (first, last) in enumerate(pairwise(bounds)):
-            seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
-            column_sums(measured[index], expected[index], first, last, seen, due)
-            found[index, 0, part] = seen - due
-            found[index, 1, part] = due - (last - first) * offset
+
+    def add(index: int, part: int, first: int, last: int) -> None:
+        offset = press.sensors[index].column_offset_dn[inspection.area[1]]
+        seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
+        column_sums(measured[index], expected[index], first, last, seen, due)
+        found[index, 0, part] = seen - due
+        found[index, 1, part] = due - (last - first) * offset
+
+    tasks = [
+        partial(add, index, part, first, last)
+        for index in range(len(press.sensors))
+        for part, (first, last) in enumerate(pairwise(bounds))
+    ]
+    shared_out(tasks, threads=threads)
     return found
 
 

@@ -1,11 +1,12 @@
-"""The pages of a job, several at a time."""
+"""The pages of a job, several at a time; and the parts of a page."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 from collections import deque
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from prooflight.pages.process import settle_process
@@ -19,6 +20,22 @@ Result = TypeVar("Result")
 
 FEWEST_FOR_PROCESSES = 6
 """Starting a process costs about as much as a few pages."""
+
+
+@cache
+def _crew(threads: int) -> ThreadPoolExecutor:
+    """One for all pages under way: it takes their parts in the order they came, so that the older page is done first
+    and no more threads run than asked for.
+    """
+    return ThreadPoolExecutor(threads, thread_name_prefix="crew")
+
+
+def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
+    """What the tasks give, in their order, that many run at once; the tasks must not share out in turn."""
+    if threads == 1:
+        return [task() for task in tasks]
+    running = [_crew(threads).submit(task) for task in tasks]
+    return [done.result() for done in running]
 
 
 def in_order(

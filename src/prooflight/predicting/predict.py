@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
+from prooflight.pages.parallel import shared_out
 from prooflight.predicting.bricks import bricks_of
 from prooflight.predicting.correcting.correct import correct_light
 from prooflight.predicting.course import course
@@ -65,27 +65,38 @@ def predict(
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
     workers = threads or os.cpu_count() or 1
-    with ThreadPoolExecutor(workers) as pool:
-        for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
-            slope = shot_slope(sensor)
-            of_mean = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
-            _in_bands(pool, workers, lines, partial(of_mean, light=mean_out))
-            correct_light(mean_out, sensor.correction, threads=workers)
-            if slope == 0:
-                of_noise = _filtering(page, sensor, where, sensor.variance_dn2, sensor.backing_variance_dn2)
-                _in_bands(pool, workers, lines, partial(of_noise, light=variance_out))
-                correct_light(variance_out, sensor.correction, threads=workers)
-            levels = partial(
-                to_columns,
-                np.float32(sensor.backing_dn),
-                np.float32(sensor.backing_variance_dn2),
-                np.float32(slope),
-                sensor.column_offset_dn,
-                sensor.column_gain,
-                np.float32(sensor.dark_variance_dn2),
-                np.float32(sensor.top_code_dn),
-            )
-            _in_bands(pool, workers, lines, partial(levels, mean=mean_out, variance=variance_out))
+    slopes = [shot_slope(sensor) for sensor in sensors]
+    filtered = []
+    for sensor, slope, mean_out, variance_out in zip(sensors, slopes, expected, variance, strict=True):
+        filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))
+        if slope == 0:
+            filtered.append((sensor, sensor.variance_dn2, sensor.backing_variance_dn2, variance_out))
+    _in_bands(
+        workers,
+        lines,
+        [
+            partial(_filtering(page, sensor, where, table, backing), light=light)
+            for sensor, table, backing, light in filtered
+        ],
+    )
+    for sensor, _, _, light in filtered:
+        correct_light(light, sensor.correction, threads=workers)
+    levels = [
+        partial(
+            to_columns,
+            np.float32(sensor.backing_dn),
+            np.float32(sensor.backing_variance_dn2),
+            np.float32(slope),
+            sensor.column_offset_dn,
+            sensor.column_gain,
+            np.float32(sensor.dark_variance_dn2),
+            np.float32(sensor.top_code_dn),
+            mean=mean_out,
+            variance=variance_out,
+        )
+        for sensor, slope, mean_out, variance_out in zip(sensors, slopes, expected, variance, strict=True)
+    ]
+    _in_bands(workers, lines, levels)
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
@@ -153,18 +164,15 @@ def shot_slope(sensor: SensorModel) -> float:
     return sensor.shot_slope()
 
 
-def _in_bands(pool: ThreadPoolExecutor, workers: int, lines: int, work: Callable[..., None]) -> None:
-    """Run ``work`` for all lines, in bands on all workers; a band begins by filtering a few rows that others do too."""
-    if workers == 1:
-        work(line_from=0, line_to=lines)
-        return
-    band = -(-lines // (BANDS_A_WORKER * workers))
-    running = [
-        pool.submit(work, line_from=start, line_to=min(start + band, lines))
+def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
+    """Run ``works`` for all lines, in bands on all workers; a band begins by filtering rows that others do too."""
+    band = lines if workers == 1 else -(-lines // (BANDS_A_WORKER * workers))
+    tasks = [
+        partial(work, line_from=start, line_to=min(start + band, lines))
+        for work in works
         for start in range(0, lines, band)
     ]
-    for done in running:
-        done.result()
+    shared_out(tasks, threads=workers)
 
 
 def _filtering(

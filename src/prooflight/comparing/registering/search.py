@@ -61,8 +61,8 @@ class Candidate:
         return float(np.abs((moves[0] - moves[1]) / landmarks.pitch_mm).max())
 
 
-def candidates(landmarks: Landmarks, scan: NDArray[np.uint16]) -> list[Candidate]:
-    """Poses that were tried, best first; the first alone if it is beyond doubt."""
+def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> list[Candidate]:
+    """Poses that were tried, best first; the first alone if it is beyond doubt. threads: see ``measured``."""
     coarse = shrunk(scan, landmarks.sensors)
     tried: list[Candidate] = []
     for start in _starts(landmarks, coarse):
@@ -79,7 +79,7 @@ def candidates(landmarks: Landmarks, scan: NDArray[np.uint16]) -> list[Candidate
             page_height_mm=landmarks.page_height_mm,
             prior_sd=COARSE_SD,
         )
-        tried.append(_tried(landmarks, scan, pose))
+        tried.append(_tried(landmarks, scan, pose, threads))
     return sorted(tried, key=lambda each: -each.agreeing)
 
 
@@ -116,7 +116,7 @@ def _peaks(
     ]
 
 
-def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose) -> Candidate:
+def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, threads: int) -> Candidate:
     """The pose after two steps on tiles, and who agrees."""
     count = landmarks.lines.size
     tiles = spread(count, FIRST_TILES)
@@ -124,7 +124,8 @@ def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose) -> Candid
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
     agreeing = np.zeros(count, bool)
     for unsure in UNSURE_PIXELS:
-        said = measured(landmarks, scan, tiles, landmarks.moves(pose, tiles), unsure_pixels=unsure)
+        moves = landmarks.moves(pose, tiles)
+        said = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)
         step, agreeing = _pose_step(landmarks, tiles, said)
         pose = pose.moved(step)
     return Candidate(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
@@ -11,6 +13,7 @@ from prooflight.comparing.registering.judging_kernels import judge_tiles
 from prooflight.comparing.registering.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
 from prooflight.comparing.registering.measuring_kernels import SUMS, measure_tiles
 from prooflight.comparing.registering.rendering_kernels import EIGHT
+from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,45 +80,23 @@ def measured(
     moves: NDArray[np.float64],
     *,
     unsure_pixels: float,
+    threads: int = 1,
 ) -> TileMoves:
     """Measure ``tiles`` (n,) of a scan, rendered where ``moves`` (n, 2) says the page lies off its place [pixels].
 
-    unsure_pixels: standard deviation of these; edges weigh less by it.
+    unsure_pixels: standard deviation of these; edges weigh less by it. threads: that share the tiles out.
     """
     gathered = np.zeros((len(landmarks.sensors), tiles.size, SUMS + 1), np.float32)
-    for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
-        dark = sensor.dark_variance_dn2
-        per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / sensor.white_dn
-        edges = GRADIENT_NOISE + unsure_pixels**2
-        measure_tiles(
-            scan[index],
-            sensor.column_offset_dn,
-            1 / sensor.column_gain,
-            landmarks.windows[index],
-            landmarks.origins[:, 0],
-            landmarks.origins[:, 1],
-            *landmarks.ratio,
-            taps.across,
-            taps.across_slope,
-            taps.along,
-            taps.along_slope,
-            landmarks.lines,
-            landmarks.columns,
-            tiles,
-            moves,
-            TILE_PIXELS,
-            np.array(
-                [
-                    2 * dark + 1,
-                    2 * per_dn + HALFTONE**2 * sensor.white_dn,
-                    SIGNAL_NOISE**2 - HALFTONE**2,
-                    edges,
-                ],
-                np.float32,
-            ),
-            Room.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
-            gathered[index],
+    bounds = np.arange(threads + 1) * tiles.size // threads
+    parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
+    tasks = [
+        partial(
+            _measure, landmarks, scan, index, tiles[part], moves[part], unsure_pixels, gathered[index, part]
         )
+        for index in range(len(landmarks.sensors))
+        for part in parts
+    ]
+    shared_out(tasks, threads=threads)
     said, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
     flags, told = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
     judge_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, said, precision, flags, told)
@@ -128,4 +109,46 @@ def measured(
         foreign=foreign,
         gain=told[:, 0],
         gain_sd=told[:, 1],
+    )
+
+
+def _measure(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    index: int,
+    tiles: NDArray[np.int64],
+    moves: NDArray[np.float64],
+    unsure_pixels: float,
+    sums: NDArray[np.float32],
+) -> None:
+    """``measure_tiles`` of one sensor; sums (n, SUMS + 1) is written."""
+    sensor, taps = landmarks.sensors[index], landmarks.taps[index]
+    dark = sensor.dark_variance_dn2
+    per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / sensor.white_dn
+    noise = [
+        2 * dark + 1,
+        2 * per_dn + HALFTONE**2 * sensor.white_dn,
+        SIGNAL_NOISE**2 - HALFTONE**2,
+        GRADIENT_NOISE + unsure_pixels**2,
+    ]
+    measure_tiles(
+        scan[index],
+        sensor.column_offset_dn,
+        1 / sensor.column_gain,
+        landmarks.windows[index],
+        landmarks.origins[:, 0],
+        landmarks.origins[:, 1],
+        *landmarks.ratio,
+        taps.across,
+        taps.across_slope,
+        taps.along,
+        taps.along_slope,
+        landmarks.lines,
+        landmarks.columns,
+        tiles,
+        moves,
+        TILE_PIXELS,
+        np.array(noise, np.float32),
+        Room.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
+        sums,
     )

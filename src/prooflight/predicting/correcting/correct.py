@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.pages.parallel import shared_out
 from prooflight.pages.sampling import NEAR_REACH
 from prooflight.predicting.correcting.kernels import (
     BLOCK,
@@ -36,22 +37,20 @@ def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, thr
     starts = range(0, len(light), LINES_PER_BAND)
     none = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
     padded = [(_lines(light, start - NEAR_REACH), _lines(light, start + LINES_PER_BAND)) for start in starts]
-    with ThreadPoolExecutor(threads) as pool:
-        running = [
-            pool.submit(
-                correct_lines,
-                light,
-                above if above is not None else none,
-                below if below is not None else none,
-                weights,
-                far,
-                start,
-                min(start + LINES_PER_BAND, len(light)),
-            )
-            for start, (above, below) in zip(starts, padded, strict=True)
-        ]
-        for done in running:
-            done.result()
+    tasks = [
+        partial(
+            correct_lines,
+            light,
+            above if above is not None else none,
+            below if below is not None else none,
+            weights,
+            far,
+            start,
+            min(start + LINES_PER_BAND, len(light)),
+        )
+        for start, (above, below) in zip(starts, padded, strict=True)
+    ]
+    shared_out(tasks, threads=threads)
 
 
 def far_light(light: NDArray[np.float32], correction: LensCorrection) -> NDArray[np.float32]:

@@ -1,0 +1,40 @@
+"""Parts of a page shared out over threads."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+
+import pytest
+
+from prooflight.pages.parallel import shared_out
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_results_come_in_the_order_of_the_tasks(threads: int) -> None:
+    assert shared_out([partial(pow, n, 2) for n in range(20)], threads=threads) == [n**2 for n in range(20)]
+
+
+def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
+    under_way, most, guard = [0], [0], threading.Lock()
+    met = threading.Barrier(2)
+
+    def task() -> None:
+        with guard:
+            under_way[0] += 1
+            most[0] = max(most[0], under_way[0])
+        met.wait(20)  # two do run at once
+        with guard:
+            under_way[0] -= 1
+
+    asking = [threading.Thread(target=shared_out, args=([task] * 6,), kwargs={"threads": 2}) for _ in "ab"]
+    for thread in asking:
+        thread.start()
+    for thread in asking:
+        thread.join(20)
+    assert most[0] == 2
+
+
+def test_what_a_task_raises_is_raised() -> None:
+    with pytest.raises(ZeroDivisionError):
+        shared_out([partial(divmod, 1, 0), partial(divmod, 1, 1)], threads=2)

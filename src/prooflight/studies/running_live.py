@@ -43,11 +43,15 @@ class Watcher:
     early_mb: tuple[int, int] = (0, 0)
     outcomes: list[tuple[int | None, str, tuple[str, ...], bool]] = field(default_factory=list)
     """Job page, verdict, faults, and whether it came; of every sheet."""
+    late: list[tuple[int, int]] = field(default_factory=list)
+    """Which sheets were late, counted from 1, and how long after their last line their verdict came. [ms]"""
 
     def told(self, outcome: Outcome) -> None:
         """One sheet."""
         record = outcome.record
         self.outcomes.append((record.job_page, record.verdict.verdict, record.faults, outcome.came))
+        if record.late and outcome.latency_s is not None:
+            self.late.append((len(self.outcomes), round(1000 * outcome.latency_s)))
         if len(self.outcomes) == EARLY_SHEET:
             self.early_mb = memory_mb()
         self.progress(len(self.outcomes))
@@ -113,6 +117,7 @@ def live_row(
         "asked_pages_per_s": pages_per_s,
         "pages_per_s": round(status.pages_seen / elapsed_s, 3),
         "late": status.late,
+        "late_sheets": watcher.late,
         "not_inspected": status.not_inspected,
         "misprints": status.misprints,
         "faults": dict(status.faults),

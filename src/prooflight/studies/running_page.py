@@ -58,6 +58,10 @@ COLUMNS: Final[dict[str, Callable[[Mapping[str, Any]], object]]] = {
 }
 
 
+MOST_LATE: Final = 20
+"""Late sheets that are named; more are a rule and no exceptions."""
+
+
 def _live(rows: list[Mapping[str, Any]]) -> str:
     lines = [
         "## Real time\n",
@@ -71,6 +75,10 @@ def _live(rows: list[Mapping[str, Any]]) -> str:
         "misprints are false alarms. Chi-square allows for sensor noise alone and calls nearly every real print a "
         "misprint; their places, which it then looks for, are part of its CPU.\n",
     ]
+    for row in rows:
+        if row["asked_pages_per_s"] and 0 < len(row.get("late_sheets", ())) <= MOST_LATE:
+            late = ", ".join(f"{sheet} ({ms} ms)" for sheet, ms in row["late_sheets"])
+            lines.append(f"Late of {row['name']}, {row['detector']}: sheet {late}.\n")
     taught = [row for row in rows if row["detector"] != "chi-square"]
     if taught:
         lines.append(f"The detector `{taught[0]['detector']}` promises {taught[0]['promise']}.\n")

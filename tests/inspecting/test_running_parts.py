@@ -61,6 +61,34 @@ def test_designs_are_kept_as_far_as_memory_allows() -> None:
     assert book.asked == [0, 1, 2, 3, 0]
 
 
+@pytest.mark.parametrize(
+    ("sheets", "room_bytes", "ready", "expected"),
+    [(100, 10**6, 2, 98_000), (100, 10_000, 2, 8_000), (2, 10**6, 2, 0), (100, 10**6, 1, 0)],
+    ids=["all that come", "as far as memory allows", "all are ready", "designs come again"],
+)
+def test_memory_is_asked_for_that_designs_will_take(
+    sheets: int, room_bytes: int, ready: int, expected: int
+) -> None:
+    ahead: Ahead[Any] = Ahead(Book(sheets=sheets), lambda page: page, depth=2, room_bytes=room_bytes)
+    assert ahead.still_to_fill() == 0
+    for sheet in range(ready):
+        ahead.get(sheet)
+    assert ahead.still_to_fill() == expected
+    ahead.close()
+
+
+def test_the_largest_design_is_rehearsed() -> None:
+    ahead: Ahead[Any] = Ahead(
+        Book(), lambda page: page[: 100 * (3 - abs(int(page[0]) - 1))], depth=3, room_bytes=10**6
+    )
+    with pytest.raises(ValueError, match="empty"):
+        ahead.largest()
+    for sheet in (0, 1, 2):
+        ahead.get(sheet)
+    assert ahead.largest()[0] == 1
+    ahead.close()
+
+
 def test_a_design_that_failed_is_tried_again() -> None:
     failures = [RuntimeError("once")]
 

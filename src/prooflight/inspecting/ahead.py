@@ -91,6 +91,19 @@ class Ahead(Generic[Ready]):
         """Designs that are ready."""
         return len(self._bytes)
 
+    def largest(self) -> Ready:
+        """The design that takes most memory of those that are ready; ValueError: none is."""
+        with self._guard:
+            return self._kept[max(self._bytes, key=self._bytes.__getitem__)].result()
+
+    def still_to_fill(self) -> int:
+        """Memory that designs will take which are not ready yet; none where those that are will come again. [bytes]"""
+        with self._guard:
+            used, count = sum(self._bytes.values()), len(self._bytes)
+        more = len(self._book) - count if len(self._book) else self._depth
+        again = count < min(self._depth, len(self._book) or self._depth)
+        return 0 if again or not count else min(more * used // count, max(self._room_bytes - used, 0))
+
     def expect(self, sheet: int) -> None:
         """A sheet of the job and those after it come next."""
         self._drop_before(sheet)

@@ -27,6 +27,7 @@ from prooflight.inspecting.outcomes import InOrder, Outcome, absent, kinds_of, o
 from prooflight.inspecting.paging import MissingPage, SeenPage
 from prooflight.inspecting.queues import Sheet, Waiting
 from prooflight.inspecting.status import Phase, Status, Tally
+from prooflight.pages.process import touch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -153,11 +154,13 @@ class Running:
         """Have the first designs ready, and everything compiled, before the first line is read."""
         self.tally.phase = Phase.PREPARING
         self._ahead.expect(0)
-        judge, ready, _ = self._ahead.get(0)
+        self._ahead.get(0)
         for sheet in range(min(self._settings.ahead, len(self._book))):
             self._ready(sheet)
-        # On all threads at once, so that each finds memory for its pages when sheets come; and last, or designs would
-        # lie where that memory was.
+        touch(self._ahead.still_to_fill())
+        # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
+        # and last, or designs would lie where that memory was.
+        judge, ready, _ = self._ahead.largest()
         threads = self._settings.inspectors
         with ThreadPoolExecutor(threads + 1) as rehearsing:  # one more: designs are made beside
             list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * (threads + 1))))

@@ -9,13 +9,15 @@ import threading
 from typing import Final
 
 import cv2
-import numpy as np  # noqa: F401  before their threads can be limited, libraries of linear algebra must be there
-import scipy.linalg  # noqa: F401
+import numpy as np
+import scipy.linalg  # noqa: F401  before its threads can be limited, a library of linear algebra must be there
 from threadpoolctl import threadpool_limits
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
 """Names of glibc's mallopt(3)."""
 KEPT_BYTES: Final = 2**31 - 1
+TOUCHED_BYTES: Final = 1_500_000_000
+"""Well below ``KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
 MODEST: Final = 5
 """Of nice(2): a third of the weight of a thread that inspects."""
 
@@ -34,6 +36,14 @@ def settle_process() -> None:
     if mallopt is not None:
         for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
             mallopt(name, value)
+
+
+def touch(size_bytes: int) -> None:
+    """Have the system clear memory now that pages will take soon, up to ``TOUCHED_BYTES``.
+
+    It stays with the process after ``settle_process``. Where the first pages take it bit by bit, each waits for that.
+    """
+    np.full(min(size_bytes, TOUCHED_BYTES), 1, np.uint8)
 
 
 def step_back() -> None:

@@ -10,8 +10,7 @@ import numpy as np
 from prooflight.comparing.binning import binned, phased
 from prooflight.comparing.modes import shadow_sensors
 from prooflight.comparing.summing.moving_kernels import move, move_shadow
-from prooflight.predicting.kernels import to_columns
-from prooflight.predicting.predict import Prediction, predict_light, shot_slope
+from prooflight.predicting.predict import Prediction, predict_light, shot_slope, to_columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,23 +92,10 @@ class SharedPrediction:
                 if shadow[::8].any():
                     right, down = (np.float32(value) for value in planes[ink])
                     move_shadow(shadow[None, None], where.across, where.along, right, down, expected[index])
-            slope = shot_slope(sensor)
-            if slope == 0:
+            if shot_slope(sensor) == 0:
                 move(self.variance[stated][None, None], where.across, where.along, variance[index])
                 stated += 1
-            to_columns(
-                np.float32(sensor.backing_dn),
-                np.float32(sensor.backing_variance_dn2),
-                np.float32(slope),
-                sensor.column_offset_dn,
-                sensor.column_gain,
-                np.float32(sensor.dark_variance_dn2),
-                np.float32(sensor.top_code_dn),
-                0,
-                lines,
-                expected[index],
-                variance[index],
-            )
+            to_columns_of(sensor)(0, lines, expected[index], variance[index])
         variance /= np.float32(bins * bins)
         return Prediction(expected_dn=expected, variance_dn2=variance)
 

@@ -65,11 +65,10 @@ def predict(
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
     workers = threads or os.cpu_count() or 1
-    slopes = [shot_slope(sensor) for sensor in sensors]
     filtered = []
-    for sensor, slope, mean_out, variance_out in zip(sensors, slopes, expected, variance, strict=True):
+    for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
         filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))
-        if slope == 0:
+        if shot_slope(sensor) == 0:
             filtered.append((sensor, sensor.variance_dn2, sensor.backing_variance_dn2, variance_out))
     _in_bands(
         workers,
@@ -82,19 +81,8 @@ def predict(
     for sensor, _, _, light in filtered:
         correct_light(light, sensor.correction, threads=workers)
     levels = [
-        partial(
-            to_columns,
-            np.float32(sensor.backing_dn),
-            np.float32(sensor.backing_variance_dn2),
-            np.float32(slope),
-            sensor.column_offset_dn,
-            sensor.column_gain,
-            np.float32(sensor.dark_variance_dn2),
-            np.float32(sensor.top_code_dn),
-            mean=mean_out,
-            variance=variance_out,
-        )
-        for sensor, slope, mean_out, variance_out in zip(sensors, slopes, expected, variance, strict=True)
+        partial(to_columns_of(sensor), mean=mean_out, variance=variance_out)
+        for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True)
     ]
     _in_bands(workers, lines, levels)
     return Prediction(expected_dn=expected, variance_dn2=variance)
@@ -162,6 +150,20 @@ def looked_up(
 def shot_slope(sensor: SensorModel) -> float:
     """``SensorModel.shot_slope``, found once: it looks through both tables."""
     return sensor.shot_slope()
+
+
+def to_columns_of(sensor: SensorModel) -> Callable[..., None]:
+    """``to_columns`` with all that it takes of the sensor; left are line_from, line_to, mean and variance."""
+    return partial(
+        to_columns,
+        np.float32(sensor.backing_dn),
+        np.float32(sensor.backing_variance_dn2),
+        np.float32(shot_slope(sensor)),
+        sensor.column_offset_dn,
+        sensor.column_gain,
+        np.float32(sensor.dark_variance_dn2),
+        np.float32(sensor.top_code_dn),
+    )
 
 
 def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:

@@ -15,15 +15,15 @@ from prooflight.comparing.evidence import (
     INTERVALS,
     TILE_PIXELS,
     Evidence,
+    compare,
     gather,
-    gather_compact,
     interval_edges,
     interval_shares,
+    join,
     parts,
 )
 from prooflight.deciding.chi_square import pearson, tile_statistics
-from prooflight.predicting.compact import compact
-from prooflight.predicting.predict import Prediction
+from prooflight.predicting.compact import Scale, compact
 
 TOP = 4095
 EXTREME = 1e-4
@@ -263,11 +263,17 @@ def test_a_shift_of_a_quarter_of_a_sigma_shows_in_its_tile_alone(sigma: float) -
     assert p_values.ravel()[1:].min() > EXTREME
 
 
-def test_a_compact_prediction_gives_the_same_as_its_float_form() -> None:
+def test_parts_join_into_what_the_page_gives_in_one_piece() -> None:
+    lines, pixels = 1300, 1700
+    assert len(parts(lines, pixels)) > 1
     rng = np.random.default_rng(9)
-    images = scan_of(rng.uniform(20, 3000, (2, 700, 1700)), rng.uniform(1, 30, (2, 700, 1700)), 9)
-    short = compact(Prediction(expected_dn=images[1], variance_dn2=images[2]), top_codes_dn=[TOP, TOP])
-    one, other = gathered(images), gather_compact(images[0], short, seed=1, naive=True)
+    images = scan_of(rng.uniform(20, 3000, (2, lines, pixels)), rng.uniform(1, 30, (2, lines, pixels)), 9)
+    wholes = []
+    for sensor, (measured, expected, variance) in enumerate(zip(*images, strict=True)):
+        scale = Scale.of(top_code_dn=TOP, least_variance_dn2=float(variance.min()))
+        codes, every = compact(expected, variance, scale), range(lines)
+        wholes.append(compare(measured, *codes, scale=scale, sensor=sensor, lines=every, seed=1))
+    one, other = gather(*images, top_codes_dn=[TOP, TOP], seed=1), join([[whole] for whole in wholes])
     for statistic in Evidence.__slots__:
         np.testing.assert_array_equal(getattr(one, statistic), getattr(other, statistic))
 

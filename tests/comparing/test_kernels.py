@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -13,8 +14,17 @@ from llvmlite import binding
 from scipy import special
 
 from prooflight.comparing import dither_kernels, kernels
-from prooflight.comparing.evidence import Camera, Evidence, gather_compact, interval_edges, interval_shares
-from prooflight.predicting.compact import CompactPrediction, Scale
+from prooflight.comparing.evidence import (
+    Camera,
+    Evidence,
+    Part,
+    compare,
+    interval_edges,
+    interval_shares,
+    join,
+    parts,
+)
+from prooflight.predicting.compact import Scale
 
 TILE, BLOCK = 64, 8
 
@@ -42,7 +52,33 @@ def per_tile(values: np.ndarray, of: object) -> np.ndarray:
     return np.array([[of(tile) for tile in row] for row in tiles(values)])  # type: ignore[operator]
 
 
-def any_images(seed: int, shape: tuple[int, int, int], scale: Scale) -> tuple[np.ndarray, CompactPrediction]:
+class Codes(NamedTuple):
+    """A prediction in integers, (sensors, lines, pixels) each; all sensors alike."""
+
+    mean: np.ndarray
+    inverse: np.ndarray
+    scale: Scale
+
+
+def compared(measured: np.ndarray, codes: Codes, *, seed: int, dither: bool = True) -> list[list[Part]]:
+    sensors, *size = measured.shape
+    return [
+        [
+            compare(
+                *(each[s, lines.start : lines.stop] for each in (measured, codes.mean, codes.inverse)),
+                scale=codes.scale,
+                sensor=s,
+                lines=lines,
+                seed=seed,
+                dither=dither,
+            )
+            for lines in parts(*size)
+        ]
+        for s in range(sensors)
+    ]
+
+
+def any_images(seed: int, shape: tuple[int, int, int], scale: Scale) -> tuple[np.ndarray, Codes]:
     """Scans near their predictions, far from them and at the ends of the range."""
     rng = np.random.default_rng(seed)
     steps = 2**scale.mean_bits
@@ -51,13 +87,12 @@ def any_images(seed: int, shape: tuple[int, int, int], scale: Scale) -> tuple[np
     measured = np.clip(np.rint(near), 0, scale.top_code_dn).astype(np.uint16)
     measured[rng.random(shape) < 0.01] = 65535  # what no such camera sends counts as its top code
     inverse = (65535 / rng.choice([1, 1.5, 4, 30, 60000], shape)).astype(np.uint16)
-    scales = (scale,) * shape[0]
-    return measured, CompactPrediction(mean=mean.astype(np.uint16), inverse=inverse, scales=scales)
+    return measured, Codes(mean.astype(np.uint16), inverse, scale)
 
 
-def assert_as_in_numpy(evidence: Evidence, measured: np.ndarray, prediction: CompactPrediction) -> None:
-    for s, scale in enumerate(prediction.scales):
-        z = reference(measured[s], prediction.mean[s], prediction.inverse[s], scale)
+def assert_as_in_numpy(evidence: Evidence, measured: np.ndarray, codes: Codes) -> None:
+    for s in range(len(measured)):
+        z = reference(measured[s], codes.mean[s], codes.inverse[s], codes.scale)
         lines, pixels = z.shape
         rows, columns = lines // BLOCK, pixels // BLOCK
         blocks = z[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3))
@@ -86,8 +121,8 @@ SCALES = [
     [(1, 1), (63, 63), (64, 64), (65, 127), (127, 128), (200, 2048), (71, 2049), (130, 4200), (600, 1900)],
 )
 def test_every_statistic_is_numpys_to_the_bit(scale: Scale, lines: int, pixels: int) -> None:
-    measured, prediction = any_images(1, (1, lines, pixels), scale)
-    assert_as_in_numpy(gather_compact(measured, prediction, seed=1, threads=1), measured, prediction)
+    measured, codes = any_images(1, (1, lines, pixels), scale)
+    assert_as_in_numpy(join(compared(measured, codes, seed=1)), measured, codes)
 
 
 @given(
@@ -99,15 +134,16 @@ def test_every_statistic_is_numpys_to_the_bit(scale: Scale, lines: int, pixels: 
 )
 @settings(max_examples=60)
 def test_at_any_size(seed: int, sensors: int, lines: int, pixels: int, scale: Scale) -> None:
-    measured, prediction = any_images(seed, (sensors, lines, pixels), scale)
-    assert_as_in_numpy(gather_compact(measured, prediction, seed=seed, threads=2), measured, prediction)
+    measured, codes = any_images(seed, (sensors, lines, pixels), scale)
+    assert_as_in_numpy(join(compared(measured, codes, seed=seed)), measured, codes)
 
 
 def test_the_naive_histogram_counts_z_between_the_edges() -> None:
-    measured, prediction = any_images(3, (2, 150, 200), SCALES[0])
-    evidence = gather_compact(measured, prediction, seed=1, naive=True)
+    measured, codes = any_images(3, (2, 150, 200), SCALES[0])
+    naive = compared(measured, codes, seed=1, dither=False)
+    evidence = join(compared(measured, codes, seed=1), naive)
     for s in range(2):
-        z = fine(measured[s], prediction.mean[s], prediction.inverse[s], SCALES[0])
+        z = fine(measured[s], codes.mean[s], codes.inverse[s], SCALES[0])
         place = np.searchsorted(interval_edges(), (z >> 4).ravel(), side="right")
         np.testing.assert_array_equal(evidence.naive_histogram[s], np.bincount(place, minlength=16))
 

@@ -14,13 +14,7 @@ from scipy import special
 from prooflight.comparing.dither_kernels import CODE_STEPS, TILE
 from prooflight.comparing.kernels import LINES, Z_STEPS, compare_lines
 from prooflight.pages.parallel import shared_out
-from prooflight.predicting.compact import (
-    ROUNDING_VARIANCE_DN2,
-    CompactPrediction,
-    Lines,
-    Scale,
-    compact_lines,
-)
+from prooflight.predicting.compact import ROUNDING_VARIANCE_DN2, Lines, Scale, compact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -99,7 +93,7 @@ class Evidence:
 
 
 class Camera(NamedTuple):
-    """Scales of a compact prediction as the compiled loops want them."""
+    """Scales of a prediction in integers as the compiled loops want them."""
 
     top_code: np.uint16
     mean_bits: np.uint16
@@ -204,7 +198,7 @@ def compare(
 ) -> Part:
     """The pass itself: ``lines`` of a page, one of its ``parts``, of one sensor, (lines, pixels) each.
 
-    For callers that predict and compare part by part; ``join`` makes evidence of the parts.
+    mean, inverse: as ``compact`` gives them. ``join`` makes evidence of the parts.
     """
     part = Part.empty(len(lines), measured_dn.shape[1])
     edges, reach = _intervals()
@@ -265,66 +259,28 @@ def gather(
     threads. naive: the naive histogram as well, which takes a second pass.
     """
     workers = threads or os.cpu_count() or 1
-    pieces = parts(*variance_dn2.shape[1:])
+    sensors, lines, pixels = measured_dn.shape
+    pieces = parts(lines, pixels)
 
-    def least(sensor: int, lines: range) -> float:
-        return float(variance_dn2[sensor, lines.start : lines.stop].min(initial=math.inf))
+    def least(sensor: int, piece: range) -> float:
+        return float(variance_dn2[sensor, piece.start : piece.stop].min(initial=math.inf))
 
     of_pieces = shared_out(
-        [partial(least, s, piece) for s in range(len(top_codes_dn)) for piece in pieces], threads=workers
+        [partial(least, s, piece) for s in range(sensors) for piece in pieces], threads=workers
     )
     scales = [
         Scale.of(top_code_dn=top, least_variance_dn2=min(of_pieces[at : at + len(pieces)]))
         for top, at in zip(top_codes_dn, range(0, len(of_pieces), len(pieces)), strict=True)
     ]
 
-    def predicted(sensor: int, lines: range) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        part = (sensor, slice(lines.start, lines.stop))
-        expected, variance = Lines.of(expected_dn[part]), Lines.of(variance_dn2[part])
-        mean, inverse = np.empty((2, len(lines), expected_dn.shape[2]), np.uint16)
-        scale = scales[sensor]
-        compact_lines(expected, variance, lines.start, scale.mean_bits, scale.inverse_bits, mean, inverse)
-        return mean, inverse
+    def one(sensor: int, piece: range, dither: bool) -> Part:
+        rows, scale = (sensor, slice(piece.start, piece.stop)), scales[sensor]
+        mean, inverse = compact(expected_dn[rows], variance_dn2[rows], scale, first_line=piece.start)
+        seen = measured_dn[rows]
+        return compare(seen, mean, inverse, scale=scale, sensor=sensor, lines=piece, seed=seed, dither=dither)
 
-    return _gather(measured_dn, predicted, scales, seed=seed, threads=threads, naive=naive)
-
-
-def gather_compact(
-    measured_dn: NDArray[np.uint16],
-    prediction: CompactPrediction,
-    *,
-    seed: int,
-    threads: int | None = None,
-    naive: bool = False,
-) -> Evidence:
-    """The same with a prediction that is compact already: 6 bytes a pixel are read."""
-
-    def predicted(sensor: int, lines: range) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        rows = slice(lines.start, lines.stop)
-        return prediction.mean[sensor, rows], prediction.inverse[sensor, rows]
-
-    return _gather(measured_dn, predicted, prediction.scales, seed=seed, threads=threads, naive=naive)
-
-
-def _gather(
-    measured_dn: NDArray[np.uint16],
-    predicted: Callable[[int, range], tuple[NDArray[np.uint16], NDArray[np.uint16]]],
-    scales: Sequence[Scale],
-    *,
-    seed: int,
-    threads: int | None,
-    naive: bool,
-) -> Evidence:
-    sensors, lines, pixels = measured_dn.shape
-    pieces = parts(lines, pixels)
     passes = (True, False) if naive else (True,)
-    tasks = [(s, piece, dither) for dither in passes for s in range(sensors) for piece in pieces]
-
-    def one(s: int, piece: range, dither: bool) -> Part:
-        mean, inverse = predicted(s, piece)
-        seen = measured_dn[s, piece.start : piece.stop]
-        return compare(seen, mean, inverse, scale=scales[s], sensor=s, lines=piece, seed=seed, dither=dither)
-
-    done = shared_out([partial(one, *task) for task in tasks], threads=threads or os.cpu_count() or 1)
+    tasks = [partial(one, s, piece, dither) for dither in passes for s in range(sensors) for piece in pieces]
+    done = shared_out(tasks, threads=workers)
     of_sensors = [done[at : at + len(pieces)] for at in range(0, len(done), len(pieces))]
     return join(of_sensors[:sensors], of_sensors[sensors:])

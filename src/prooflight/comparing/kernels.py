@@ -34,7 +34,7 @@ LINES = 8
 def normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # type: ignore[no-untyped-def]
     """Z of a piece of a line in steps of sigma / 1024, rounded down, cut off at 32 sigma: (pixels,) int16.
 
-    measured, mean, inverse (pixels,) uint16, the latter two as in ``CompactPrediction``; drop: mean_bits +
+    measured, mean, inverse (pixels,) uint16, the latter two as ``compact`` gives them; drop: mean_bits +
     inverse_bits - 10. Returns whether a pixel lies at an end of the converter's range, and the greatest inverse.
     """
     keep = np.uint16(np.uint16(16) - drop)

@@ -1,4 +1,4 @@
-"""A prediction in 16-bit integers: what the real-time comparison reads, 4 bytes a pixel instead of 8."""
+"""A prediction in 16-bit integers: what the compiled comparison reads."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from prooflight.predicting.predict import Prediction
 
 ROUNDING_VARIANCE_DN2 = 1 / 12
 """Of a digital number's rounding: no pixel is surer than this. [DN^2]"""
@@ -29,7 +25,7 @@ ALONG_Y = np.float32(0.5698402909980532)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Fixed-point scales of one sensor's compact prediction."""
+    """Fixed-point scales of one sensor's prediction."""
 
     mean_bits: int
     """Bits below 1 DN of the mean: 4 for a 12-bit camera, 0 for 16 bits."""
@@ -47,25 +43,6 @@ class Scale:
             inverse_bits=min(math.floor(math.log2((MOST - 1) * least_sigma)), MOST_BITS - mean_bits),
             top_code_dn=int(top_code_dn),
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CompactPrediction:
-    """What a good scan of one page must show, in integers.
-
-    Both codes are rounded up or down by an even pattern over the page, so that no place of it is off by a rounding:
-    mean = floor(2^mean_bits expected + u), inverse = floor(2^inverse_bits / sigma + v), with u and v in [0, 1). A mean
-    is less than 2^-mean_bits DN off and an inverse less than 1, in both directions; over 8 x 8 equal pixels the mean of
-    the means is less than a fourth of that off. sigma^2 is the prediction's variance plus what this rounding of the
-    mean adds to a pixel, f (1 - f) / 4^mean_bits, f the fraction rounded away.
-    """
-
-    mean: NDArray[np.uint16]
-    """(sensors, lines, pixels) expected signal times 2^mean_bits. [DN]"""
-    inverse: NDArray[np.uint16]
-    """(sensors, lines, pixels) 2^inverse_bits / sigma, at most 65535. [1/DN]"""
-    scales: tuple[Scale, ...]
-    """One for each sensor."""
 
 
 class Lines(NamedTuple):
@@ -92,7 +69,7 @@ def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse
     """One line of one sensor: mean [DN], variance [DN^2] (pixels,) float32 -> codes (pixels,) uint16.
 
     line: of the page, 0 at its top: the pattern of rounding depends on it and on the pixel alone. All (pixels,) and
-    contiguous. ``CompactPrediction`` says what the codes mean.
+    contiguous. ``compact`` says what the codes mean.
     """
     scale = np.float32(1 << mean_bits)
     of_rounding = np.float32(1) / (scale * scale)
@@ -129,22 +106,24 @@ def compact_lines(mean, variance, first_line, mean_bits, inverse_bits, mean_out,
         )
 
 
-def compact(prediction: Prediction, *, top_codes_dn: Sequence[int]) -> CompactPrediction:
-    """The compact form of a prediction whose means lie between 0 and the top codes, one of these for each sensor."""
-    scales = tuple(
-        Scale.of(top_code_dn=top, least_variance_dn2=float(variance.min(initial=math.inf)))
-        for top, variance in zip(top_codes_dn, prediction.variance_dn2, strict=True)
-    )
-    mean = np.empty(prediction.expected_dn.shape, np.uint16)
-    inverse = np.empty_like(mean)
-    for s, scale in enumerate(scales):
-        compact_lines(
-            Lines.of(prediction.expected_dn[s]),
-            Lines.of(prediction.variance_dn2[s]),
-            0,
-            scale.mean_bits,
-            scale.inverse_bits,
-            mean[s],
-            inverse[s],
-        )
-    return CompactPrediction(mean=mean, inverse=inverse, scales=scales)
+def compact(
+    expected_dn: NDArray[np.float32],
+    variance_dn2: NDArray[np.float32],
+    scale: Scale,
+    *,
+    first_line: int = 0,
+) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Some lines of one sensor's prediction, (lines, pixels), in integers: mean and inverse, (lines, pixels) each.
+
+    expected_dn: between 0 and the top code [DN]; first_line: of the page, 0 at its top.
+
+    Both codes are rounded up or down by an even pattern over the page, so that no place of it is off by a rounding:
+    mean = floor(2^mean_bits expected + u), inverse = floor(2^inverse_bits / sigma + v), at most 65535, with u and v in
+    [0, 1). A mean is less than 2^-mean_bits DN off and an inverse less than 1, in both directions; over 8 x 8 equal
+    pixels the mean of the means is less than a fourth of that off. sigma^2 is the prediction's variance plus what this
+    rounding of the mean adds to a pixel, f (1 - f) / 4^mean_bits, f the fraction rounded away.
+    """
+    mean, inverse = np.empty((2, *expected_dn.shape), np.uint16)
+    expected, variance = Lines.of(expected_dn), Lines.of(variance_dn2)
+    compact_lines(expected, variance, first_line, scale.mean_bits, scale.inverse_bits, mean, inverse)
+    return mean, inverse

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.acquiring.placement import IN_PLACE, Placement
 from prooflight.commissioning.rehearse import PressDay
 from prooflight.deciding.calibrated import WRONG_PAGE
 from prooflight.errors import RequestError, ScanError
@@ -18,6 +19,8 @@ from prooflight.simulating.misprints import draw_misprint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from prooflight.deciding.verdict import Verdict
     from prooflight.pages.raster import Page
@@ -37,13 +40,19 @@ class Bench:
     def page(self, index: int) -> Page:
         return self.make(index + 1, number=index + 1)
 
+    def scan(
+        self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
+    ) -> NDArray[np.uint16]:
+        room = self.day.room
+        return room.recorded(room.seen_in_press(page, rng, placement), rng)
+
     def verdict(self, index: int, kind: str = "", *, seed: int = 0) -> Verdict:
         page, rng = self.page(index), np.random.default_rng([seed, index])
-        printed, moved = page, None
+        printed, placement = page, IN_PLACE
         if kind:
             drawn = draw_misprint(page, kind, 0.9, others=[index + 1], fetch=self.page, rng=rng)
-            printed, moved = drawn.page, drawn.placement
-        scan = self.day.scan(printed, rng, moved=moved)
+            printed, placement = drawn.page, drawn.placement
+        scan = self.scan(printed, rng, placement)
         return self.inspector.inspect(self.inspector.prepare(page), scan, scan_name="scan").verdict
 
 
@@ -88,7 +97,7 @@ def test_a_severe_misprint_alarms_and_says_why(bench: Bench, kind: str) -> None:
 def test_a_page_off_its_place_is_wrong_whatever_the_evidence(bench: Bench) -> None:
     page = bench.page(0)
     prepared, rng = bench.inspector.prepare(page), np.random.default_rng(3)
-    scan = np.roll(bench.day.scan(page, rng), 30, axis=1)  # 3.2 mm further down
+    scan = np.roll(bench.scan(page, rng), 30, axis=1)  # 3.2 mm further down
     verdict = bench.inspector.inspect(prepared, scan, scan_name="scan").verdict
     assert (verdict.verdict, verdict.kind, verdict.score) == ("misprint", "wrong-page", WRONG_PAGE)
     assert "off its place" in verdict.reason
@@ -99,7 +108,7 @@ def test_a_page_off_its_place_is_wrong_whatever_the_evidence(bench: Bench) -> No
 def test_a_prepared_page_serves_all_its_scans(bench: Bench) -> None:
     page, rng = bench.page(2), np.random.default_rng(4)
     prepared = bench.inspector.prepare(page)
-    scans = [bench.day.scan(page, rng) for _ in range(2)]
+    scans = [bench.scan(page, rng) for _ in range(2)]
     first, other, again = (
         bench.inspector.inspect(prepared, scan, scan_name="scan") for scan in (*scans, scans[0])
     )
@@ -113,7 +122,7 @@ def test_a_prepared_page_serves_all_its_scans(bench: Bench) -> None:
 
 def test_what_people_look_at_is_there_when_asked_for(bench: Bench) -> None:
     page, rng = bench.page(3), np.random.default_rng(5)
-    scan = bench.day.scan(page, rng)
+    scan = bench.scan(page, rng)
     scan[0, 150:200, 150:200] = 60  # a dark square 5 mm wide
     done = bench.inspector.inspect(bench.inspector.prepare(page), scan, scan_name="scan")
     assert done.prediction is None

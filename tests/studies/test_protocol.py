@@ -10,8 +10,8 @@ from scipy import stats
 from prooflight.comparing.evidence import INTERVALS
 from prooflight.comparing.windows import window_means, window_statistics
 from prooflight.predicting.predict import predict
+from prooflight.simulating.captures import Room, noisier_tables
 from prooflight.simulating.misprints import KINDS
-from prooflight.studies.captures import Room, noisier_tables
 from prooflight.studies.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
 from prooflight.studies.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
 from prooflight.studies.shards import digest_of, run_pieces

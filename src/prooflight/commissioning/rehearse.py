@@ -14,27 +14,23 @@ from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
 from prooflight.deciding.said import stated
 from prooflight.deciding.tolerance import look, prepare_page
-from prooflight.predicting.predict import predict
-from prooflight.simulating.fast import fast_scan
-from prooflight.simulating.misprints import KINDS, draw_misprint
-from prooflight.simulating.prints import Print, together
-from prooflight.simulating.scans import TRIES, passes_gate
-from prooflight.simulating.session import Session
-from prooflight.simulating.worlds import amounts_of, gate
+from prooflight.simulating.captures import Room
+from prooflight.simulating.misprints import KINDS
+from prooflight.simulating.worlds import amounts_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.acquiring.geometry import ScanGeometry
-    from prooflight.acquiring.placement import Placement
     from prooflight.comparing.evidence import Evidence
     from prooflight.comparing.local_evidence import Scatter
+    from prooflight.deciding.said import Said
     from prooflight.deciding.tolerance import Looked, PreparedPage
     from prooflight.pages.raster import Page
-    from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
+    from prooflight.simulating.captures import Printed
 
     Rows = dict[str, NDArray[Any]]
 
@@ -71,56 +67,61 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressDay:
-    """A press on one day."""
+    """A press on one day, with its page designs at hand."""
 
-    press: Press
-    pages: Designs
-    session: Session
+    room: Room
+    page: Callable[[int], Page]
+    """A design as it enters the press."""
+    spread: Spread
+    """What good prints are taken to scatter by."""
 
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
         """The day on which design ``first`` is printed first."""
-        rng = np.random.default_rng([seed, first, SESSION])
-        return cls(press=press, pages=pages, session=Session.draw(amounts_of(press), press, rng))
+        room = Room.enter("press", press, np.random.default_rng([seed, first, SESSION]))
 
-    def page(self, index: int) -> Page:
-        """A design as it enters the press."""
-        return fitted(self.pages.page(index), self.press.geometry)
+        def page(index: int) -> Page:
+            return fitted(pages.page(index), press.geometry)
 
-    def known(self, page: Page) -> tuple[PreparedPage, Prediction]:
-        """What is known of a page ahead of its scans, and its prediction in its place."""
-        expected = self.predicted(page)
-        known = prepare_page(page, expected, sensors=self.press.sensors, geometry=self.press.geometry)
-        return known, expected
+        return cls(room=room, page=page, spread=good_spread(press))
 
-    def predicted(self, page: Page, placement: Placement | None = None) -> Prediction:
-        """By the press's tables."""
-        where = {} if placement is None else {"placement": placement}
-        return predict(page, sensors=self.press.sensors, geometry=self.press.geometry, threads=1, **where)
+    def design(self, index: int) -> tuple[Printed, PreparedPage]:
+        """A good print of a design, and what is known of it ahead of its scans."""
+        press, good = self.room.press, self.room.good(self.page(index))
+        known = prepare_page(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
+        return good, known
 
-    def scan(
-        self, page: Page, rng: np.random.Generator, *, moved: Placement | None = None
-    ) -> NDArray[np.uint16]:
-        """One more print of a page, as the camera records it; moved: by a misprint."""
-        print_ = Print.draw(self.session, self.press, page, rng)
-        if moved is not None:
-            print_ = replace(print_, placement=together(print_.placement, moved))
-        return fast_scan(page, self.press, self.session, print_, rng=rng)
+    def wrong(
+        self, good: Printed, kind: str, others: Sequence[int], rng: np.random.Generator
+    ) -> Printed | None:
+        """``Room.wrong`` among the day's designs."""
+        return self.room.wrong(good, kind, others=others, fetch=self.page, rng=rng)
+
+    def scan(self, printed: Printed, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """One more print of it, as the camera records it."""
+        return self.room.recorded(self.room.seen(printed, rng), rng)
 
     def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
         """A scan looked at as this press's are."""
-        press = self.press
-        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=good_spread(press))
+        press = self.room.press
+        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=self.spread)
 
-    def misprint(
-        self, page: Page, expected: Prediction, kind: str, others: list[int], rng: np.random.Generator
-    ) -> tuple[Page, Placement] | None:
-        """What is printed instead, and where; None: no draw changes this page enough."""
-        for _ in range(TRIES):
-            drawn = draw_misprint(page, kind, float(rng.random()), others=others, fetch=self.page, rng=rng)
-            if passes_gate(expected, self.predicted(drawn.page, drawn.placement), self.press, gate()):
-                return drawn.page, drawn.placement
-        return None
+    def said(
+        self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
+    ) -> tuple[list[Said], bool]:
+        """What a scan says, and whether it shows another page."""
+        looked = self.looked(known, scan)
+        return all_said(looked.sums, looked.fit, looked.found, scatter), shows_another(looked.found)
+
+    def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
+        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
+        drawn: dict[str, list[Any]] = defaultdict(list)
+        for index, rng in designs:
+            good, known = self.design(index)
+            looked = self.looked(known, self.scan(good, rng))
+            for name, values in samples(looked.sums, rng).items():
+                drawn[name].append(values)
+        return {name: np.stack(values) for name, values in drawn.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,17 +133,11 @@ class ScatterWork:
     seed: int
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
-        """Draws by name, (designs, ...)."""
+        """``PressDay.scatter_draws``."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
-        drawn: dict[str, list[Any]] = defaultdict(list)
-        for index in designs:
-            rng = np.random.default_rng([self.seed, index, PRINT])
-            page = day.page(index)
-            known, _ = day.known(page)
-            looked = day.looked(known, day.scan(page, rng))
-            for name, values in samples(looked.sums, rng).items():
-                drawn[name].append(values)
-        return {name: np.stack(values) for name, values in drawn.items()}
+        return day.scatter_draws(
+            (index, np.random.default_rng([self.seed, index, PRINT])) for index in designs
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,35 +162,27 @@ class SaidWork:
         names: list[str] = []
         for index in designs:
             rng = np.random.default_rng([self.seed, index, PRINT])
-            page = day.page(index)
-            known, expected = day.known(page)
-            kind = KINDS[index % len(KINDS)]
-            scans = {"": day.scan(page, rng)}
+            good, known = day.design(index)
+            scans = {"": day.scan(good, rng)}
             if self.misprints:
                 others = [other for other in designs if other != index]
-                made = day.misprint(page, expected, kind, others, rng)
-                if made is not None:
-                    scans[kind] = day.scan(made[0], rng, moved=made[1])
-            for of_kind, scan in scans.items():
-                row = self._row(day, page, known, scan)
-                names = row.pop("names")
-                for name, value in (row | {"design": index, "kind": of_kind}).items():
+                wrong = day.wrong(good, KINDS[index % len(KINDS)], others, rng)
+                if wrong is not None:
+                    scans[wrong.kind] = day.scan(wrong, rng)
+            for kind, scan in scans.items():
+                said, another = day.said(known, scan, self.scatter)
+                names = [one.name for one in said]
+                row: dict[str, Any] = {
+                    "design": index,
+                    "kind": kind,
+                    "values": stated(said),
+                    "portrait": known.portrait,
+                    "another": another,
+                }
+                if self.compare is not None:
+                    evidence = self.compare(good.page, scan, self.press)
+                    row["windows"] = window_statistics(evidence.block_z).ravel()
+                for name, value in row.items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}
         return rows | {"kind": rows["kind"].astype("U16"), "names": np.array(names, "U48")}
-
-    def _row(
-        self, day: PressDay, page: Page, known: PreparedPage, scan: NDArray[np.uint16]
-    ) -> dict[str, Any]:
-        looked = day.looked(known, scan)
-        said = all_said(looked.sums, looked.fit, looked.found, self.scatter)
-        row: dict[str, Any] = {
-            "values": stated(said),
-            "portrait": known.portrait,
-            "another": shows_another(looked.found),
-            "names": [one.name for one in said],
-        }
-        if self.compare is not None:
-            evidence = self.compare(page, scan, self.press)
-            row["windows"] = window_statistics(evidence.block_z).ravel()
-        return row

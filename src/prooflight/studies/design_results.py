@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight.deciding.cost import RunningCosts
     from prooflight.deciding.operating import Scored
-    from prooflight.studies.captures import World
+    from prooflight.simulating.captures import World
     from prooflight.studies.shards import Rows
 
 PAGES: Final = 10_000

@@ -15,7 +15,6 @@ from prooflight.atomic import whole_file
 from prooflight.commissioning.rehearse import PressDay
 from prooflight.deciding.calibrated import check_version, page_score
 from prooflight.deciding.families import all_said
-from prooflight.deciding.tolerance import look
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.studies.catching import SURE, Catching
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
     from prooflight.deciding.calibrated import CalibratedDetector
     from prooflight.deciding.families import Said
-    from prooflight.deciding.tolerance import Looked, PreparedPage
+    from prooflight.deciding.tolerance import Looked
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press import Press
@@ -112,8 +111,10 @@ def run_detectability_study(
     numbers = list(pages or range(1, len(opened(job)) + 1))
 
     def bench(number: int) -> _Bench:
-        day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
-        return _Bench(press, ours, day, number - 1, np.random.default_rng([seed, number, 0]))
+        day = replace(
+            PressDay.of(press, JobPages(job=job), seed=seed, first=number), spread=ours.tolerance.spread
+        )
+        return _Bench(ours, day, number - 1, np.random.default_rng([seed, number, 0]))
 
     wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
     for turn, number in enumerate(numbers):
@@ -142,12 +143,10 @@ def run_detectability_study(
 class _Bench:
     """One page on one press day."""
 
-    def __init__(
-        self, press: Press, ours: CalibratedDetector, day: PressDay, index: int, rng: np.random.Generator
-    ) -> None:
-        self.press, self.ours, self.day = press, ours, day
-        self.page = day.page(index)
-        self.known: PreparedPage = day.known(self.page)[0]
+    def __init__(self, ours: CalibratedDetector, day: PressDay, index: int, rng: np.random.Generator) -> None:
+        self.ours, self.day = ours, day
+        good, self.known = day.design(index)
+        self.page = good.page
         self.telling = self._telling(rng)
 
     def _telling(self, rng: np.random.Generator) -> Telling:
@@ -192,16 +191,9 @@ class _Bench:
         return page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
 
     def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Said]]:
-        scan = self.day.scan(printed, rng)
-        tolerance = self.ours.tolerance
-        looked = look(
-            self.known,
-            scan,
-            sensors=self.press.sensors,
-            geometry=self.press.geometry,
-            spread=tolerance.spread,
-        )
-        return looked, all_said(looked.sums, looked.fit, looked.found, tolerance.scatter)
+        room = self.day.room
+        looked = self.day.looked(self.known, room.recorded(room.seen_in_press(printed, rng), rng))
+        return looked, all_said(looked.sums, looked.fit, looked.found, self.ours.tolerance.scatter)
 
 
 def spotted(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:

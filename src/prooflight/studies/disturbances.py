@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from prooflight.predicting.predict import Prediction, predict
-from prooflight.studies.captures import ROUNDING_DN2
+from prooflight.simulating.captures import ROUNDING_DN2
 
 if TYPE_CHECKING:
     from prooflight.acquiring.placement import Placement

@@ -14,8 +14,8 @@ from prooflight.deciding.bayes import CORRECT, BayesianNetwork
 from prooflight.deciding.chi_square import pearson
 from prooflight.deciding.operating import Scored
 from prooflight.pages.job import open_job
+from prooflight.simulating.captures import Room
 from prooflight.simulating.misprints import KINDS
-from prooflight.studies.captures import Room
 from prooflight.studies.paper_detectors import MISPRINT_RATE, types_of
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press import Press
-    from prooflight.studies.captures import Printed
+    from prooflight.simulating.captures import Printed
 
 SIDE: Final = 8
 """Of the windows, as inspection has them. [pixels]"""

@@ -9,29 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.rehearse import good_spread
-from prooflight.deciding.calibrated import shows_another
-from prooflight.deciding.families import all_said, samples
+from prooflight.commissioning.rehearse import PressDay, good_spread
 from prooflight.deciding.said import stated
-from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.press import Press
-from prooflight.simulating.misprints import KINDS, draw_misprint
-from prooflight.simulating.scans import TRIES, passes_gate
-from prooflight.simulating.worlds import gate
-from prooflight.studies.captures import Printed, Room
+from prooflight.simulating.captures import Room
+from prooflight.simulating.misprints import KINDS
 from prooflight.studies.protocol import OTHERS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from prooflight.comparing.local_evidence import Scatter
-    from prooflight.deciding.families import Said
-    from prooflight.deciding.tolerance import Looked, PreparedPage
     from prooflight.pages.raster import Page
-    from prooflight.simulating.misprints import Misprint
-    from prooflight.studies.captures import World
+    from prooflight.simulating.captures import World
     from prooflight.studies.corpus import Designs
     from prooflight.studies.protocol import Day
     from prooflight.studies.shards import Rows
@@ -58,12 +48,17 @@ class Scene:
     """Copies of each design with a misprint; one more is good. Kinds take turns."""
 
     def day(self, day: Day) -> PressDay:
-        """The press on that day."""
-        press = _press(self.press)
+        """The press on that day; its scans are looked at as those of the press that it is taken for."""
+        taken_for = press = _press(self.press)
         if self.times != 1:
             press = replace(press, variation=dict(press.variation) | {"all_times": self.times})
         rng = np.random.default_rng([self.seed, self.number, day.designs[0], SESSION])
-        return PressDay(room=Room.enter(self.world, press, rng), scene=self)
+
+        def page(index: int) -> Page:
+            return press.geometry.lay(self.pages.page(index))
+
+        room = Room.enter(self.world, press, rng)
+        return PressDay(room=room, page=page, spread=good_spread(taken_for))
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
         """Of one copy of a design."""
@@ -75,66 +70,6 @@ class Scene:
         return KINDS[(turn + turn // len(KINDS)) % len(KINDS)] if copy else ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PressDay:
-    """A press day with its page designs at hand."""
-
-    room: Room
-    scene: Scene
-
-    def laid(self, index: int) -> Page:
-        """A design as it enters the press."""
-        return self.room.press.geometry.lay(self.scene.pages.page(index))
-
-    def design(self, index: int) -> tuple[Printed, PreparedPage]:
-        """A good print of a design, and what is known of it ahead."""
-        press, good = self.room.press, self.room.good(self.laid(index))
-        known = prepare_page(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
-        return good, known
-
-    def said(self, known: PreparedPage, printed: Printed, scatter: Scatter, rng: np.random.Generator) -> Row:
-        """What one more print of it says."""
-        scan = self.room.recorded(self.room.seen(printed, rng), rng)
-        looked = self.looked(known, scan)
-        said = all_said(looked.sums, looked.fit, looked.found, scatter)
-        return Row(said=said, another=shows_another(looked.found))
-
-    def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
-        """A scan looked at as scans of the press are that this one is taken for."""
-        press = self.room.press
-        spread = good_spread(_press(self.scene.press))
-        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread)
-
-    def wrong(
-        self, good: Printed, kind: str, others: list[int], rng: np.random.Generator
-    ) -> tuple[Printed, Misprint] | None:
-        """A misprint that passes the gate, with its place; None if nine draws do not."""
-        for draw in range(1, TRIES + 1):
-            drawn = draw_misprint(
-                good.page, kind, float(rng.random()), others=others, fetch=self.laid, rng=rng
-            )
-            changed = self.room.expected(drawn.page, drawn.placement)
-            if passes_gate(good.expected, changed, self.room.press, gate()):
-                printed = Printed(
-                    page=drawn.page,
-                    expected=changed,
-                    placement=drawn.placement,
-                    kind=kind,
-                    severity=drawn.misprint.severity,
-                    draws=draw,
-                )
-                return printed, drawn.misprint
-        return None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Row:
-    """What one scan says."""
-
-    said: list[Said]
-    another: bool
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScatterWork:
     """Good copies of a day's designs -> what ``learn_scatter`` learns from."""
@@ -142,17 +77,9 @@ class ScatterWork:
     scene: Scene
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``: draws by name, (designs, ...)."""
-        bench = self.scene.day(day)
-        drawn: dict[str, list[Any]] = defaultdict(list)
-        for index in day.designs:
-            rng = self.scene.rng(index, 0)
-            good, known = bench.design(index)
-            scan = bench.room.recorded(bench.room.seen(good, rng), rng)
-            looked = bench.looked(known, scan)
-            for name, values in samples(looked.sums, rng).items():
-                drawn[name].append(values)
-        return {name: np.stack(values) for name, values in drawn.items()}
+        """``Work``: ``PressDay.scatter_draws``."""
+        designs = ((index, self.scene.rng(index, 0)) for index in day.designs)
+        return self.scene.day(day).scatter_draws(designs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,24 +108,25 @@ class SaidWork:
                 printed, places = good, np.full((PLACES, 4), np.nan, np.float32)
                 if kind:
                     others = [other for other in day.designs if other != index]
-                    made = bench.wrong(good, kind, rng.permutation(others)[:OTHERS].tolist(), rng)
-                    if made is None:
+                    wrong = bench.wrong(good, kind, rng.permutation(others)[:OTHERS].tolist(), rng)
+                    if wrong is None:
                         unmade.append(kind)
                         continue
-                    printed, misprint = made
-                    where = misprint.regions_mm or (misprint.region_mm,)
+                    printed = wrong
+                if printed.misprint is not None:
+                    where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
                     places[: len(where)] = where[:PLACES]
-                row = bench.said(known, printed, self.scatter, rng)
-                names = [one.name for one in row.said]
+                said, another = bench.said(known, bench.scan(printed, rng), self.scatter)
+                names = [one.name for one in said]
                 for name, value in {
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
                     "draws": printed.draws,
-                    "values": stated(row.said),
-                    "boxes": np.array([one.box for one in row.said], np.float32),
+                    "values": stated(said),
+                    "boxes": np.array([one.box for one in said], np.float32),
                     "portrait": known.portrait,
-                    "another": row.another,
+                    "another": another,
                     "places": places,
                     "sigma_error": _sigma_errors(bench.room),
                     "day": day.designs[0],

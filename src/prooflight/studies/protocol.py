@@ -17,9 +17,9 @@ import numpy as np
 
 from prooflight.comparing.register import prepare, register
 from prooflight.predicting.predict import Prediction
+from prooflight.simulating.captures import Printed, Room, World, noisier_tables
 from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.worlds import known_world, worlds_digest
-from prooflight.studies.captures import Printed, Room, World, noisier_tables
 from prooflight.studies.measures import measure
 from prooflight.studies.peers import VariationModel, variation_moments
 

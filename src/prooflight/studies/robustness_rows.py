@@ -15,8 +15,8 @@ from prooflight.comparing.register import prepare, register
 from prooflight.comparing.windows import SHARE_SIGMAS, window_means, window_unit
 from prooflight.deciding.chi_square import pearson
 from prooflight.predicting.predict import Prediction
+from prooflight.simulating.captures import Room
 from prooflight.simulating.misprints import KINDS
-from prooflight.studies.captures import Room
 from prooflight.studies.disturbances import Disturbance, all_disturbances
 from prooflight.studies.peers import VariationModel, absolute_difference, dissimilarity, variation_moments
 from prooflight.studies.protocol import SETS
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.acquiring.placement import Placement
     from prooflight.press import Press
-    from prooflight.studies.captures import Printed
+    from prooflight.simulating.captures import Printed
     from prooflight.studies.corpus import Designs
     from prooflight.studies.protocol import Day, Plan
     from prooflight.studies.shards import Rows

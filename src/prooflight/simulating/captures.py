@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press import Press
+    from prooflight.simulating.misprints import Misprint
 
 World = Literal["ideal", "press"]
 ROUNDING_DN2: Final = 1 / 12
@@ -36,11 +37,20 @@ class Printed:
     expected: Prediction
     """What the press's tables expect of just this."""
     placement: Placement = IN_PLACE
-    kind: str = ""
-    """Of the misprint; none: a good print."""
-    severity: float = 0.0
+    misprint: Misprint | None = None
+    """None: a good print."""
     draws: int = 0
     """How many misprints were drawn until one reached the gate."""
+
+    @property
+    def kind(self) -> str:
+        """Of the misprint; none: a good print."""
+        return self.misprint.kind if self.misprint else ""
+
+    @property
+    def severity(self) -> float:
+        """Of the misprint; 0: a good print."""
+        return self.misprint.severity if self.misprint else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,8 +97,7 @@ class Room:
                     page=drawn.page,
                     expected=changed,
                     placement=drawn.placement,
-                    kind=kind,
-                    severity=drawn.misprint.severity,
+                    misprint=drawn.misprint,
                     draws=draw,
                 )
         return None
@@ -97,9 +106,16 @@ class Room:
         """Mean and variance of what the camera sees of one more print."""
         if self.session is None:
             return printed.expected
-        print_ = Print.draw(self.session, self.press, printed.page, rng)
-        moved = replace(print_, placement=together(printed.placement, print_.placement))
-        return fast_mean_variance(printed.page, self.press, self.session, moved)
+        return self.seen_in_press(printed.page, rng, printed.placement)
+
+    def seen_in_press(
+        self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
+    ) -> Prediction:
+        """The same of a page that a misprint puts there, in the press world, whatever the tables expect."""
+        assert self.session is not None
+        print_ = Print.draw(self.session, self.press, page, rng)
+        moved = replace(print_, placement=together(placement, print_.placement))
+        return fast_mean_variance(page, self.press, self.session, moved)
 
     def noisier(self, seen: Prediction, times: float) -> Prediction:
         """The same seen by a camera of ``times`` the temporal sigma (shot, dark and read together).

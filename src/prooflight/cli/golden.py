@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from prooflight.cli import show
 from prooflight.pages.job import JobSource
 from prooflight.press import Press
-from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,17 +24,10 @@ def inspect_golden(
     sensors = None if loaded is None else len(loaded.sensors)
     pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm)
     work = GoldenInspector.of(loaded, pages[0].golden)
-    verdicts = []
-    done = in_order(work, pages)
-    for verdict in done if json else show.progress(done, total=len(pages), what="inspecting"):
-        verdicts.append(verdict)
-        if json:
-            show.print_json(asdict(verdict))
-    alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
+    verdicts = show.inspected(in_order(work, pages), lambda seen: seen, total=len(pages), json=json)
     if not json:
-        show.people.print(show.verdict_table(verdicts, title=f"{scans.name} against {golden.name}"))
-        show.people.print(f"{count(len(verdicts), 'page')}, {count(alarms, 'misprint')}")
-    return alarms
+        show.judged(verdicts, title=f"{scans.name} against {golden.name}")
+    return sum(verdict.verdict == "misprint" for verdict in verdicts)
 
 
 def _lefts_mm(job: Path, press: Press | None, profile: Path | None) -> list[float]:

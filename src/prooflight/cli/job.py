@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from datetime import UTC, datetime
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,8 +17,10 @@ from prooflight.press import Press
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
+    from prooflight.deciding.verdict import Verdict
+    from prooflight.inspecting.job import InspectPage, Pair
     from prooflight.reporting.report import PageEntry
 
 MISPRINT_FOUND = 1
@@ -229,43 +231,44 @@ def inspect(
     with source.open() as opened:
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
     work = InspectPage(job=source, inspector=inspector)
-    started = time.perf_counter()
-    verdicts = []
     if report is None:
-        for verdict in _shown(in_order(work, pairs), len(pairs), "inspecting", quiet=json):
-            verdicts.append(verdict)
-            if json:
-                show.print_json(asdict(verdict))
+        verdicts = show.inspected(in_order(work, pairs), lambda seen: seen, total=len(pairs), json=json)
     else:
-        from prooflight.reporting.job import PicturedPage
-        from prooflight.reporting.report import RunSummary, write_report
-
-        entries: list[PageEntry] = []
-        for entry in _shown(in_order(PicturedPage(work), pairs), len(pairs), "inspecting", quiet=json):
-            entries.append(entry)
-            verdicts.append(entry.verdict)
-            if json:
-                show.print_json(asdict(entry.verdict))
-        report.mkdir(parents=True, exist_ok=True)
-        summary = RunSummary(
-            job=name,
-            press=loaded.name,
-            press_digest=loaded.digest,
-            promise=inspector.promise,
-            world=None,
-            seed=None,
-            date=datetime.now(UTC).strftime("%Y-%m-%d"),
-            pages_per_s=len(pairs) / (time.perf_counter() - started),
-        )
-        write_report(report / "report.html", entries, summary)
-    alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
+        verdicts = _reported(work, pairs, report, job=name, json=json)
     if not json:
-        show.people.print(show.verdict_table(verdicts, title=f"{name} on press {loaded.name}"))
-        show.people.print(f"{count(len(verdicts), 'page')}, {count(alarms, 'misprint')}")
+        show.judged(verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
             show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
-    if alarms:
+    if any(verdict.verdict == "misprint" for verdict in verdicts):
         raise typer.Exit(MISPRINT_FOUND)
+
+
+def _reported(
+    work: InspectPage, pairs: Sequence[Pair], report: Path, *, job: str, json: bool
+) -> list[Verdict]:
+    """Inspect, and write ``report.html`` into the folder."""
+    from prooflight.pages.parallel import in_order
+    from prooflight.reporting.job import PicturedPage
+    from prooflight.reporting.report import RunSummary, write_report
+
+    started = time.perf_counter()
+    entries = show.inspected(
+        in_order(PicturedPage(work), pairs), attrgetter("verdict"), total=len(pairs), json=json
+    )
+    report.mkdir(parents=True, exist_ok=True)
+    press = work.inspector.press
+    summary = RunSummary(
+        job=job,
+        press=press.name,
+        press_digest=press.digest,
+        promise=work.inspector.promise,
+        world=None,
+        seed=None,
+        date=datetime.now(UTC).strftime("%Y-%m-%d"),
+        pages_per_s=len(pairs) / (time.perf_counter() - started),
+    )
+    write_report(report / "report.html", entries, summary)
+    return [entry.verdict for entry in entries]
 
 
 def _inspect_golden(

@@ -18,8 +18,10 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from prooflight.reporting.wording import count
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from prooflight.deciding.verdict import Verdict
@@ -95,6 +97,25 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
         )
     return table
+
+
+def inspected(
+    items: Iterable[Item], verdict_of: Callable[[Item], Verdict], *, total: int, json: bool
+) -> list[Item]:
+    """What inspection makes, as it comes: each verdict a line of JSON for programs, a progress bar for people."""
+    seen = []
+    for item in items if json else progress(items, total=total, what="inspecting"):
+        seen.append(item)
+        if json:
+            print_json(asdict(verdict_of(item)))
+    return seen
+
+
+def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
+    """All verdicts in a table, and how many."""
+    alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
+    people.print(verdict_table(verdicts, title=title))
+    people.print(f"{count(len(verdicts), 'page')}, {count(alarms, 'misprint')}")
 
 
 def _short(score: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -13,6 +13,11 @@ from rich.table import Table
 from prooflight.cli import show
 from prooflight.cli.study import Json, PressFileAt, Quick, Results
 from prooflight.cli.study_world import CACHE, Cache
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from prooflight.studies.design_results import DesignRow
 
 Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
 Cluster = Annotated[
@@ -168,6 +173,11 @@ def design(
     if json:
         show.print_json(rows)
         return
+    show.people.print(_cents(rows))
+    show.written(out / "design.md")
+
+
+def _cents(rows: Iterable[DesignRow]) -> Table:
     table = Table(title="Cents per 10,000 pages", title_justify="left")
     for heading in ("world", "design", "errors", "saves", "hardware", "computing", "total", ""):
         table.add_column(heading, justify="left" if heading in ("world", "design", "") else "right")
@@ -183,8 +193,7 @@ def design(
             *(f"{cents:.3g}" for cents in (row.hardware_cents, row.computing_cents, row.total_cents)),
             "efficient" if row.efficient else "",
         )
-    show.people.print(table)
-    show.written(out / "design.md")
+    return table
 
 
 def _as_typed() -> str:

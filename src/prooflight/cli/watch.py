@@ -33,6 +33,7 @@ from prooflight.reporting.live import Recent, live_view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from rich.console import RenderableType
 
@@ -131,22 +132,7 @@ def watch(
         json=json,
     )
     settle_process()
-    with ExitStack() as stack:
-        recorder = None
-        if journal != "none":
-            facts = RunFacts(
-                job=name,
-                job_digest=content_digest(job),
-                press=loaded.name,
-                press_digest=loaded.digest,
-                detector=inspector.judge.name,
-                source=source,
-                started_s=time.time(),
-                sheets=count,
-                settings=asdict(settings),
-            )
-            opened_journal = stack.enter_context(Journal.open(journal or str(default_journal())))
-            recorder = stack.enter_context(Recorder(opened_journal, opened_journal.begin_run(facts)))
+    with _recorder(journal, job, inspector, settings, name=name, source=source, sheets=count) as recorder:
         running = watched(
             inspector,
             source=given.source,
@@ -170,6 +156,39 @@ def watch(
         raise typer.Exit(BROKEN_OFF)
     if status.misprints:
         raise typer.Exit(MISPRINT_FOUND)
+
+
+@contextmanager
+def _recorder(
+    journal: str | None,
+    job: Path,
+    inspector: Inspector,
+    settings: Settings,
+    *,
+    name: str,
+    source: str,
+    sheets: int,
+) -> Iterator[Recorder | None]:
+    """Of a new run, in the journal that the option names; None: there is to be none."""
+    if journal == "none":
+        yield None
+        return
+    facts = RunFacts(
+        job=name,
+        job_digest=content_digest(job),
+        press=inspector.press.name,
+        press_digest=inspector.press.digest,
+        detector=inspector.judge.name,
+        source=source,
+        started_s=time.time(),
+        sheets=sheets,
+        settings=asdict(settings),
+    )
+    with (
+        Journal.open(journal or str(default_journal())) as opened,
+        Recorder(opened, opened.begin_run(facts)) as recorder,
+    ):
+        yield recorder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -74,63 +74,37 @@ def run_press_study(
     plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
     press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
-    designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
-    good = replace(scene, misprints=0)
-    scatter = bench.scatter(good, plan.days_of("pilot"), "pilot")
-    main = bench.said(replace(scene, number=1), scatter, plan.days_of("designs"), "scans")
-    looser = bench.said(
-        replace(good, number=2, times=LOOSER), scatter, plan.days_of("looser"), "looser press"
-    )
-    alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1], variation={"all_times": 0.0})
-    ideal_scene = Scene(
-        press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
-    )
-    ideal_scatter = bench.scatter(
-        replace(ideal_scene, misprints=0), plan.days_of("ideal_pilot"), "ideal world, pilot"
-    )
-    ideal = bench.said(ideal_scene, ideal_scatter, plan.days_of("ideal"), "ideal world")
-    real_rows = None
-    if real is not None:
-        real_scene = replace(scene, number=4, pages=real, misprints=3)
-        real_rows = bench.said(real_scene, scatter, _fitting(real, press, plan), "real pages")
-    promise = bench.said(replace(good, number=5), scatter, plan.days_of("promise"), "good pages that promise")
-    lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
-    teaching = bench.said(lesson, scatter, plan.days_of("teaching"), "designs that teach")
-    learning = bench.said(replace(good, number=7), scatter, plan.days_of("learning"), "good pages that teach")
-    trial = bench.said(
-        replace(good, number=8), scatter, plan.days_of("trial"), "good pages that try promises"
-    )
-    lessons = Pages.of(teaching).beside(Pages.of(learning))
+    scans = _scanned(bench, real)
+    lessons = Pages.of(scans.teaching).beside(Pages.of(scans.learning))
     verdicts = judged(
-        main,
-        scatter,
+        scans.main,
+        scans.scatter,
         teaching=lessons,
-        good=promise,
+        good=scans.promise,
         seed=plan.seed,
         trees=plan.trees,
         ablations=plan.ablations,
         processes=processes,
         progress=progress,
     )
-    kept, tried = kept_promises(verdicts, promise, trial, calibration=plan.calibration)
+    kept, tried = kept_promises(verdicts, scans.promise, scans.trial, calibration=plan.calibration)
     found = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
-        main=main,
+        main=scans.main,
         verdicts=verdicts,
         kept=kept,
         tried=tried,
-        looser=_looser(verdicts, looser, plan),
-        ideal=judged(ideal, ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
-        real=None if real_rows is None else _on_real(verdicts, main, promise, real_rows),
+        looser=_looser(verdicts, scans.looser, plan),
+        ideal=judged(scans.ideal, scans.ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
+        real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
     )
     text = "\n".join(page_lines(found))
     with whole_file(results / "press.md") as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
-        _taught(press, main, lessons, promise, scatter, plan).save(taught)
+        _taught(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
     progress(f"done in {(time.perf_counter() - started) / 60:.0f} minutes")
     return found
 
@@ -190,6 +164,62 @@ class _Bench:
     def told(self, what: str) -> Callable[[int, int], None]:
         """Progress of a list of pieces."""
         return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scans:
+    """What every scan of each scene says, and how statistics scatter in either world."""
+
+    scatter: Scatter
+    main: Rows
+    looser: Rows
+    ideal_scatter: Scatter
+    ideal: Rows
+    real: Rows | None
+    promise: Rows
+    teaching: Rows
+    learning: Rows
+    trial: Rows
+
+
+def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
+    """All scenes, one after the other; no two have a number, and so a day, in common."""
+    press, plan = bench.press, bench.plan
+    designs = Corpus(seed=plan.seed, dpi=press.dpi)
+    scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
+    good = replace(scene, misprints=0)
+    scatter = bench.scatter(good, plan.days_of("pilot"), "pilot")
+
+    def said(name: str, scene: Scene, what: str) -> Rows:
+        return bench.said(scene, scatter, plan.days_of(name), what)
+
+    main = said("designs", replace(scene, number=1), "scans")
+    looser = said("looser", replace(good, number=2, times=LOOSER), "looser press")
+    alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1], variation={"all_times": 0.0})
+    ideal = Scene(
+        press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
+    )
+    ideal_scatter = bench.scatter(
+        replace(ideal, misprints=0), plan.days_of("ideal_pilot"), "ideal world, pilot"
+    )
+    ideal_rows = bench.said(ideal, ideal_scatter, plan.days_of("ideal"), "ideal world")
+    real_rows = None
+    if real is not None:
+        of_real = replace(scene, number=4, pages=real, misprints=3)
+        real_rows = bench.said(of_real, scatter, _fitting(real, press, plan), "real pages")
+    lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
+    return _Scans(
+        scatter=scatter,
+        main=main,
+        looser=looser,
+        ideal_scatter=ideal_scatter,
+        ideal=ideal_rows,
+        real=real_rows,
+        promise=said("promise", replace(good, number=5), "good pages that promise"),
+        teaching=said("teaching", lesson, "designs that teach"),
+        learning=said("learning", replace(good, number=7), "good pages that teach"),
+        trial=said("trial", replace(good, number=8), "good pages that try promises"),
+    )
 
 
 def _taught(

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from prooflight.errors import PressFileError, RequestError
-from prooflight.press_file import VARIATION, VARIATION_RANGES, PressFile
+from prooflight.press_blocks import VARIATION, VARIATION_RANGES
+from prooflight.press_file import PressFile
 from prooflight.simulating.worlds import WORLDS, Amounts, amounts_of, known_world, worlds
 
 if TYPE_CHECKING:

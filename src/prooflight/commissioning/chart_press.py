@@ -14,7 +14,7 @@ from prooflight.commissioning.edge_spread import footprint_of
 from prooflight.deciding.cost import RunningCosts
 from prooflight.predicting.tables import NODE_STEP, NODES, SensorModel, node_fractions
 from prooflight.press import ClippedShare, Press
-from prooflight.press_file import DecisionBlock
+from prooflight.press_blocks import DecisionBlock
 from prooflight.printing.built_in import built_in_inks
 
 if TYPE_CHECKING:

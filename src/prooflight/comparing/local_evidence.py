@@ -98,31 +98,24 @@ def summed(
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
     lines, pixels = where.inside.shape
-    # Written through once: pages of memory first met here and there cost three times as much.
-    tiles = np.full((4, len(MODES) + 1, lines // side, pixels // side), 0, np.float32)
+    tiles = np.empty((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
     columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
-    for index, sensor in enumerate(sensors):
-        light = seen.expected_dn[index] - sensor.column_offset_dn
-        white = (sensor.white_dn * sensor.column_gain).astype(np.float32)
-        images = (
-            left[index],
-            weight[index],
-            light,
-            white,
-            modes.add[index],
-            modes.gain[index],
-            of_edges[index],
-        )
-        line_sums(*images, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
+    offset = np.stack([sensor.column_offset_dn for sensor in sensors])
+    light = seen.expected_dn - offset[:, None]
+    white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
+    images = left, weight, light, white, modes.add, modes.gain, of_edges
+    for index in range(len(sensors)):
+        own = (image[index] for image in images)
+        line_sums(*own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
         gains = np.empty(pixels, np.float32)
-        column_gains(left[index], weight[index], light, np.float32(1 / COLUMN_SD**2), gains)
+        column_gains(left[index], weight[index], light[index], np.float32(1 / COLUMN_SD**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
         gains -= ndimage.uniform_filter1d(
             gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
         )
-        take_columns(left[index], weight[index], light, gains)
-        tile_sums(*images, side, *tiles)
+        take_columns(left[index], weight[index], light[index], gains)
+    tile_sums(*images, side, tiles)
     size = (pixels // side, lines // side)
     cover = np.stack(
         [

@@ -107,50 +107,64 @@ def line_sums(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def tile_sums(residual, weight, light, white, add, gain, of_edges, side, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
-    """Sums over tiles of one sensor, added to pushes, powers, shared, edges (MODES + 1, tile rows, tile columns).
+def add_tile_row(
+    residual, weight, light, white, add, gain, of_edges, first, last, side, rows, made, sums, out
+):  # type: ignore[no-untyped-def]
+    """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, MODES + 1, tile columns).
 
-    As ``line_sums``, r kept below 10 sigma; the last place is the energy: sum of r^2 / V, each at most 25, and pixels.
+    rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.
     """
-    lines, pixels = residual.shape
-    most, any_edge = np.float32(10), np.float32(1)
+    for line in range(first, last):
+        k = line - first
+        images = residual[line], weight[line], light[line], of_edges[line]
+        weigh_row(*images, np.float32(10), np.float32(1), rows[k])
+        void_row(light[line], white, made[0, k])
+        blur_row(light, line, made[1, k])
+        whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+    for m in range(MODES):
+        sums[:] = np.float32(0)
+        for k in range(last - first):
+            if m == 0:
+                mode = light[first + k]
+            elif m < 1 + INKS:
+                mode = add[m - 1, first + k]
+            elif m < 1 + 2 * INKS:
+                mode = gain[m - 1 - INKS, first + k]
+                if not mode.any():
+                    continue
+            else:
+                mode = made[m - 1 - 2 * INKS, k]
+            row = rows[k]
+            add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
+        for part in range(4):
+            gather(sums[part], side, out[part, m])
+    sums[:2] = np.float32(0)
+    for line in range(first, last):
+        add_energy(residual[line], weight[line], sums[0], sums[1])
+    gather(sums[0], side, out[0, MODES])
+    gather(sums[1], side, out[1, MODES])
+
+
+@njit(cache=True, nogil=True)
+def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  # type: ignore[no-untyped-def]
+    """Sums over tiles of all sensors, written to out (4, MODES + 1, tile rows, tile columns).
+
+    Images (sensors, ..., lines, pixels), white (sensors, pixels). As ``line_sums``, r kept below 10 sigma; the last
+    mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of tiles, whose sums
+    stay at hand: all tiles together are as large as all images.
+    """
+    lines, pixels = residual.shape[1:]
     rows = np.empty((side, 4, pixels), np.float32)
     made = np.empty((3, side, pixels), np.float32)
     sums = np.empty((4, pixels), np.float32)
-    for tile in range(pushes.shape[1]):
+    here = np.empty((4, MODES + 1, out.shape[3]), np.float32)
+    for tile in range(out.shape[2]):
+        here[:] = np.float32(0)
         first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
-        if first >= last:
-            continue
-        for line in range(first, last):
-            k = line - first
-            weigh_row(residual[line], weight[line], light[line], of_edges[line], most, any_edge, rows[k])
-            void_row(light[line], white, made[0, k])
-            blur_row(light, line, made[1, k])
-            whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
-        for m in range(MODES):
-            sums[:] = np.float32(0)
-            for k in range(last - first):
-                if m == 0:
-                    mode = light[first + k]
-                elif m < 1 + INKS:
-                    mode = add[m - 1, first + k]
-                elif m < 1 + 2 * INKS:
-                    mode = gain[m - 1 - INKS, first + k]
-                    if not mode.any():
-                        continue
-                else:
-                    mode = made[m - 1 - 2 * INKS, k]
-                row = rows[k]
-                add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
-            gather(sums[0], side, pushes[m, tile])
-            gather(sums[1], side, powers[m, tile])
-            gather(sums[2], side, shared[m, tile])
-            gather(sums[3], side, edges[m, tile])
-        sums[:2] = np.float32(0)
-        for line in range(first, last):
-            add_energy(residual[line], weight[line], sums[0], sums[1])
-        gather(sums[0], side, pushes[MODES, tile])
-        gather(sums[1], side, powers[MODES, tile])
+        for s in range(residual.shape[0]):
+            images = residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s]
+            add_tile_row(*images, first, last, side, rows, made, sums, here)
+        out[:, :, tile] = here
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

@@ -161,9 +161,8 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
             (tables.gain, modes.gain[index], present),
             (tables.dot, modes.dot[index], present),
         ):
-            predict_light(page, [of_inks[ink] for ink in inks], [out[ink] for ink in inks], geometry=geometry)
-            for ink in inks:
-                np.negative(out[ink], out=out[ink])
+            seen = [of_inks[ink] for ink in inks], [out[ink] for ink in inks]
+            predict_light(page, *seen, geometry=geometry, sign=-1)
         predict_light(page, [tables.texture], [modes.texture[index]], geometry=geometry)
     areas, cover = cover_sensors(sensors[0]), modes.cover
     predict_light(page, [areas[ink] for ink in present], [cover[ink] for ink in present], geometry=geometry)

@@ -106,10 +106,18 @@ def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
+def sign_row(row, sign):  # type: ignore[no-untyped-def]
+    """What is below 0 becomes 0, and all of it takes a sign; a sign of 0 leaves it as it is."""
+    if sign != 0:
+        for i in range(row.size):
+            row[i] = sign * max(row[i], np.float32(0))
+
+
+@njit(cache=True, nogil=True)
 def filter_lines(  # type: ignore[no-untyped-def]
     words,
-    bricks,
-    backing,
+    tables,
+    backings,
     stride,
     across_places,
     across_segment,
@@ -118,20 +126,22 @@ def filter_lines(  # type: ignore[no-untyped-def]
     along_pitch,
     along_cumulative,
     step,
+    sign,
     line_from,
     line_to,
-    light,
+    lights,
 ):
-    """What lines line_from .. line_to - 1 see in one table of a page that is only shifted, above the backing's level.
+    """What lines line_from .. line_to - 1 see in tables of a page that is only shifted, above the backing's level.
 
-    words (rows, columns) uint32; bricks: ``Bricks``; light (lines, pixels) float32 is written at those lines only:
-    bands may run in several threads. stride: raster pixels from one camera pixel to the next, 0 if not a whole number
-    of them; across_places (nodes,), along_places (nodes, 1): where columns and lines look. Rows pass once through a
-    ring of as many filtered rows as there are taps. Other arguments as in ``Course`` and ``Footprint``.
-    ``correct_light`` comes next.
+    words (rows, columns) uint32; tables: a tuple of n ``Bricks``; backings (n,); lights: a tuple of n images (lines,
+    pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from one
+    camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1): where
+    columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as there
+    are taps, and are dealt out and told from the row above once for all tables. Other arguments as in ``Course`` and
+    ``Footprint``. ``correct_light`` comes next.
     """
     rows, columns = words.shape
-    pixels = light.shape[1]
+    pixels = lights[0].shape[1]
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     even = stride > 0
     begin = taps // max(stride, 1) + 2
@@ -143,7 +153,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
     source = np.zeros(columns + 3 * wide, np.float32)
     few = np.zeros((2, AT_ONCE), np.uint32)
     firsts, weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
-    ring = np.empty((taps, pixels), np.float32)
+    ring = np.empty((len(tables), taps, pixels), np.float32)
     x_weights, y_weights = np.empty(taps, np.float32), np.empty(taps, np.float32)
     x_first = aim(across_places[0], across_cumulative, step, x_weights)
     if not even:
@@ -160,19 +170,24 @@ def filter_lines(  # type: ignore[no-untyped-def]
         if next_row < 0:
             next_row = max(y_first, 0)
         while next_row < min(y_first + taps, rows):
-            slot, row = ring[next_row % taps], words[next_row]
-            if next_row - 1 == looked_up and same_row(row, words[looked_up]):
-                copy_row(ring[(next_row - 1) % taps], slot)
-            elif even:
+            slot, row = next_row % taps, words[next_row]
+            alike = next_row - 1 == looked_up and same_row(row, words[looked_up])
+            if even and not alike:
                 deal_row(row, begin, dealt)
-                look_up_dealt(dealt, columns, begin, bricks, backing, split)
-                filter_across(split, pad, columns, x_first, x_weights, starts, slot)
-            else:
-                look_up_words(row, bricks, backing, few, source[wide : wide + columns])
-                filter_row(source, firsts, x_weights, weights_at, wide, slot)
+            for n in range(len(tables)):
+                if alike:
+                    copy_row(ring[n, (next_row - 1) % taps], ring[n, slot])
+                elif even:
+                    look_up_dealt(dealt, columns, begin, tables[n], backings[n], split)
+                    filter_across(split, pad, columns, x_first, x_weights, starts, ring[n, slot])
+                else:
+                    look_up_words(row, tables[n], backings[n], few, source[wide : wide + columns])
+                    filter_row(source, firsts, x_weights, weights_at, wide, ring[n, slot])
             looked_up = next_row
             next_row += 1
-        filter_along(ring, rows, y_first, y_weights, starts, light[line])
+        for n in range(len(tables)):
+            filter_along(ring[n], rows, y_first, y_weights, starts, lights[n][line])
+            sign_row(lights[n][line], sign)
 
 
 @njit(cache=True, nogil=True)

@@ -74,7 +74,7 @@ def predict(
         workers,
         lines,
         [
-            partial(_filtering(page, sensor, where, table, backing), light=light)
+            _filtering(page, sensor, where, table, backing, light)
             for sensor, table, backing, light in filtered
         ],
     )
@@ -89,17 +89,23 @@ def predict(
 
 
 def predict_light(
-    page: Page, tables: Sequence[SensorModel], out: Sequence[NDArray[np.float32]], *, geometry: ScanGeometry
+    page: Page,
+    tables: Sequence[SensorModel],
+    out: Sequence[NDArray[np.float32]],
+    *,
+    geometry: ScanGeometry,
+    sign: int = 1,
 ) -> None:
     """What bare columns without a lens's far light see of a page in its place, above the backing, of each table.
 
-    Written: (lines, pixels) each [the table's units].
+    The tables have one footprint. Written: (lines, pixels) each [the table's units], at least 0, times ``sign``.
     """
+    if not tables:
+        return
     where = course(page, geometry, IN_PLACE)
-    for sensor, light in zip(tables, out, strict=True):
-        seen = _filtering(page, sensor, where, sensor.mean_dn, sensor.backing_dn)
-        seen(line_from=0, line_to=len(light), light=light)
-        np.maximum(light, 0, out=light)
+    nodes, backings = [table.mean_dn for table in tables], [table.backing_dn for table in tables]
+    seen = _filtering_still(page, tables[0], where, nodes, backings, out, sign=sign)
+    seen(line_from=0, line_to=len(out[0]))
 
 
 def relit(
@@ -178,42 +184,73 @@ def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) ->
 
 
 def _filtering(
-    page: Page, sensor: SensorModel, where: Course, table: NDArray[np.float32], backing: float
+    page: Page,
+    sensor: SensorModel,
+    where: Course,
+    table: NDArray[np.float32],
+    backing: float,
+    light: NDArray[np.float32],
 ) -> Callable[..., None]:
-    """The filtering kernel with everything set but the lines to do and where to put them."""
-    footprint = sensor.footprint
-    step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
-    across, along = where.across, where.along
+    """The filtering kernel with everything set but the lines to do."""
     if where.still:
-        return partial(
-            filter_lines,
-            words,
-            bricks_of(table),
-            np.float32(backing),
-            where.stride,
-            across.places[0],
-            across.segment,
-            footprint.across,
-            np.ascontiguousarray(along.places[:, :1]),
-            along.pitch,
-            footprint.along,
-            step,
-        )
+        return _filtering_still(page, sensor, where, [table], [backing], [light])
+    across, along = where.across, where.along
     return partial(
         filter_moved_lines,
-        words,
+        _words(page),
         bricks_of(table),
         np.float32(backing),
         across.places,
         across.pitch,
         across.segment,
-        footprint.across,
+        sensor.footprint.across,
         along.places,
         along.pitch,
         along.segment,
-        footprint.along,
-        step,
+        sensor.footprint.along,
+        _step(page, sensor),
         where.phase_bits,
         math.ceil(np.ptp(along.places, axis=1).max()),
+        light=light,
     )
+
+
+def _filtering_still(
+    page: Page,
+    sensor: SensorModel,
+    where: Course,
+    tables: Sequence[NDArray[np.float32]],
+    backings: Sequence[float],
+    lights: Sequence[NDArray[np.float32]],
+    *,
+    sign: int = 0,
+) -> Callable[..., None]:
+    """The same of a page that is only shifted, for tables of one footprint."""
+    across, along = where.across, where.along
+    return partial(
+        filter_lines,
+        _words(page),
+        tuple(bricks_of(table) for table in tables),
+        np.array(backings, np.float32),
+        where.stride,
+        across.places[0],
+        across.segment,
+        sensor.footprint.across,
+        np.ascontiguousarray(along.places[:, :1]),
+        along.pitch,
+        sensor.footprint.along,
+        _step(page, sensor),
+        np.float32(sign),
+        lights=tuple(lights),
+    )
+
+
+def _words(page: Page) -> NDArray[np.uint32]:
+    """(rows, columns) recipes, cyan lowest."""
+    return np.asarray(np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0])
+
+
+def _step(page: Page, sensor: SensorModel) -> float:
+    """A raster pixel in steps of the footprint's tables."""
+    footprint = sensor.footprint
+    return float((footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm)

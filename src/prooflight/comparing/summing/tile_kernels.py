@@ -107,9 +107,9 @@ def line_sums(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def add_tile_row(
+def add_tile_row(  # type: ignore[no-untyped-def]
     residual, weight, light, white, add, gain, of_edges, first, last, side, rows, made, sums, out
-):  # type: ignore[no-untyped-def]
+):
     """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, MODES + 1, tile columns).
 
     rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.

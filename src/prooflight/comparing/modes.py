@@ -151,9 +151,12 @@ def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
 def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Modes:
     """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
     channels = len(sensors) * (3 * INKS + 1) + INKS
-    images = np.zeros((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
+    images = np.empty((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
     modes = Modes(images=images, sensors=len(sensors))
     present = [ink for ink in range(INKS) if page.cmyk[::2, ::2, ink].any()]
+    for ink in set(range(INKS)) - set(present):
+        for blank in (modes.gain[:, ink], modes.dot[:, ink], modes.cover[ink]):
+            blank[...] = 0
     for index, sensor in enumerate(sensors):
         tables = mode_sensor(sensor)
         for of_inks, out, inks in (

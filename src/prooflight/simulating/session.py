@@ -137,8 +137,7 @@ def true_sensors(session: Session, press: Press) -> tuple[TrueSensor, ...]:
 
 def _true_sensor(model: SensorModel, day: SensorDay, session: Session) -> TrueSensor:
     axis = np.arange(TRUE_NODES, dtype=np.float64) * (NODE_STEP / 255)
-    light = beyond_solid(exact_nodes(model.mean_dn.astype(np.float64)))
-    light *= 1 + day.table_shape_sd * day.table_shape.on_grid(axis)
+    light = _exact_light(model) * (1 + day.table_shape_sd * day.table_shape.on_grid(axis))
     logarithm, texture = np.log(light.clip(min=1e-3)), np.zeros_like(light)
     for ink in range(4):
         # The node just beyond the solid stays negative, so that the line through it is 0 at the solid.
@@ -155,6 +154,12 @@ def _true_sensor(model: SensorModel, day: SensorDay, session: Session) -> TrueSe
         noise_top_dn=top,
         columns=(session.lamp * day.table_gain * day.column_gain).astype(np.float32),
     )
+
+
+@lru_cache(maxsize=4)
+def _exact_light(model: SensorModel) -> NDArray[np.float64]:
+    """Light of bare columns without the session's errors, (37, 37, 37, 37): on every day the same."""
+    return beyond_solid(exact_nodes(model.mean_dn.astype(np.float64)))
 
 
 def exact_nodes(nodes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -240,7 +240,9 @@ def test_loops_are_vector_instructions_of_words(
         "fold_lines": (many, z, many[: 2 * kernels.STRIP].copy(), np.ones(64, np.int32)),
     }[name]
     code = instructions(getattr(dither_kernels if "dither" in name else kernels, name), *arguments)
+    # Beside squares of 32 bits some processors' compilers take half a register of words: as many of either.
+    whole = "%[xyz]mm" if name == "fold_lines" else "%[yz]mm"
     for pattern in wanted:
-        assert re.search(rf"\b(?:{pattern})\b.*%[yz]mm", code), f"no {pattern} of whole registers in {name}"
+        assert re.search(rf"\b(?:{pattern})\b.*{whole}", code), f"no {pattern} of whole registers in {name}"
     for pattern in unwanted:
         assert not re.search(rf"\b{pattern}\b", code), f"{pattern}: {name} has left 16-bit words"

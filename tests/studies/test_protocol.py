@@ -14,7 +14,7 @@ from prooflight.simulating.captures import Room, noisier_tables
 from prooflight.simulating.misprints import KINDS
 from prooflight.studies.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
 from prooflight.studies.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
-from prooflight.studies.shards import digest_of, run_pieces
+from prooflight.studies.shards import digest_of, minutes_spent, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -196,6 +196,12 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
     assert rows["names"].tolist() == ["p3", "p1", "p2"]
     assert told == [(2, 3), (3, 3)]
     assert sorted(path.name[0] for path in (tmp_path / "made").iterdir()) == ["1", "2", "3"]
+    # What pieces took is kept beside their rows, and is no column of them.
+    assert set(rows) == {"piece", "names"}
+    spent = minutes_spent(tmp_path / "kept", digest)
+    assert spent > 0
+    run_pieces(work, [3, 1, 2], tmp_path / "kept", digest=digest, processes=1)
+    assert minutes_spent(tmp_path / "kept", digest) == spent
 
 
 def test_a_damaged_result_is_made_again_and_another_digest_is_another_study(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -29,7 +29,7 @@ from prooflight.studies.press_judging import (
 )
 from prooflight.studies.press_page import page_lines
 from prooflight.studies.press_scans import SaidWork, ScatterWork, Scene
-from prooflight.studies.shards import digest_of, run_pieces
+from prooflight.studies.shards import digest_of, minutes_spent, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from prooflight.studies.corpus import Folder
     from prooflight.studies.press_judging import Verdicts
     from prooflight.studies.protocol import Day
-    from prooflight.studies.shards import Rows
+    from prooflight.studies.shards import Rows, Work
 
 SCHEMA: Final = 2
 """Of the rows; a change of what is measured makes kept results void."""
@@ -105,7 +105,10 @@ def run_press_study(
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
         _taught(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
-    progress(f"done in {(time.perf_counter() - started) / 60:.0f} minutes")
+    progress(
+        f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
+        f"{sum(bench.minutes):.0f} minutes of one process"
+    )
     return found
 
 
@@ -118,6 +121,8 @@ class _Bench:
     plan: PressPlan
     processes: int | None
     progress: Callable[[str], None]
+    minutes: list[float] = field(default_factory=list)
+    """That each scene's rows took of one process, whenever they were made."""
 
     def kept(self, press: Press) -> Path:
         """A press as a file for workers."""
@@ -140,26 +145,20 @@ class _Bench:
 
     def scatter(self, scene: Scene, days: list[Day], what: str) -> Scatter:
         """How statistics scatter, from good prints."""
-        drawn = run_pieces(
-            ScatterWork(scene=scene),
-            days,
-            self.cache / "scatter",
-            digest=self.digest(scene, days),
-            processes=self.processes,
-            progress=self.told(what),
-        )
+        drawn = self._rows(ScatterWork(scene=scene), scene, days, "scatter", what)
         return learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
     def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
         """What every scan of a scene says."""
-        return run_pieces(
-            SaidWork(scene=scene, scatter=scatter),
-            days,
-            self.cache / "said",
-            digest=self.digest(scene, days),
-            processes=self.processes,
-            progress=self.told(what),
+        return self._rows(SaidWork(scene=scene, scatter=scatter), scene, days, "said", what)
+
+    def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
+        folder, digest = self.cache / kind, self.digest(scene, days)
+        rows = run_pieces(
+            work, days, folder, digest=digest, processes=self.processes, progress=self.told(what)
         )
+        self.minutes.append(minutes_spent(folder, digest))
+        return rows
 
     def told(self, what: str) -> Callable[[int, int], None]:
         """Progress of a list of pieces."""

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 import zipfile
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -29,6 +30,10 @@ Rows = dict[str, "NDArray[Any]"]
 """Columns by name; the first axis of each counts rows (columns of counts may have another length)."""
 Piece = TypeVar("Piece")
 PieceIn = TypeVar("PieceIn", contravariant=True)
+
+
+SPENT: Final = "seconds spent"
+"""A piece's time by the clock, kept beside its rows."""
 
 
 class Work(Protocol[PieceIn]):
@@ -74,8 +79,21 @@ def run_pieces(
     for path in paths:
         with np.load(path, allow_pickle=False) as arrays:
             for name in arrays.files:
-                columns[name].append(arrays[name])
+                if name != SPENT:
+                    columns[name].append(arrays[name])
     return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+
+def minutes_spent(folder: Path, digest: str) -> float:
+    """Minutes of one process that the pieces in ``folder`` took when they were made, in however many sittings.
+
+    Those that a cluster made are not among them.
+    """
+    seconds = 0.0
+    for path in (folder / digest[:16]).glob("*.npz"):
+        with np.load(path, allow_pickle=False) as arrays:
+            seconds += float(arrays[SPENT]) if SPENT in arrays.files else 0.0
+    return seconds / 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +104,9 @@ class _Kept:
 
     def __call__(self, place: tuple[Path, Any]) -> None:
         path, piece = place
-        _keep(path, self.work(piece))
+        started = time.perf_counter()
+        rows = self.work(piece)
+        _keep(path, rows | {SPENT: np.array(time.perf_counter() - started)})
 
 
 def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,8 @@ from prooflight.comparing.nuisance import (
     page_colours,
 )
 from prooflight.comparing.register import prepare, register
+from prooflight.comparing.registering.overlaps import overlaps_of
+from prooflight.comparing.registering.planes import register_by_fringes
 from prooflight.comparing.residuals import in_register, residual_images
 from prooflight.comparing.shared import SharedPrediction, planes_taken
 from prooflight.predicting.predict import predict
@@ -38,9 +40,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.acquiring.geometry import ScanGeometry
+    from prooflight.acquiring.placement import Placement
     from prooflight.comparing.local_evidence import Sums
     from prooflight.comparing.nuisance import Colours, Fit
     from prooflight.comparing.register import Landmarks, Registration
+    from prooflight.comparing.registering.overlaps import Overlaps
     from prooflight.pages.raster import Page
     from prooflight.predicting.predict import Prediction
     from prooflight.predicting.tables import SensorModel
@@ -52,6 +56,8 @@ class PreparedPage:
 
     page: Page
     landmarks: Landmarks
+    overlaps: Overlaps | None = None
+    """Where planes share edges, if prediction is to follow their fringes; None: it follows registration alone."""
     images: NDArray[np.float32]
     """``Modes.images`` of the page in its place, in binned pixels."""
     shared: SharedPrediction | None
@@ -67,10 +73,12 @@ def prepare_page(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     sharing: bool = False,
+    fringes: bool = False,
 ) -> PreparedPage:
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
-    sharing: copies share that prediction, moved to where each lies, instead of one each.
+    sharing: copies share that prediction, moved to where each lies, instead of one each. fringes: where planes share
+    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share.
     """
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
@@ -79,9 +87,11 @@ def prepare_page(
     shared = None
     if sharing:
         shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
+    landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
     return PreparedPage(
         page=page,
-        landmarks=prepare(page, expected, sensors=sensors, geometry=geometry),
+        landmarks=landmarks,
+        overlaps=overlaps_of(page, landmarks) if fringes and not sharing else None,
         images=modes.images,
         shared=shared,
         colours=page_colours(modes.cover),
@@ -117,9 +127,10 @@ def look(
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
-    placement, planes_mm = found.placement, found.planes_mm
     if spread.exact:
-        placement, planes_mm = IN_PLACE, np.zeros_like(planes_mm)
+        placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
+    else:
+        placement, planes_mm = _followed(prepared, scan, found)
     where = sight(page, at, placement)
     if prepared.shared is None:
         printed, planes_mm = in_register(page, planes_mm)
@@ -164,3 +175,23 @@ def look(
         page_width_mm=page.width_mm,
     )
     return Looked(found=found, fit=fit, sums=sums, noise=noise)
+
+
+def _followed(
+    prepared: PreparedPage, scan: NDArray[np.uint16], found: Registration
+) -> tuple[Placement, NDArray[np.float64]]:
+    """The placement and the planes (4, 2) [mm] that prediction follows."""
+    if prepared.overlaps is None or not found.found:
+        return found.placement, found.planes_mm
+    fringes = register_by_fringes(
+        prepared.overlaps,
+        prepared.landmarks,
+        scan,
+        placement=found.placement,
+        planes_mm=found.planes_mm,
+        plane_parts=found.plane_parts,
+    )
+    if fringes is None:
+        return found.placement, found.planes_mm
+    x, y = (float(step) for step in np.add(found.placement.shift_mm, fringes.shift_mm))
+    return replace(found.placement, shift_mm=(x, y)), fringes.planes_mm

@@ -19,7 +19,8 @@ from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, opened
 from prooflight.pages.raster import Page
 from prooflight.studies.designs import books, display, office, sheets
-from prooflight.studies.designs.chance import often, pick_weighted
+from prooflight.studies.designs.chance import often, pick_weighted, some
+from prooflight.studies.designs.inks import BLACK
 from prooflight.studies.designs.look import Look
 from prooflight.studies.designs.sheet import Sheet
 
@@ -106,6 +107,12 @@ IN_COLOUR: Final[dict[Layout, float]] = {
 """The same for designs in four inks. The weights are tuned so that white, ink and edges spread as on real pages."""
 
 
+RICH_BLACK: Final = ((0.60, 0.80), (0.57, 0.75), (0.54, 0.72), (0.80, 0.98))
+"""Least and greatest ink area, C M Y K, of black type in four inks: what colour-managed office documents rip to. [-]"""
+RICH: Final = 4
+"""What tells random numbers of such blacks from those of designs."""
+
+
 class Designs(Protocol):
     """Where a study's pages come from; small, and may be sent to worker processes."""
 
@@ -119,10 +126,17 @@ class Corpus:
 
     seed: int
     dpi: float
+    black_of_four: float = 0.0
+    """Share of the designs in four inks whose black type and rules are set in four inks as well."""
+
+    def __repr__(self) -> str:
+        # Rows of studies are kept under it: designs as they always were go by the name that they always had.
+        more = f", black_of_four={self.black_of_four!r}" if self.black_of_four else ""
+        return f"Corpus(seed={self.seed!r}, dpi={self.dpi!r}{more})"
 
     def page(self, index: int) -> Page:
         """Design ``index``, from 0; there is no last one."""
-        return design_page(self.seed, index, dpi=self.dpi)
+        return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,15 +176,18 @@ def design_name(index: int) -> str:
     return f"d{index + 1:05d}"
 
 
-def design_page(seed: int, index: int, *, dpi: float) -> Page:
+def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0) -> Page:
     """Design ``index`` (from 0) of a seed, the same at every resolution but for the raster. [pixels/inch]
 
-    RequestError: an index below 0, or a resolution that is not above 0.
+    black_of_four: see ``Corpus``; a design that it does not fall on is the same whatever it is.
+    RequestError: an index below 0, a resolution that is not above 0, or a share that is not 0 to 1.
     """
     if index < 0:
         raise RequestError("designs", f"there is no design {index}", remedy="count from 0")
     if not dpi > 0:
         raise RequestError("designs", f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
+    if not 0 <= black_of_four <= 1:
+        raise RequestError("designs", f"black_of_four of {black_of_four}", remedy="give a share of 0 to 1")
     rng = np.random.default_rng([seed, index])
     black_alone = often(rng, BLACK_ALONE)
     width_mm, height_mm = pick_weighted(rng, SIZES_MM)
@@ -178,4 +195,15 @@ def design_page(seed: int, index: int, *, dpi: float) -> Page:
     look = Look.draw(rng, black_alone=black_alone)
     sheet = Sheet(width_mm=width_mm, height_mm=height_mm, dpi=dpi)
     layout(sheet, rng, look)
+    if not black_alone:
+        # A generator of its own: whatever else is drawn stays as it is.
+        _enrich_black(sheet, np.random.default_rng([seed, index, RICH]), black_of_four)
     return Page(cmyk=sheet.cmyk, dpi=dpi, name=design_name(index), number=index + 1)
+
+
+def _enrich_black(sheet: Sheet, rng: np.random.Generator, share: float) -> None:
+    """Set what is solid black alone in one recipe of four inks, with this probability; pictures never are."""
+    if not often(rng, share):
+        return
+    recipe = [round(255 * some(rng, *bounds)) for bounds in RICH_BLACK]
+    sheet.cmyk[(sheet.cmyk == BLACK).all(axis=2)] = recipe

@@ -1,0 +1,144 @@
+"""Where on a design ink planes share their edges, so that their register shows in fringes; found ahead of its scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.comparing.registering.fringes_kernels import EDGES, PAIRS, shared_edges
+from prooflight.comparing.registering.landmarks import REACH_PIXELS
+from prooflight.predicting.summing_kernels import FEW
+from prooflight.predicting.tables import NODE_STEP, NODES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.comparing.registering.landmarks import Landmarks
+    from prooflight.pages.raster import Page
+    from prooflight.predicting.tables import SensorModel
+
+INKS: Final = 4
+PATCH_PIXELS: Final = 8
+"""Side of the patches that are rendered: two millimetres at 0.254 mm, a letter, over which a print moves as one."""
+MOST_PATCHES: Final = 48
+LEAST_PATCHES: Final = 6
+"""Fewer could all be one misprint's."""
+LEAST_SHARED: Final = 0.5
+"""Of a patch, for it to be chosen: as much as six pixels of an edge that two inks share, 30 % of white strong."""
+REGIONS: Final = (6, 4)
+"""Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
+GOOD_MM: Final = 0.114
+"""Good planes are off by no more (worlds.toml)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Overlaps:
+    """Patches of a design where planes share edges, as bytes of ink: what they show depends on where planes lie."""
+
+    lines: NDArray[np.int64]
+    """(patches,) first line of each, the page in its place."""
+    columns: NDArray[np.int64]
+    words: NDArray[np.uint32]
+    """(patches, height + 2 margin, width + 2 margin) raster under each patch, a word a recipe, cyan lowest."""
+    margin: int
+    """Raster pixels by which planes may be displaced."""
+    origins: NDArray[np.float64]
+    """(patches, 2) x, y of the first footprint's beginning within the margin. [raster pixels]"""
+    inks: tuple[int, ...]
+    """Planes that have edges on the page."""
+    told: NDArray[np.bool_]
+    """(4,) whether a plane has edges in the patches."""
+    reach: int
+    """How far planes of good prints are off. [raster pixels]"""
+    pixel_mm: float
+    """Of the raster."""
+
+
+def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
+    """The patches of a page; None where no two planes share enough edges for fringes to be seen."""
+    scores = shared_scores(page, landmarks)
+    rows, columns = _chosen(scores)
+    if rows.size < LEAST_PATCHES:
+        return None
+    geometry, ratio = landmarks.geometry, np.array(landmarks.ratio)
+    side_mm = PATCH_PIXELS * _strides(landmarks) * page.pixel_mm
+    x_mm = geometry.centres_x_mm(page.width_mm)
+    y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    left, top = np.searchsorted(x_mm, columns * side_mm[0]), np.searchsorted(y_mm, rows * side_mm[1])
+    begin = np.stack([x_mm[left], y_mm[top]], axis=1) / page.pixel_mm - REACH_PIXELS * ratio
+    corners = np.floor(begin - ratio).astype(np.int64)
+    reach = max(round(GOOD_MM / page.pixel_mm), 1)
+    margin = reach + 1
+    width, height = (
+        int(np.ceil((PATCH_PIXELS + 2) * per_pixel)) + taps.shape[1] + 2 + 2 * margin
+        for per_pixel, taps in zip(ratio, (landmarks.taps[0].across, landmarks.taps[0].along), strict=True)
+    )
+    width += -(width - 2 * margin) % FEW
+    raster = np.pad(np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0], ((height,), (width,)))
+    words = [
+        raster[y - margin + height :, x - margin + width :][:height, :width] for x, y in corners.tolist()
+    ]
+    of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
+    return Overlaps(
+        lines=top,
+        columns=left,
+        words=np.stack(words),
+        margin=margin,
+        origins=begin - corners,
+        inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
+        told=of_planes[rows, columns].any(axis=0),
+        reach=reach,
+        pixel_mm=page.pixel_mm,
+    )
+
+
+def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
+    """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches, sensors added; 0 at the border."""
+    stride_x, stride_y = _strides(landmarks)
+    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    rows = page.cmyk.shape[0] // (PATCH_PIXELS * stride_y)
+    columns = page.cmyk.shape[1] // (PATCH_PIXELS * stride_x)
+    scores = np.zeros((rows, columns, 2, EDGES))
+    for sensor in landmarks.sensors:
+        shared_edges(words, PATCH_PIXELS, int(stride_x), int(stride_y), light_left(sensor), scores)
+    inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
+    inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
+    return inner
+
+
+def light_left(sensor: SensorModel) -> NDArray[np.float32]:
+    """Share of the light that an ink alone leaves, (4, 256) by its byte."""
+    mean = sensor.mean_dn
+    solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
+    ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
+    return np.maximum(ramps / sensor.white_dn, 1e-3).astype(np.float32)
+
+
+def _strides(landmarks: Landmarks) -> NDArray[np.int64]:
+    return np.array([max(round(per_pixel), 1) for per_pixel in landmarks.ratio])
+
+
+def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of patches: for each pair of planes and direction of edges in turn the best of a region."""
+    lists = [_best(scores[:, :, axis, pair]) for axis in range(2) for pair in range(PAIRS)]
+    chosen: list[tuple[int, int]] = []
+    for turn in range(max(len(one) for one in lists)):
+        for one in lists:
+            if turn < len(one) and one[turn] not in chosen and len(chosen) < MOST_PATCHES:
+                chosen.append(one[turn])
+    rows, columns = np.array(chosen, np.int64).reshape(-1, 2).T
+    return rows, columns
+
+
+def _best(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Of every region the patch with most, most first, where that is enough; scores (rows, columns)."""
+    found = []
+    for rows in np.array_split(np.arange(scores.shape[0]), REGIONS[0]):
+        for columns in np.array_split(np.arange(scores.shape[1]), REGIONS[1]):
+            part = scores[np.ix_(rows, columns)]
+            if part.size and part.max() > LEAST_SHARED:
+                row, column = np.unravel_index(part.argmax(), part.shape)
+                found.append((float(part.max()), int(rows[row]), int(columns[column])))
+    return [(row, column) for _, row, column in sorted(found, reverse=True)]

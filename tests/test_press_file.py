@@ -410,3 +410,23 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
             PressFile.read(path)
         assert str(refusal.value).startswith(f"{path}: {said}")
         assert "\n" not in str(refusal.value)
+
+
+# --- how our detector looks ---
+
+
+def test_fringes_are_followed_where_the_file_says_so(prototype: PressFile) -> None:
+    assert not prototype.fringes
+    assert PressFile(Path("press.toml"), CONTRACT + "[inspection]\nfringes = true\n").fringes
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('fringes = "yes"', "inspection.fringes"),
+        ("fringes = 1", "inspection.fringes"),
+        ("fringe = true", "did you mean fringes?"),
+    ],
+)
+def test_a_wrong_inspection_is_refused_by_name(text: str, said: str) -> None:
+    assert said in refused(f"{CONTRACT}[inspection]\n{text}\n")

@@ -79,6 +79,8 @@ class Press:
     """Of each sensor; empty where nobody looked."""
     variation: Mapping[str, Any] = field(default_factory=dict)
     """How much good prints of this press vary, as far as it is known: what JSON can hold."""
+    fringes: bool = False
+    """Whether our detector predicts planes that share edges where their fringes show them; it is taught with it."""
     ours: CalibratedDetector | None = None
     """Our detector, taught for this press; None: not yet."""
     bayes: BayesDetector | None = None
@@ -167,6 +169,8 @@ class Press:
             "variation": dict(self.variation),
             "detectors": detectors,
         }
+        if self.fringes:  # a press that does without is what it was before there was this
+            document["fringes"] = True
         return arrays, json.dumps(document, sort_keys=True)
 
     @classmethod
@@ -208,6 +212,7 @@ class Press:
             ink_facts=document["ink_facts"],
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
             variation=document["variation"],
+            fringes=document.get("fringes", False),
             **detectors,
         )
 

@@ -117,6 +117,12 @@ class DecisionBlock(_Block):
     """assumed: a press of 100 pages a minute then stops for nothing about once in two shifts."""
 
 
+class InspectionBlock(_Block):
+    """``[inspection]``: how our detector looks at scans."""
+
+    fringes: Annotated[bool, Field(strict=True)] = False
+
+
 class _Amounts(_Block):
     """A block of amounts; those that are absent are ``worlds.toml``'s."""
 
@@ -182,6 +188,7 @@ class Document(_Block):
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()
+    inspection: InspectionBlock = InspectionBlock()
     variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
 
 

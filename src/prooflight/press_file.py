@@ -82,6 +82,11 @@ class PressFile:
         return self._document.decision.good_pages_per_false_alarm
 
     @property
+    def fringes(self) -> bool:
+        """``[inspection]``: whether prediction follows planes that share edges."""
+        return self._document.inspection.fringes
+
+    @property
     def backing_reflectance(self) -> float:
         """Reflectance of what lies beyond the page, the same at every wavelength. [-]"""
         return self._document.transport.backing_reflectance

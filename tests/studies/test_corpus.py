@@ -50,6 +50,38 @@ def designs() -> list[Page]:
     return [design_page(SEED, index, dpi=COARSE_DPI) for index in range(DESIGNS)]
 
 
+def test_black_of_four_inks_takes_the_place_of_black_alone(designs: list[Page]) -> None:
+    """Where four inks are printed and nowhere else; nothing else changes, and with a share of 0 nothing at all."""
+    for index, page in enumerate(designs[:12]):
+        rich = design_page(SEED, index, dpi=COARSE_DPI, black_of_four=1.0)
+        alone = (page.cmyk == BLACK).all(axis=2)
+        np.testing.assert_array_equal(rich.cmyk[~alone], page.cmyk[~alone])
+        if page.cmyk[..., :3].any():
+            assert len(np.unique(rich.cmyk[alone], axis=0)) == min(alone.any(), 1)
+            assert (rich.cmyk[alone].min(initial=255) if alone.any() else 255) > 0.5 * 255
+        else:
+            np.testing.assert_array_equal(rich.cmyk, page.cmyk)
+    some = [
+        not np.array_equal(design_page(SEED, index, dpi=COARSE_DPI, black_of_four=0.5).cmyk, page.cmyk)
+        for index, page in enumerate(designs[:30])
+    ]
+    assert 3 < sum(some) < 20  # of about 21 in colour; each falls or not by its own seed
+
+
+def test_a_corpus_goes_by_the_name_that_it_always_had() -> None:
+    """Rows of studies are kept under it."""
+    assert repr(Corpus(seed=1, dpi=200.0)) == "Corpus(seed=1, dpi=200.0)"
+    assert (
+        repr(Corpus(seed=1, dpi=200.0, black_of_four=0.28)) == "Corpus(seed=1, dpi=200.0, black_of_four=0.28)"
+    )
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_is_refused(share: float) -> None:
+    with pytest.raises(RequestError, match="share of 0 to 1"):
+        design_page(SEED, 0, dpi=COARSE_DPI, black_of_four=share)
+
+
 @pytest.mark.parametrize("index", [0, 5, 41])
 def test_same_seed_same_page(index: int) -> None:
     first, again = (design_page(SEED, index, dpi=100.0) for _ in range(2))

@@ -219,6 +219,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "false_alarm_cents": press.costs.false_alarm_cents,
         "missed_misprint_cents": press.costs.missed_misprint_cents,
         "alpha": round(press.costs.alpha, 4),
+        "fringes": press.fringes,
         "detectors": _detectors(press),
         "sensors": [
             {

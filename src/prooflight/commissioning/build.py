@@ -77,6 +77,7 @@ def build_press(
         sensors=tuple(sensors),
         supersampling=SUPERSAMPLING,
         variation=press_file.variation(),
+        fringes=press_file.fringes,
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,

@@ -88,7 +88,13 @@ class PressDay:
     def design(self, index: int) -> tuple[Printed, PreparedPage]:
         """A good print of a design, and what is known of it ahead of its scans."""
         press, good = self.room.press, self.room.good(self.page(index))
-        known = prepare_page(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
+        known = prepare_page(
+            good.page,
+            good.expected,
+            sensors=press.sensors,
+            geometry=press.geometry,
+            fringes=press.fringes,
+        )
         return good, known
 
     def wrong(

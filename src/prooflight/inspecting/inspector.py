@@ -91,7 +91,9 @@ class Inspector:
         sought = known = None
         if isinstance(self.judge, CalibratedDetector):
             expected = predict(page, sensors=sensors, geometry=geometry, threads=self.threads)
-            known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
+            known = prepare_page(
+                page, expected, sensors=sensors, geometry=geometry, fringes=self.press.fringes
+            )
         else:
             sought = SoughtPage.of(page, self.press, threads=self.threads)
         return Prepared(page=page, sought=sought, known=known, inks=present_inks(page))

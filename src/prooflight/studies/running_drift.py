@@ -73,7 +73,7 @@ class CreepRun:
         found = []
         for page in pages:
             expected = predict(page, sensors=sensors, geometry=geometry)
-            ready = prepare_page(page, expected, sensors=sensors, geometry=geometry)
+            ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
                 looked = look(ready, scan, sensors=sensors, geometry=geometry)

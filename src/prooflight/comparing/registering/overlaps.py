@@ -25,7 +25,7 @@ PATCH_PIXELS: Final = 8
 MOST_PATCHES: Final = 48
 LEAST_PATCHES: Final = 6
 """Fewer could all be one misprint's."""
-LEAST_SHARED: Final = 0.5
+LEAST_SHARED: Final = 0.3
 """Of a patch, for it to be chosen: as much as six pixels of an edge that two inks share, 30 % of white strong."""
 REGIONS: Final = (6, 4)
 """Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
@@ -95,14 +95,15 @@ def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
 
 
 def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
-    """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches, sensors added; 0 at the border."""
+    """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches; 0 at the border."""
     stride_x, stride_y = _strides(landmarks)
     words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
     rows = page.cmyk.shape[0] // (PATCH_PIXELS * stride_y)
     columns = page.cmyk.shape[1] // (PATCH_PIXELS * stride_x)
     scores = np.zeros((rows, columns, 2, EDGES))
-    for sensor in landmarks.sensors:
-        shared_edges(words, PATCH_PIXELS, int(stride_x), int(stride_y), light_left(sensor), scores)
+    # An ink counts as for the sensor that sees it best.
+    light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0)
+    shared_edges(words, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
     inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
     inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
     return inner

@@ -150,3 +150,15 @@ def test_ours_is_chosen_where_the_press_was_taught_it(taught_press: Press, press
     for name in ("ours", "bayes"):
         with pytest.raises(RequestError, match="was not taught"):
             detector(name, press)
+
+
+@pytest.mark.parametrize("fringes", [False, True])
+def test_teaching_and_inspecting_follow_fringes_where_the_press_does(
+    taught_press: Press, make_page: MakePage, fringes: bool
+) -> None:
+    bench = Bench(replace(taught_press, fringes=fringes), make_page)
+    _, taught_with = bench.day.design(0)
+    used = bench.inspector.prepare(bench.page(0)).known
+    assert used is not None
+    assert (taught_with.overlaps is not None) == (used.overlaps is not None) == fringes
+    assert bench.verdict(0).verdict == "good"

@@ -25,6 +25,19 @@ def press(
     designs: Annotated[
         int | None, typer.Option(help="Composed designs that are judged; 1500 if not given.", min=50)
     ] = None,
+    promise: Annotated[
+        int | None,
+        typer.Option(help="Designs that only set thresholds of promises; 5000 if not given.", min=100),
+    ] = None,
+    trial: Annotated[
+        int | None, typer.Option(help="Designs that only try promises; 5000 if not given.", min=50)
+    ] = None,
+    ideal: Annotated[
+        int | None, typer.Option(help="Designs of the ideal world; 400 if not given.", min=50)
+    ] = None,
+    ablations: Annotated[
+        bool, typer.Option(help="Judge by our detector without each of its parts as well.")
+    ] = True,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     taught: Annotated[
@@ -45,8 +58,14 @@ def press(
     from prooflight.studies.press_study import PressPlan, run_press_study
 
     plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
-    if designs is not None:
-        plan = replace(plan, designs=designs)
+    plan = replace(
+        plan,
+        designs=designs or plan.designs,
+        promise=promise or plan.promise,
+        trial=trial or plan.trial,
+        ideal=ideal or plan.ideal,
+        ablations=plan.ablations and ablations,
+    )
     out.mkdir(parents=True, exist_ok=True)
     found = run_press_study(
         PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),

@@ -80,6 +80,9 @@ def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int =
             prior_sd=COARSE_SD,
         )
         tried.append(_tried(landmarks, scan, pose, threads))
+        if tried[-1].agreeing < SURE:
+            # Fine print beats with coarse pixels: refined on them, a pose may end a line of type away.
+            tried.append(_tried(landmarks, scan, start, threads))
     return sorted(tried, key=lambda each: -each.agreeing)
 
 

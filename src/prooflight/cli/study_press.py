@@ -49,7 +49,10 @@ def press(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md."""
+    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md.
+
+    A press file with ``[inspection] fringes`` gets a page of its own, press-fringes.md.
+    """
     from dataclasses import replace
 
     from prooflight.press_file import TWO_SENSORS, PressFile
@@ -81,6 +84,6 @@ def press(
         methods = found.verdicts.methods
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
-        show.written(out / "press.md")
+        show.written(out / found.page)
         if taught is not None:
             show.written(taught)

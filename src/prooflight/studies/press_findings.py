@@ -116,10 +116,12 @@ class PressPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressFindings:
-    """All that ``press.md`` says."""
+    """All that the page of results says."""
 
     plan: PressPlan
     pitch_mm: float
+    fringes: bool
+    """``Press.fringes``."""
     main: Rows
     verdicts: Verdicts
     kept: list[Kept]
@@ -131,3 +133,8 @@ class PressFindings:
     ideal: Verdicts
     real: Judged | None
     """On real pages; None: there were none."""
+
+    @property
+    def page(self) -> str:
+        """Name of the page of results."""
+        return "press-fringes.md" if self.fringes else "press.md"

@@ -1,4 +1,4 @@
-"""``press.md``: what the press study found, in tables."""
+"""The page of results of the press study, ``press.md`` or ``press-fringes.md``: what it found, in tables."""
 
 from __future__ import annotations
 
@@ -50,6 +50,12 @@ def page_lines(found: PressFindings) -> Iterator[str]:
         f"over designs. Never alarming costs alpha."
     )
     yield ""
+    if found.fringes:
+        yield (
+            "The press file has `[inspection] fringes = true`: planes that share edges are found by their fringes, and "
+            "predicted where they lie. All else is as without: [press.md](press.md)."
+        )
+        yield ""
     yield "The paper's detectors and the usual ones, raw and registered, on such pages: [paper.md](paper.md)."
     yield ""
     yield from _methods(verdicts, np.random.default_rng([plan.seed, 6]))

@@ -1,4 +1,4 @@
-"""Our detector in the press world, with and without each of its parts; writes ``press.md``. It resumes."""
+"""Our detector in the press world, with and without each of its parts; writes a page of results. It resumes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def run_press_study(
     pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
-    """Scan, learn, tune, test, and write ``press.md`` into ``results``.
+    """Scan, learn, tune, test, and write ``PressFindings.page`` into ``results``.
 
     press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
     that was interrupted goes on. real: pages of real documents beside the composed designs. taught: where to keep
@@ -91,6 +91,7 @@ def run_press_study(
     found = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
+        fringes=press.fringes,
         main=scans.main,
         verdicts=verdicts,
         kept=kept,
@@ -100,7 +101,7 @@ def run_press_study(
         real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
     )
     text = "\n".join(page_lines(found))
-    with whole_file(results / "press.md") as unfinished:
+    with whole_file(results / found.page) as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
     if taught is not None:
         progress(f"{taught.name}: learning from every part")

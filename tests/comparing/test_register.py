@@ -11,6 +11,7 @@ import pytest
 from prooflight.acquiring.placement import IN_PLACE, Placement
 from prooflight.comparing.register import Prior, prepare, printed_shares, register
 from prooflight.comparing.registering import landmarks as landmarks_module
+from prooflight.comparing.registering import search
 from prooflight.comparing.registering.field import Basis, Waves, fitted
 from prooflight.comparing.registering.landmarks import TILE_PIXELS
 from prooflight.comparing.registering.measuring_kernels import SUMS, render_tile, solved
@@ -96,6 +97,22 @@ def test_a_page_far_off_its_place_is_found_there(
     assert found.off_place == (max(map(abs, truth.shift_mm)) >= 1.8 or abs(truth.skew_deg) >= 0.3)
     # A page a degree off is rendered upright in tiles of 32 pixels, 0.3 pixels off at their corners.
     assert np.abs(error_pixels(found, truth, page, press)).max() < 0.5
+
+
+def test_a_page_is_found_though_refining_its_coarse_place_led_astray(
+    page: Page, press: Press, landmarks: Landmarks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a real page of dense type, whose strokes beat with coarse pixels."""
+    truth = Placement(shift_mm=(-0.37, 0.39), skew_deg=-0.05)
+    scan = scan_of(page, press, truth)
+
+    def astray(_page: object, _scan: object, start: Pose, **_: object) -> tuple[Pose, float]:
+        return start.moved(np.array([-0.8, 0.1, 0, 0, 0])), 0.06
+
+    monkeypatch.setattr(search, "refined", astray)
+    found = register(landmarks, scan)
+    assert found.found
+    assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1  # as a good print's
 
 
 def test_a_missing_plane_or_block_leaves_the_page_where_it_is(

@@ -165,6 +165,7 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
     found = PressFindings(
         plan=PressPlan(seed=1, designs=DESIGNS),
         pitch_mm=0.254,
+        fringes=False,
         main=rows,
         verdicts=verdicts,
         kept=[Kept(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
@@ -184,6 +185,10 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         "ideal world",
     ):
         assert word in text
+    follows = replace(found, fringes=True)
+    assert (found.page, follows.page) == ("press.md", "press-fringes.md")
+    assert "fringes" not in text
+    assert "[inspection] fringes" in "\n".join(page_lines(follows))
 
 
 def test_kinds_take_turns_and_no_two_scenes_share_a_day(tmp_path: Path) -> None:

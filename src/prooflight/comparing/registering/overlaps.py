@@ -26,7 +26,7 @@ MOST_PATCHES: Final = 48
 LEAST_PATCHES: Final = 6
 """Fewer could all be one misprint's."""
 LEAST_SHARED: Final = 0.3
-"""Of a patch, for it to be chosen: as much as six pixels of an edge that two inks share, 30 % of white strong."""
+"""Of a patch, for it to be chosen: as much as three pixels of an edge where either ink takes 30 % of white."""
 REGIONS: Final = (6, 4)
 """Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
 GOOD_MM: Final = 0.114

@@ -25,9 +25,9 @@ PATCH_PIXELS: Final = 8
 MOST_PATCHES: Final = 48
 LEAST_PATCHES: Final = 6
 """Fewer could all be one misprint's."""
-LEAST_SHARED: Final = 0.3
-"""Of a patch, for it to be chosen: as much as three pixels of an edge where either ink takes 30 % of white."""
-REGIONS: Final = (6, 4)
+LEAST_SHARED: Final = 0.1
+"""Of a patch, for it to be chosen: as much as ten pixels of an edge where either ink takes a tenth of white."""
+REGIONS: Final = (9, 6)
 """Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
 GOOD_MM: Final = 0.114
 """Good planes are off by no more (worlds.toml)."""

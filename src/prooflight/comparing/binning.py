@@ -90,7 +90,7 @@ def thinned(page: Page, bins: int) -> Page:
     """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
     if bins == 1:
         return page
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[..., 0]
+    words = page.words
     taken = np.empty([-(-extent // bins) for extent in words.shape], np.uint32)
     take_turns(words, bins, taken)
     cmyk = taken[..., None].view(np.uint8)

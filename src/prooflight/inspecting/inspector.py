@@ -231,7 +231,7 @@ def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
 
     A few pixels of each block do: to read all would take as long as the rest of the inspection.
     """
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    words = page.words
     lines, columns = (
         np.arange(PIXELS_A_BLOCK * blocks) * size // (PIXELS_A_BLOCK * blocks)
         for blocks, size in zip((rows, across), words.shape, strict=True)

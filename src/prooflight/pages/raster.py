@@ -48,6 +48,11 @@ class Page:
         return MM_PER_INCH / self.dpi
 
     @property
+    def words(self) -> NDArray[np.uint32]:
+        """(rows, columns) recipes, a word each with cyan lowest."""
+        return np.asarray(np.ascontiguousarray(self.cmyk).view(np.uint32)[:, :, 0])
+
+    @property
     def width_mm(self) -> float:
         """Extent across the web. [mm]"""
         return self.cmyk.shape[1] * self.pixel_mm

@@ -197,7 +197,7 @@ def _filtering(
     across, along = where.across, where.along
     return partial(
         filter_moved_lines,
-        _words(page),
+        page.words,
         bricks_of(table),
         np.float32(backing),
         across.places,
@@ -229,7 +229,7 @@ def _filtering_still(
     across, along = where.across, where.along
     return partial(
         filter_lines,
-        _words(page),
+        page.words,
         tuple(bricks_of(table) for table in tables),
         np.array(backings, np.float32),
         where.stride,
@@ -243,11 +243,6 @@ def _filtering_still(
         np.float32(sign),
         lights=tuple(lights),
     )
-
-
-def _words(page: Page) -> NDArray[np.uint32]:
-    """(rows, columns) recipes, cyan lowest."""
-    return np.asarray(np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0])
 
 
 def _step(page: Page, sensor: SensorModel) -> float:

@@ -168,7 +168,7 @@ def exact_mean_variance(page: Page, specimen: Specimen, session: Session, print_
 
 def printed_page(page: Page, print_: Print) -> Page:
     """The raster with its planes displaced and its specks on it."""
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    words = page.words
     planes = plane_pixels(print_, page)
     displaced = np.empty_like(words)
     for row in range(words.shape[0]):
@@ -289,7 +289,7 @@ def _texture(
 ) -> NDArray[np.float32]:
     """Variance of a halftone of unit contrast at fine centres: J_p^2 a_p (1 - a_p) as a footprint sees it. [DN^2]"""
     sensor = camera.sensors[0]
-    codes = np.ascontiguousarray(printed.cmyk).view(np.uint32)[:, :, 0]
+    codes = printed.words
     colours = distinct_colours(codes)
     area = inks.area(colours.view(np.uint8).reshape(-1, 4) / 255)
     texture = np.zeros(colours.size)

@@ -38,7 +38,7 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
     session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
     where = course(page, press.geometry, print_.placement)
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    words = page.words
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
     places, recipes = speck_pixels(print_, page)
     lines = press.geometry.lines(page.height_mm)

@@ -19,7 +19,6 @@ ROUNDS = 5
 def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
     """How strong edges are that planes share, and all of a plane's: adds to scores (rows, columns, 2, EDGES).
 
-
     words (rows, columns) uint32 of the raster, looked at in steps of stride_x, stride_y raster pixels; a cell is
     ``cell`` such steps wide and high. light (4, 256): share of the light that an ink of that byte leaves; inks multiply
     (close enough for a choice). A plane off the others shows a strip of itself on the lighter side of an edge, across

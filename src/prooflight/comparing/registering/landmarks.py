@@ -129,15 +129,10 @@ def prepare(
     x_mm = geometry.centres_x_mm(page.width_mm)
     y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
     first = np.stack([x_mm[left], y_mm[lines]], axis=1)
-    begin = first / page.pixel_mm - REACH_PIXELS * ratio
-    corners = np.floor(begin - ratio).astype(np.int64)
     taps = tuple(_sensor_taps(sensor, ratio, page.pixel_mm, pitch) for sensor in sensors)
-    width, height = (
-        int(np.ceil((size + 2) * ratio[axis])) + tap.shape[1] + 2
-        for axis, tap in enumerate((taps[0].across, taps[0].along))
-    )
-    windows = np.empty((len(sensors), rows.size, height, -(-width // FEW) * FEW), np.float32)
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    begin, corners, (width, height) = raster_windows(first, size, page.pixel_mm, ratio, taps[0])
+    windows = np.empty((len(sensors), rows.size, height, width), np.float32)
+    words = page.words
     for sensor, window in zip(sensors, windows, strict=True):
         bricks, backing = bricks_of(sensor.mean_dn), np.float32(sensor.backing_dn)
         tile_signals(words, corners[:, 1], corners[:, 0], bricks, backing, window)
@@ -165,6 +160,23 @@ def prepare(
     )
 
 
+def raster_windows(
+    first_mm: NDArray[np.float64], size: int, pixel_mm: float, ratio: NDArray[np.float64], taps: SensorTaps
+) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[int, int]]:
+    """The raster that squares of ``size`` camera pixels see, their first pixels at x, y, first_mm (n, 2) on the page.
+
+    Where their first footprints begin and the windows' corners, (n, 2) x, y each; width and height of the windows, with
+    room for a camera pixel's displacement and the width as ``render_tile`` wants it. [raster pixels]
+    """
+    begin = first_mm / pixel_mm - REACH_PIXELS * ratio
+    corners = np.floor(begin - ratio).astype(np.int64)
+    width, height = (
+        int(np.ceil((size + 2) * per_pixel)) + weights.shape[1] + 2
+        for per_pixel, weights in zip(ratio, (taps.across, taps.along), strict=True)
+    )
+    return begin, corners, (-(-width // FEW) * FEW, height)
+
+
 def _information(prediction: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
     """What tiles tell of a displacement across and along, (tile rows, tile columns, 2) [1/pixel^2], sensors added."""
     rows, columns = (extent // TILE_PIXELS for extent in prediction.expected_dn.shape[1:])
@@ -188,13 +200,10 @@ def _shares(
     page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     sums = np.zeros((len(corners), 2, 6))
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
+    words = page.words
     stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
     for sensor in sensors:
-        mean = sensor.mean_dn
-        solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
-        ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
-        logs = np.log(np.maximum(ramps / sensor.white_dn, 1e-3)).astype(np.float32)
+        logs = np.log(light_left(sensor)).astype(np.float32)
         edge_shares(
             words,
             corners[:, 1],
@@ -207,6 +216,14 @@ def _shares(
             sums,
         )
     return sums[..., :4] / np.maximum(sums[..., 5:], 1e-9)
+
+
+def light_left(sensor: SensorModel) -> NDArray[np.float64]:
+    """Share of the light that an ink alone leaves, (4, 256) by its byte."""
+    mean = sensor.mean_dn
+    solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
+    ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
+    return np.asarray(np.maximum(ramps / sensor.white_dn, 1e-3))
 
 
 def _chosen(information: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

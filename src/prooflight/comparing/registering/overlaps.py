@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.comparing.registering.fringes_kernels import EDGES, PAIRS, shared_edges
-from prooflight.comparing.registering.landmarks import REACH_PIXELS
-from prooflight.predicting.summing_kernels import FEW
-from prooflight.predicting.tables import NODE_STEP, NODES
+from prooflight.comparing.registering.landmarks import light_left, raster_windows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.comparing.registering.landmarks import Landmarks
     from prooflight.pages.raster import Page
-    from prooflight.predicting.tables import SensorModel
 
 INKS: Final = 4
 PATCH_PIXELS: Final = 8
@@ -62,21 +59,22 @@ def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
     rows, columns = _chosen(scores)
     if rows.size < LEAST_PATCHES:
         return None
-    geometry, ratio = landmarks.geometry, np.array(landmarks.ratio)
+    geometry = landmarks.geometry
     side_mm = PATCH_PIXELS * _strides(landmarks) * page.pixel_mm
     x_mm = geometry.centres_x_mm(page.width_mm)
     y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
     left, top = np.searchsorted(x_mm, columns * side_mm[0]), np.searchsorted(y_mm, rows * side_mm[1])
-    begin = np.stack([x_mm[left], y_mm[top]], axis=1) / page.pixel_mm - REACH_PIXELS * ratio
-    corners = np.floor(begin - ratio).astype(np.int64)
+    begin, corners, (width, height) = raster_windows(
+        np.stack([x_mm[left], y_mm[top]], axis=1),
+        PATCH_PIXELS,
+        page.pixel_mm,
+        np.array(landmarks.ratio),
+        landmarks.taps[0],
+    )
     reach = max(round(GOOD_MM / page.pixel_mm), 1)
     margin = reach + 1
-    width, height = (
-        int(np.ceil((PATCH_PIXELS + 2) * per_pixel)) + taps.shape[1] + 2 + 2 * margin
-        for per_pixel, taps in zip(ratio, (landmarks.taps[0].across, landmarks.taps[0].along), strict=True)
-    )
-    width += -(width - 2 * margin) % FEW
-    raster = np.pad(np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0], ((height,), (width,)))
+    width, height = width + 2 * margin, height + 2 * margin
+    raster = np.pad(page.words, ((height,), (width,)))
     words = [
         raster[y - margin + height :, x - margin + width :][:height, :width] for x, y in corners.tolist()
     ]
@@ -97,24 +95,15 @@ def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
 def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
     """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches; 0 at the border."""
     stride_x, stride_y = _strides(landmarks)
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)[:, :, 0]
     rows = page.cmyk.shape[0] // (PATCH_PIXELS * stride_y)
     columns = page.cmyk.shape[1] // (PATCH_PIXELS * stride_x)
     scores = np.zeros((rows, columns, 2, EDGES))
     # An ink counts as for the sensor that sees it best.
-    light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0)
-    shared_edges(words, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
+    light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0).astype(np.float32)
+    shared_edges(page.words, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
     inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
     inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
     return inner
-
-
-def light_left(sensor: SensorModel) -> NDArray[np.float32]:
-    """Share of the light that an ink alone leaves, (4, 256) by its byte."""
-    mean = sensor.mean_dn
-    solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
-    ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
-    return np.maximum(ramps / sensor.white_dn, 1e-3).astype(np.float32)
 
 
 def _strides(landmarks: Landmarks) -> NDArray[np.int64]:

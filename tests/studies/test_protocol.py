@@ -198,17 +198,31 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
     assert sorted(path.name[0] for path in (tmp_path / "made").iterdir()) == ["1", "2", "3"]
     # What pieces took is kept beside their rows, and is no column of them.
     assert set(rows) == {"piece", "names"}
-    spent = minutes_spent(tmp_path / "kept", digest)
+    spent = minutes_spent([3, 1, 2], tmp_path / "kept", digest=digest)
     assert spent > 0
     run_pieces(work, [3, 1, 2], tmp_path / "kept", digest=digest, processes=1)
-    assert minutes_spent(tmp_path / "kept", digest) == spent
+    assert minutes_spent([3, 1, 2], tmp_path / "kept", digest=digest) == spent
+
+
+def test_a_study_that_grows_makes_only_what_is_new(tmp_path: Path) -> None:
+    (tmp_path / "made").mkdir()
+    work, digest = Counting(tmp_path / "made"), digest_of({"seed": 1})
+    run_pieces(work, [3, 1], tmp_path / "kept", digest=digest, processes=1)
+    grown = run_pieces(work, [2, 3, 1, 4], tmp_path / "kept", digest=digest, processes=1)
+    assert grown["names"].tolist() == ["p2", "p3", "p1", "p4"]
+    assert sorted(path.name[0] for path in (tmp_path / "made").iterdir()) == ["1", "2", "3", "4"]
+    # What it took is said of the pieces that are asked for.
+    few, all_of_them = (
+        minutes_spent(asked, tmp_path / "kept", digest=digest) for asked in ([3, 1], [2, 3, 1, 4])
+    )
+    assert few < all_of_them
 
 
 def test_a_damaged_result_is_made_again_and_another_digest_is_another_study(tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     work = Counting(tmp_path / "made")
     first = run_pieces(work, [2, 4], tmp_path, digest=digest_of({"seed": 1}), processes=1)
-    kept = sorted(tmp_path.glob("*/00001.npz"))[0]
+    kept = sorted(tmp_path.glob("*/*.npz"))[0]
     kept.write_bytes(kept.read_bytes()[:-40])
     again = run_pieces(work, [2, 4], tmp_path, digest=digest_of({"seed": 1}), processes=1)
     np.testing.assert_array_equal(again["piece"], first["piece"])

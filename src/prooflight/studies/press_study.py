@@ -132,15 +132,14 @@ class _Bench:
         press.save(path)
         return path
 
-    def digest(self, scene: Scene, days: list[Day]) -> str:
-        """Of all that a scene's rows depend on."""
+    def digest(self, scene: Scene) -> str:
+        """Of all that a scene's rows depend on beside their day: a scene that grows keeps its rows."""
         facts = {
             "schema": SCHEMA,
             "worlds": worlds_digest(),
             "pilot": self.plan.pilot,
             "press": scene.press.name,
             "scene": repr(replace(scene, press=Path())),
-            "days": [day.designs for day in days],
         }
         return digest_of(facts)
 
@@ -154,11 +153,11 @@ class _Bench:
         return self._rows(SaidWork(scene=scene, scatter=scatter), scene, days, "said", what)
 
     def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
-        folder, digest = self.cache / kind, self.digest(scene, days)
+        folder, digest = self.cache / kind, self.digest(scene)
         rows = run_pieces(
             work, days, folder, digest=digest, processes=self.processes, progress=self.told(what)
         )
-        self.minutes.append(minutes_spent(folder, digest))
+        self.minutes.append(minutes_spent(days, folder, digest=digest))
         return rows
 
     def told(self, what: str) -> Callable[[int, int], None]:

@@ -1,7 +1,8 @@
 """Work in pieces whose results are kept: a study that is interrupted goes on where it was.
 
 A study is a list of pieces, each small and picklable, and work that makes arrays of rows of a piece. Results lie in
-``folder/<digest>/``, one file a piece; the digest is of everything that the results depend on.
+``folder/<digest>/``, one file a piece, named by its ``repr``: a study that is given more pieces makes only those. The
+digest is of everything else that the results depend on.
 """
 
 from __future__ import annotations
@@ -64,8 +65,7 @@ def run_pieces(
     cluster: address of a Dask scheduler (``studies.cluster``); None: processes on this machine. progress is told how
     many pieces are done, of how many.
     """
-    folder = folder / digest[:16]
-    paths = [folder / f"{number:05}.npz" for number in range(len(pieces))]
+    paths = _paths(pieces, folder, digest)
     missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
     done = len(pieces) - len(missing)
     progress(done, len(pieces))
@@ -84,16 +84,20 @@ def run_pieces(
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
-def minutes_spent(folder: Path, digest: str) -> float:
-    """Minutes of one process that the pieces in ``folder`` took when they were made, in however many sittings.
+def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
+    """Minutes of one process that pieces took when they were made, in however many sittings.
 
     Those that a cluster made are not among them.
     """
     seconds = 0.0
-    for path in (folder / digest[:16]).glob("*.npz"):
+    for path in _paths(pieces, folder, digest):
         with np.load(path, allow_pickle=False) as arrays:
             seconds += float(arrays[SPENT]) if SPENT in arrays.files else 0.0
     return seconds / 60
+
+
+def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
+    return [folder / digest[:16] / f"{digest_of({'piece': repr(piece)})[:16]}.npz" for piece in pieces]
 
 
 @dataclass(frozen=True, slots=True)

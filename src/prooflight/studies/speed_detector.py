@@ -27,18 +27,25 @@ MOVED = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0
 def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
     """Each step and its camera megapixels; "whole": from a scan to its statistics, of a page prepared or a fresh one.
 
-    Of all sensors together one megapixel is counted, so that two sensors show what they cost.
+    "fringes": where planes share edges, prediction follows their fringes (``[inspection] fringes``). Of all
+    sensors together one megapixel is counted, so that two sensors show what they cost.
     """
     sensors, geometry = press.sensors, press.geometry
     expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
     scan = ideal_scan(expected, press, np.random.default_rng(2))
     scatter = Scatter.white()
 
-    def prepared(*, sharing: bool) -> PreparedPage:
+    def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:
         in_place = predict(page, sensors=sensors, geometry=geometry, threads=1)
-        return prepare_page(page, in_place, sensors=sensors, geometry=geometry, sharing=sharing)
+        return prepare_page(
+            page, in_place, sensors=sensors, geometry=geometry, sharing=sharing, fringes=fringes
+        )
 
-    own, shared = prepared(sharing=False), prepared(sharing=True)
+    own, shared, followed = (
+        prepared(sharing=False),
+        prepared(sharing=True),
+        prepared(sharing=False, fringes=True),
+    )
 
     def seen(known: PreparedPage) -> Looked:
         return look(known, scan, sensors=sensors, geometry=geometry)
@@ -52,7 +59,9 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
         f"our detector: whole, shared prediction, {name}": (lambda: said(seen(shared)), size),
         f"our detector: whole, each predicted, {name}": (lambda: said(seen(own)), size),
         f"our detector: whole, fresh design, {name}": (lambda: said(seen(prepared(sharing=False))), size),
+        f"our detector: whole, each predicted, fringes, {name}": (lambda: said(seen(followed)), size),
         f"our detector: prepare, {name}": (lambda: prepared(sharing=False), size),
+        f"our detector: prepare, fringes, {name}": (lambda: prepared(sharing=False, fringes=True), size),
         f"our detector: look, {name}": (lambda: seen(shared), size),
         f"our detector: statistics, {name}": (lambda: said(looked), size),
     }

@@ -415,9 +415,9 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 # --- how our detector looks ---
 
 
-def test_fringes_are_followed_where_the_file_says_so(prototype: PressFile) -> None:
-    assert not prototype.fringes
-    assert PressFile(Path("press.toml"), CONTRACT + "[inspection]\nfringes = true\n").fringes
+def test_fringes_are_followed_unless_the_file_says_otherwise(prototype: PressFile) -> None:
+    assert prototype.fringes
+    assert not PressFile(Path("press.toml"), CONTRACT + "[inspection]\nfringes = false\n").fringes
 
 
 @pytest.mark.parametrize(

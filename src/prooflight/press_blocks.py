@@ -120,7 +120,8 @@ class DecisionBlock(_Block):
 class InspectionBlock(_Block):
     """``[inspection]``: how our detector looks at scans."""
 
-    fringes: Annotated[bool, Field(strict=True)] = False
+    fringes: Annotated[bool, Field(strict=True)] = True
+    """``study press``: without, 15 % of misprints are missed at a promised 1 %, with 10 %."""
 
 
 class _Amounts(_Block):

@@ -187,9 +187,9 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
     ):
         assert word in text
     follows = replace(found, fringes=True)
-    assert (found.page, follows.page) == ("press.md", "press-fringes.md")
-    assert "fringes" not in text
-    assert "[inspection] fringes" in "\n".join(page_lines(follows))
+    assert (found.page, follows.page) == ("press-without-fringes.md", "press.md")
+    assert "[inspection] fringes = false" in text
+    assert "[inspection] fringes" not in "\n".join(page_lines(follows))
 
 
 def test_kinds_take_turns_and_no_two_scenes_share_a_day(tmp_path: Path) -> None:

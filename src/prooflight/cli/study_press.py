@@ -51,7 +51,7 @@ def press(
 ) -> None:
     """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md.
 
-    A press file with ``[inspection] fringes`` gets a page of its own, press-fringes.md.
+    A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
     """
     from dataclasses import replace
 

@@ -14,7 +14,7 @@ from prooflight.commissioning.edge_spread import footprint_of
 from prooflight.deciding.cost import RunningCosts
 from prooflight.predicting.tables import NODE_STEP, NODES, SensorModel, node_fractions
 from prooflight.press import ClippedShare, Press
-from prooflight.press_blocks import DecisionBlock
+from prooflight.press_blocks import DecisionBlock, InspectionBlock
 from prooflight.printing.built_in import built_in_inks
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mappi
         sensors=sensors,
         supersampling=SUPERSAMPLING,
         appearance_srgb=_appearance(learned),
+        fringes=InspectionBlock().fringes,
         costs=RunningCosts(),
         good_pages_per_false_alarm=DecisionBlock().good_pages_per_false_alarm,
         origin=origin,

@@ -137,4 +137,4 @@ class PressFindings:
     @property
     def page(self) -> str:
         """Name of the page of results."""
-        return "press-fringes.md" if self.fringes else "press.md"
+        return "press.md" if self.fringes else "press-without-fringes.md"

@@ -1,4 +1,4 @@
-"""The page of results of the press study, ``press.md`` or ``press-fringes.md``: what it found, in tables."""
+"""The page of results of the press study, ``press.md`` or ``press-without-fringes.md``: what it found, in tables."""
 
 from __future__ import annotations
 
@@ -52,10 +52,15 @@ def page_lines(found: PressFindings) -> Iterator[str]:
     yield ""
     if found.fringes:
         yield (
-            "The press file has `[inspection] fringes = true`: planes that share edges are found by their fringes, and "
-            "predicted where they lie. All else is as without: [press.md](press.md)."
+            "Planes that share edges are found by their fringes, and predicted where they lie. Without: "
+            "[press-without-fringes.md](press-without-fringes.md)."
         )
-        yield ""
+    else:
+        yield (
+            "The press file has `[inspection] fringes = false`: planes that share edges are predicted where "
+            "registration finds them. All else is as with: [press.md](press.md)."
+        )
+    yield ""
     yield "The paper's detectors and the usual ones, raw and registered, on such pages: [paper.md](paper.md)."
     yield ""
     yield from _methods(verdicts, np.random.default_rng([plan.seed, 6]))

@@ -187,6 +187,7 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
     ):
         assert word in text
     follows = replace(found, fringes=True)
+    assert ("forest of families alone" in text) == ("forest of families alone" in verdicts.methods)
     assert (found.page, follows.page) == ("press-without-fringes.md", "press.md")
     assert "[inspection] fringes = false" in text
     assert "[inspection] fringes" not in "\n".join(page_lines(follows))

@@ -35,6 +35,8 @@ EVERY: Final = -1
 ALPHAS: Final = (0.1, 1.0, 10.0)
 PROMISE: Final = 0.01
 OURS: Final = "ours"
+FOREST_OF_FAMILIES: Final = "forest of families alone"
+"""What the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "places away from edges": ("flat", "calm", "swell", "double"),
     "the page's own scatter": ("apart", "line", "wave", "echo", "excess"),
@@ -306,9 +308,7 @@ def _without(
     """The forest of families without some of the statistics, or without what a page's content foretells."""
     weight = even(learn.bad)
     firsts = [name.split("/")[0] for name in names]
-    sets: dict[str, tuple[NDArray[np.bool_], float]] = {
-        "forest of families alone": (np.ones(len(names), bool), 1.0)
-    }
+    sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
     sets |= {
         f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)
         for group, left in GROUPS.items()

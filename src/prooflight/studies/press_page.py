@@ -10,7 +10,7 @@ from scipy import special
 from prooflight.deciding.operating import at_threshold, bootstrap_cost, false_alarms_in_words
 from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.worlds import worlds, worlds_digest
-from prooflight.studies.press_judging import ALPHAS, OURS, PROMISE, promised_by_others
+from prooflight.studies.press_judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -94,10 +94,10 @@ def _methods(verdicts: Verdicts, rng: np.random.Generator) -> Iterator[str]:
         ]
         yield f"| {name} | " + " | ".join(cells) + " |"
     yield ""
+    compared = f"Rows that begin with *forest* are to be compared with *{FOREST_OF_FAMILIES}*. "
     yield (
-        "Rows that begin with *forest* are to be compared with *forest of families alone*. The oracle's column is the "
-        "mean over parts."
-    )
+        compared if FOREST_OF_FAMILIES in verdicts.methods else ""
+    ) + "The oracle's column is the mean over parts."
     yield ""
 
 

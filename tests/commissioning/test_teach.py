@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from prooflight.commissioning.rehearse import PressDay, fitted
+from prooflight.commissioning.rehearse import LEAST_TIMES, PressDay, fitted, good_prior, good_spread
 from prooflight.commissioning.teach import FEWEST, Plan
+from prooflight.comparing.nuisance import Spread, Tolerance
 from prooflight.errors import RequestError
 from prooflight.press import Press
 
@@ -45,6 +47,57 @@ def test_a_taught_press_comes_back_from_its_file(taught_press: Press, tmp_path: 
     assert again.bayes is None
     assert again.ours.promise.simulated == len(Plan.of(24).tune)
     assert again.ours.promise.conformal
+
+
+@pytest.mark.parametrize(
+    ("variation", "times"),
+    [
+        ({}, {}),
+        ({"all_times": 1.5}, dict.fromkeys(asdict(Tolerance()), 1.5) | {"lamp_length": 1.0}),
+        # 3 and 1.5 % of a session and a print instead of 1.2 and 1.5 %.
+        ({"ink": {"gain_session_percent": 3.0}}, {"gain": np.hypot(3.0, 1.5) / np.hypot(1.2, 1.5)}),
+        ({"all_times": 2.0, "register": {"plane_um": 48.0, "plane_clip_um": 57.0}}, None),
+        ({"paper": {"white_percent": 0.0}}, {"common": LEAST_TIMES}),
+        ({"all_times": 0.0}, {}),
+    ],
+    ids=["as others", "looser", "one amount", "own register", "never", "exact"],
+)
+def test_what_good_prints_are_taken_to_do_follows_the_press(
+    press: Press, variation: dict[str, Any], times: dict[str, float] | None
+) -> None:
+    prior, world = good_prior(replace(press, variation=variation)), Tolerance()
+    if times is None:
+        assert (prior.gain, prior.plane_mm, prior.most_plane_mm) == (2 * world.gain, world.plane_mm, 0.057)
+        return
+    assert asdict(prior) == pytest.approx(
+        {name: times.get(name, 1.0) * value for name, value in asdict(world).items()}
+    )
+    assert (prior == world) == (not times)
+
+
+def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press) -> None:
+    """Variances by the square of an amount, shares of the light by the amount."""
+    world = Spread()
+    assert good_spread(press) == world
+    twice = good_spread(replace(press, variation={"all_times": 2.0}))
+    assert twice == Spread(
+        edge=4 * world.edge, contrast=4 * world.contrast, share=2 * world.share, dark=2 * world.dark
+    )
+    coarse = good_spread(replace(press, variation={"ink": {"halftone_contrast": 0.06}}))
+    assert coarse == replace(world, contrast=4 * world.contrast)
+    assert good_spread(replace(press, variation={"all_times": 0.0})).exact
+
+
+def test_a_press_keeps_what_its_prints_were_taken_to_do(taught_press: Press, tmp_path: Path) -> None:
+    ours = taught_press.ours
+    assert ours is not None
+    prior = Tolerance(gain=0.05, most_plane_mm=0.2)
+    own = replace(taught_press, ours=replace(ours, tolerance=replace(ours.tolerance, prior=prior)))
+    own.save(tmp_path / "own.press")
+    again = Press.load(tmp_path / "own.press").ours
+    assert again is not None
+    assert again.tolerance.prior == prior
+    assert "prior" not in ours.tolerance.facts()  # so that artefacts of before keep their digests
 
 
 def test_a_design_wider_than_the_field_is_cut_to_it(press: Press, make_page: Callable[..., Page]) -> None:

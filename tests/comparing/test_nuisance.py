@@ -152,10 +152,10 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
 def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tints: Page) -> None:
     planes = np.zeros((4, 2))
     planes[CYAN] = 0.06, -1.0
-    page, left = in_register(tints, planes)
+    page, left = in_register(tints, planes, good_mm=0.114)
     pixel = tints.pixel_mm
     assert left[CYAN] == pytest.approx((0.06 - pixel, -1.0 + 4 * pixel))
     assert np.array_equal(page.cmyk[:-4, 1:, CYAN], tints.cmyk[4:, :-1, CYAN])
     assert np.array_equal(page.cmyk[..., BLACK], tints.cmyk[..., BLACK])
-    same, _ = in_register(tints, np.zeros((4, 2)))
+    same, _ = in_register(tints, np.zeros((4, 2)), good_mm=0.114)
     assert same is tints

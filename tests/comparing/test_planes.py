@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from prooflight.acquiring.placement import IN_PLACE
-from prooflight.comparing.nuisance import Spread
+from prooflight.comparing.nuisance import Spread, Tolerance
 from prooflight.comparing.register import prepare, register
 from prooflight.comparing.registering.overlaps import overlaps_of
 from prooflight.comparing.registering.planes import FringeRegister, register_by_fringes
@@ -31,6 +31,7 @@ DPI = 481.8
 FOUR_INKS = (180, 170, 160, 230)
 """A black of four inks: C 71, M 67, Y 63, K 90 %."""
 BLACK = (0, 0, 0, 255)
+GOOD_MM = Tolerance().most_plane_mm
 INK_STEPS = {
     "cyan": [[1, 0], [0, 0], [0, 0], [0, 0]],
     "two apart": [[0, 1], [0, 0], [-2, 0], [0, 0]],
@@ -70,10 +71,10 @@ def scan_of(page: Page, press: Press, placement: Placement) -> NDArray[np.uint16
 
 
 def by_fringes(
-    page: Page, press: Press, printed: Page, placement: Placement
+    page: Page, press: Press, printed: Page, placement: Placement, *, good_mm: float = GOOD_MM
 ) -> tuple[Registration, FringeRegister | None]:
     landmarks = landmarks_of(page, press)
-    overlaps = overlaps_of(page, landmarks)
+    overlaps = overlaps_of(page, landmarks, good_mm=good_mm)
     assert overlaps is not None
     scan = scan_of(printed, press, placement)
     found = register(landmarks, scan)
@@ -120,6 +121,18 @@ def test_a_plane_out_of_register_is_not_followed(two_sensor_press: Press, ink: i
     assert fringes is None or not apart(fringes.planes_mm, page).any()
 
 
+def test_planes_of_a_press_that_varies_more_are_followed_further(two_sensor_press: Press) -> None:
+    """Cyan and black 0.32 mm apart: good where planes are off by up to 0.171 mm, a misprint where by 0.114."""
+    page, steps = set_in(FOUR_INKS), np.zeros((4, 2), np.int64)
+    steps[0, 0], steps[3, 0] = -3, 3
+    printed = displaced(page, steps)
+    _, fringes = by_fringes(page, two_sensor_press, printed, IN_PLACE, good_mm=1.5 * GOOD_MM)
+    assert fringes is not None
+    np.testing.assert_array_equal(apart(fringes.planes_mm, page), steps[:3] - steps[3])
+    _, fringes = by_fringes(page, two_sensor_press, printed, IN_PLACE)
+    assert fringes is None or not apart(fringes.planes_mm, page).any()
+
+
 def test_planes_in_register_stay(two_sensor_press: Press) -> None:
     page = set_in(FOUR_INKS)
     _, fringes = by_fringes(page, two_sensor_press, page, IN_PLACE)
@@ -129,7 +142,7 @@ def test_planes_in_register_stay(two_sensor_press: Press) -> None:
 
 def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:
     page = set_in(BLACK)
-    assert overlaps_of(page, landmarks_of(page, two_sensor_press)) is None
+    assert overlaps_of(page, landmarks_of(page, two_sensor_press), good_mm=GOOD_MM) is None
 
 
 @pytest.mark.parametrize("ink", [BLACK, FOUR_INKS], ids=["one ink", "four inks"])

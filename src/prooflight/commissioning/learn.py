@@ -10,7 +10,7 @@ from scipy import optimize
 
 from prooflight.commissioning.ranking import even, forested, weighed
 from prooflight.comparing.local_evidence import Scatter
-from prooflight.comparing.nuisance import Spread
+from prooflight.comparing.nuisance import Spread, Tolerance
 from prooflight.deciding.calibrated import WRONG_PAGE
 from prooflight.deciding.operating import conformal_threshold
 from prooflight.deciding.ranking import (
@@ -155,6 +155,7 @@ def learn_tolerance(
     names: Sequence[str],
     scatter: Scatter,
     spread: Spread | None = None,
+    prior: Tolerance | None = None,
     rng: np.random.Generator,
     ranked: bool = True,
     trees: int = 300,
@@ -169,6 +170,7 @@ def learn_tolerance(
         family=np.array([kinds.index(one) for one in families], np.int32),
         scatter=scatter,
         spread=spread or Spread(),
+        prior=prior or Tolerance(),
         **_baseline(good),
         quantiles=np.zeros((len(kinds), STEPS)),
         tail=np.ones((len(kinds), 3)),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from prooflight.comparing.nuisance import Spread
+from prooflight.comparing.nuisance import Spread, Tolerance
 from prooflight.comparing.windows import window_statistics
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.families import all_said, samples
@@ -16,7 +18,7 @@ from prooflight.deciding.said import stated
 from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.simulating.captures import Room
 from prooflight.simulating.misprints import KINDS
-from prooflight.simulating.worlds import amounts_of
+from prooflight.simulating.worlds import Amounts, amounts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -38,13 +40,56 @@ DESIGNS_A_DAY: Final = 4
 """assumed: few, since days differ by more than prints of a day do."""
 LONGEST: Final = 1.45
 """Height over width at which a page that is cut to the field is cut off: A4's and a little."""
+LEAST_TIMES: Final = 0.2
+"""assumed: that much is found of what good prints do even where they do none of it."""
 SESSION, PRINT = 11, 12
 """What tells random numbers of days from those of designs."""
 
 
 def good_spread(press: Press) -> Spread:
-    """What good prints of a press scatter by: nothing where its ``[variation]`` says that nothing varies."""
-    return Spread.none() if amounts_of(press).exact else Spread()
+    """What good prints of a press scatter by: as many times what they do in the press world as ``[variation]`` says.
+
+    Nothing where it says that nothing varies.
+    """
+    if amounts_of(press).exact:
+        return Spread.none()
+    world = Spread()
+    return Spread(
+        edge=world.edge * _times(press, "page.warp_along_um", "register.plane_um") ** 2,
+        contrast=world.contrast * _times(press, "ink.halftone_contrast") ** 2,
+        share=world.share * _times(press, "paper.cloudiness_percent"),
+        dark=world.dark * _times(press, "camera.table_shape_percent"),
+    )
+
+
+def good_prior(press: Press) -> Tolerance:
+    """What good prints of a press do, likewise.
+
+    Where nothing varies, that of the press world: nothing of it is excused, and all of it is evidence.
+    """
+    world = Tolerance()
+    if amounts_of(press).exact:
+        return world
+    return Tolerance(
+        white=world.white * _times(press, "camera.table_gain_percent", "paper.white_channel_percent"),
+        common=world.common * _times(press, "paper.white_percent"),
+        lamp=world.lamp * _times(press, "lamp.profile_percent", "lamp.profile_print_percent"),
+        lamp_length=world.lamp_length,
+        shape=world.shape * _times(press, "camera.table_shape_percent"),
+        gain=world.gain * _times(press, "ink.gain_session_percent", "ink.gain_print_percent"),
+        tilt=world.tilt * _times(press, "ink.gain_tilt_percent"),
+        dot=world.dot * _times(press, "ink.dot_gain_percent"),
+        plane_mm=world.plane_mm * _times(press, "register.plane_um"),
+        most_plane_mm=world.most_plane_mm * _times(press, "register.plane_clip_um"),
+    )
+
+
+def _times(press: Press, *names: str) -> float:
+    """How many times as much as in the press world amounts vary, added up as independent ones."""
+    own, world = (
+        math.hypot(*(attrgetter(name)(of) for name in names)) for of in (amounts_of(press), Amounts.stated())
+    )
+    return max(own / world, LEAST_TIMES)
 
 
 class Designs(Protocol):
@@ -73,7 +118,9 @@ class PressDay:
     page: Callable[[int], Page]
     """A design as it enters the press."""
     spread: Spread
-    """What good prints are taken to scatter by."""
+    """What good prints are taken to scatter by ..."""
+    prior: Tolerance
+    """... and to do."""
 
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
@@ -83,7 +130,7 @@ class PressDay:
         def page(index: int) -> Page:
             return fitted(pages.page(index), press.geometry)
 
-        return cls(room=room, page=page, spread=good_spread(press))
+        return cls(room=room, page=page, spread=good_spread(press), prior=good_prior(press))
 
     def design(self, index: int) -> tuple[Printed, PreparedPage]:
         """A good print of a design, and what is known of it ahead of its scans."""
@@ -94,6 +141,7 @@ class PressDay:
             sensors=press.sensors,
             geometry=press.geometry,
             fringes=press.fringes,
+            tolerance=self.prior,
         )
         return good, known
 
@@ -110,7 +158,14 @@ class PressDay:
     def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
         """A scan looked at as this press's are."""
         press = self.room.press
-        return look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=self.spread)
+        return look(
+            known,
+            scan,
+            sensors=press.sensors,
+            geometry=press.geometry,
+            tolerance=self.prior,
+            spread=self.spread,
+        )
 
     def said(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.learn import Pages, certain_score, learn_scatter, learn_tolerance, pooled
-from prooflight.commissioning.rehearse import DESIGNS_A_DAY, SaidWork, ScatterWork, good_spread
+from prooflight.commissioning.rehearse import DESIGNS_A_DAY, SaidWork, ScatterWork, good_prior, good_spread
 from prooflight.deciding.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
 from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.promise import GoodScores
@@ -108,6 +108,7 @@ def _ours(
         names=learn["names"].tolist(),
         scatter=scatter,
         spread=good_spread(press),
+        prior=good_prior(press),
         rng=rng,
         ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
     )

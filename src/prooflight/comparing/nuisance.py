@@ -62,6 +62,8 @@ class Tolerance:
     dot: float = 0.016
     plane_mm: float = 0.048
     """Of each plane; what registration found of it is no prior here."""
+    most_plane_mm: float = 0.114
+    """Planes are off by no more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,6 +90,8 @@ class Fit:
     """Robust spread of blocks about the fit, in their standard deviations. [-]"""
     lost: float
     """Share of blocks that the fit does not explain. [-]"""
+    tolerance: Tolerance
+    """That it was made with."""
 
     def emptied(self) -> Fit:
         """The same with every amount 0: it explains nothing."""
@@ -202,7 +206,7 @@ def fit_nuisances(
     model = _Model.of(means, places, len(colours.centres), tolerance, pixel_mm, planes)
     amounts, sd, robust, lost = model.solved(noise, spread, np.array([sensor.white_dn for sensor in sensors]))
     parts = model.parted(amounts)
-    return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost)
+    return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost, tolerance=tolerance)
 
 
 def _summed(

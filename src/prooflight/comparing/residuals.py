@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from prooflight.predicting.predict import Prediction
     from prooflight.predicting.tables import SensorModel
 
-MOST_PLANE_MM: Final = 0.2
-"""Good planes are off by no more than 0.114 (worlds.toml), and by up to twice that from each other."""
+MOST_PLANE: Final = 1.75
+"""Of the most that good planes are off: from each other they are off by up to twice that."""
 LOCAL_PIXELS: Final = 16
 LOCAL_SMOOTH: Final = 1.0
 """Tiles over which local displacements are smoothed (standard deviation)."""
@@ -101,13 +101,14 @@ def residual_images(
 
 
 def in_register(
-    page: Page, planes_mm: NDArray[np.float64], *, most_mm: float = MOST_PLANE_MM
+    page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
 ) -> tuple[Page, NDArray[np.float64]]:
     """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
 
-    By whole raster pixels, half of the camera's, and by no more than good prints are off: what is left is small enough
-    for the linear fit, and a plane that is a misprint's stays one.
+    By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
+    is off by ``good_mm`` at most: what is left is small enough for the linear fit, and a misprint's plane stays one.
     """
+    most_mm = MOST_PLANE * good_mm
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from prooflight.predicting.tables import SensorModel
 
 INKS: Final = 4
-MOST_PLANE_MM: Final = 0.114
-"""Good planes are off by no more (worlds.toml)."""
 LEAST_PLANE_PIXELS: Final = 0.02
 """Planes closer to their place are left to the fit."""
 
@@ -101,11 +99,11 @@ class SharedPrediction:
 
 
 def planes_taken(
-    planes_mm: NDArray[np.float64], *, most_mm: float = MOST_PLANE_MM
+    planes_mm: NDArray[np.float64], *, good_mm: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Displacements of planes (4, 2) that prediction follows, no more than good prints have, and what is left [mm].
 
     A plane that is a misprint's stays one.
     """
-    taken = planes_mm.clip(-most_mm, most_mm)
+    taken = planes_mm.clip(-good_mm, good_mm)
     return taken, planes_mm - taken

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from prooflight.comparing.local_evidence import Scatter
-from prooflight.comparing.nuisance import Spread
+from prooflight.comparing.nuisance import Spread, Tolerance
 from prooflight.deciding.ranking import (
     Forest,
     Logit,
@@ -97,6 +97,8 @@ class TolerancePress:
     """(statistics,) which family each is of."""
     scatter: Scatter
     spread: Spread
+    prior: Tolerance
+    """What its good prints were taken to do before one was looked at."""
     centre: NDArray[np.float64]
     """(2, PORTRAIT) mean and standard deviation of learning pages' portraits."""
     baseline: NDArray[np.float64]
@@ -195,7 +197,9 @@ class TolerancePress:
 
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
-        return {
+        # A press that is as others is what it was before there was this.
+        prior = {} if self.prior == Tolerance() else {"prior": asdict(self.prior)}
+        return prior | {
             "names": list(self.names),
             "families": list(self.families),
             "spread": asdict(self.spread),
@@ -225,6 +229,7 @@ class TolerancePress:
             families=tuple(facts["families"]),
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
             spread=Spread(**facts["spread"]),
+            prior=Tolerance(**facts.get("prior", {})),
             tail_from=facts["tail_from"],
             logit=weights("logit", facts["starts"][0]),
             forest=forest("forest") if ranked else None,

@@ -74,11 +74,13 @@ def prepare_page(
     geometry: ScanGeometry,
     sharing: bool = False,
     fringes: bool = False,
+    tolerance: Tolerance | None = None,
 ) -> PreparedPage:
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
     sharing: copies share that prediction, moved to where each lies, instead of one each. fringes: where planes share
-    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share.
+    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share. tolerance: what good
+    prints do, by default those of the press world; ``look`` has to be given the same.
     """
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
@@ -88,10 +90,13 @@ def prepare_page(
     if sharing:
         shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
     landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
+    overlaps = None
+    if fringes and not sharing:
+        overlaps = overlaps_of(page, landmarks, good_mm=(tolerance or Tolerance()).most_plane_mm)
     return PreparedPage(
         page=page,
         landmarks=landmarks,
-        overlaps=overlaps_of(page, landmarks) if fringes and not sharing else None,
+        overlaps=overlaps,
         images=modes.images,
         shared=shared,
         colours=page_colours(modes.cover),
@@ -123,7 +128,7 @@ def look(
 
     Where good prints are exact (``Spread.exact``) that is nothing: what registration and fit find is evidence alone.
     """
-    page, spread = prepared.page, spread or Spread()
+    page, spread, tolerance = prepared.page, spread or Spread(), tolerance or Tolerance()
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
@@ -133,11 +138,11 @@ def look(
         placement, planes_mm = _followed(prepared, scan, found)
     where = sight(page, at, placement)
     if prepared.shared is None:
-        printed, planes_mm = in_register(page, planes_mm)
+        printed, planes_mm = in_register(page, planes_mm, good_mm=tolerance.most_plane_mm)
         fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
         seen = binned_prediction(fine, bins)
     else:
-        taken_mm, planes_mm = planes_taken(planes_mm)
+        taken_mm, planes_mm = planes_taken(planes_mm, good_mm=tolerance.most_plane_mm)
         seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
     modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
     measured = binned_scan(scan, bins)
@@ -150,7 +155,7 @@ def look(
         colours=prepared.colours,
         planes=planes_mm / at.pixel_pitch_mm,
         pixel_mm=at.pixel_pitch_mm,
-        tolerance=tolerance or Tolerance(),
+        tolerance=tolerance,
         spread=spread,
     )
     left, weight, of_edges, noise = residual_images(

@@ -53,9 +53,9 @@ class Adapting:
     """(1,) sheet at which designs were last predicted anew."""
 
     @classmethod
-    def begin(cls, press: Press, tolerance: Tolerance | None = None) -> Self:
-        """Nothing is followed yet. tolerance: what good prints do; by default those of the press world."""
-        known = tolerance or Tolerance()
+    def begin(cls, press: Press) -> Self:
+        """Nothing is followed yet."""
+        known = Tolerance() if press.ours is None else press.ours.tolerance.prior
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * known.lamp_length * waves) ** 2) / 4)
         lamp = known.lamp * np.sqrt(power / (0.5 * power.sum() + 0.5))

@@ -92,7 +92,12 @@ class Inspector:
         if isinstance(self.judge, CalibratedDetector):
             expected = predict(page, sensors=sensors, geometry=geometry, threads=self.threads)
             known = prepare_page(
-                page, expected, sensors=sensors, geometry=geometry, fringes=self.press.fringes
+                page,
+                expected,
+                sensors=sensors,
+                geometry=geometry,
+                fringes=self.press.fringes,
+                tolerance=self.judge.tolerance.prior,
             )
         else:
             sought = SoughtPage.of(page, self.press, threads=self.threads)

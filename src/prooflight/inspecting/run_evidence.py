@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.nuisance import INKS, LAMP_WAVES, Tolerance
+from prooflight.comparing.nuisance import INKS, LAMP_WAVES
 from prooflight.deciding.channels import INKS as INK_NAMES
 from prooflight.deciding.run_level import PageEvidence
 from prooflight.inspecting.column_kernels import column_sums
@@ -151,6 +151,6 @@ def known_shares(fit: Fit) -> NDArray[np.float64]:
     """
     first = fit.white.size + 1 + fit.lamp.size + fit.shape.size
     surprise = fit.surprise[first : first + 3 * INKS : 3]
-    amount = fit.gain[:, 0] / Tolerance().gain
+    amount = fit.gain[:, 0] / fit.tolerance.gain
     share = (amount / np.where(surprise == 0, 1, surprise)) ** 2
     return np.where(surprise == 0, 0.0, share.clip(max=1.0))

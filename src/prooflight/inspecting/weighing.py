@@ -44,7 +44,14 @@ def weigh(
     """Look at a scan (sensors, lines, pixels) [DN] and judge it; the verdict's time is for the caller to add."""
     assert prepared.known is not None
     page, known = prepared.page, prepared.known
-    looked = look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=ours.tolerance.spread)
+    looked = look(
+        known,
+        scan,
+        sensors=press.sensors,
+        geometry=press.geometry,
+        tolerance=ours.tolerance.prior,
+        spread=ours.tolerance.spread,
+    )
     said = all_said(looked.sums, looked.fit, looked.found, ours.tolerance.scatter)
     judgement = ours.judge(page_score(ours.tolerance, said, known.portrait, looked.found))
     strongest = ours.tolerance.strongest(said, known.portrait, most=STRONGEST)

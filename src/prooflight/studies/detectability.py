@@ -16,7 +16,6 @@ from scipy import ndimage
 
 from prooflight.comparing.boxed_evidence import COMMON_NEAR, SMALL
 from prooflight.comparing.local_evidence import COMMON, MODES, SIZES, WIDTH_UNIT_MM, WIDTHS
-from prooflight.comparing.nuisance import Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -194,7 +193,7 @@ def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
 
 def _inks(fit: Fit, said: Sequence[Said]) -> dict[str, float]:
     """T is an ink's estimate over what good prints scatter by; inks that the page tells nothing of are left out."""
-    of, prior = {one.name: one.value for one in said}, Tolerance().gain
+    of, prior = {one.name: one.value for one in said}, fit.tolerance.gain
     found = {}
     for ink, letter in enumerate(INKS):
         surprise, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior

@@ -111,9 +111,8 @@ def run_detectability_study(
     numbers = list(pages or range(1, len(opened(job)) + 1))
 
     def bench(number: int) -> _Bench:
-        day = replace(
-            PressDay.of(press, JobPages(job=job), seed=seed, first=number), spread=ours.tolerance.spread
-        )
+        day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
+        day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
         return _Bench(ours, day, number - 1, np.random.default_rng([seed, number, 0]))
 
     wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}

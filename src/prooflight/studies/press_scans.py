@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.rehearse import PressDay, good_spread
+from prooflight.commissioning.rehearse import PressDay, good_prior, good_spread
 from prooflight.deciding.said import stated
 from prooflight.press import Press
 from prooflight.simulating.captures import Room
@@ -58,7 +58,7 @@ class Scene:
             return press.geometry.lay(self.pages.page(index))
 
         room = Room.enter(self.world, press, rng)
-        return PressDay(room=room, page=page, spread=good_spread(taken_for))
+        return PressDay(room=room, page=page, spread=good_spread(taken_for), prior=good_prior(taken_for))
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
         """Of one copy of a design."""

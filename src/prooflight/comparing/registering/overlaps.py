@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -26,8 +27,6 @@ LEAST_SHARED: Final = 0.1
 """Of a patch, for it to be chosen: as much as ten pixels of an edge where either ink takes a tenth of white."""
 REGIONS: Final = (9, 6)
 """Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
-GOOD_MM: Final = 0.114
-"""Good planes are off by no more (worlds.toml)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,14 +46,22 @@ class Overlaps:
     """Planes that have edges on the page."""
     told: NDArray[np.bool_]
     """(4,) whether a plane has edges in the patches."""
-    reach: int
-    """How far planes of good prints are off. [raster pixels]"""
+    good_mm: float
+    """Planes of good prints are off by no more."""
     pixel_mm: float
     """Of the raster."""
 
+    @property
+    def reach(self) -> int:
+        """How far planes may be displaced. [raster pixels]"""
+        return _reach(self.good_mm, self.pixel_mm)
 
-def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
-    """The patches of a page; None where no two planes share enough edges for fringes to be seen."""
+
+def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:
+    """The patches of a page; None where no two planes share enough edges for fringes to be seen.
+
+    good_mm: planes of good prints are off by no more.
+    """
     scores = shared_scores(page, landmarks)
     rows, columns = _chosen(scores)
     if rows.size < LEAST_PATCHES:
@@ -71,8 +78,7 @@ def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
         np.array(landmarks.ratio),
         landmarks.taps[0],
     )
-    reach = max(round(GOOD_MM / page.pixel_mm), 1)
-    margin = reach + 1
+    margin = _reach(good_mm, page.pixel_mm) + 1
     width, height = width + 2 * margin, height + 2 * margin
     raster = np.pad(page.words, ((height,), (width,)))
     words = [
@@ -87,9 +93,14 @@ def overlaps_of(page: Page, landmarks: Landmarks) -> Overlaps | None:
         origins=begin - corners,
         inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
         told=of_planes[rows, columns].any(axis=0),
-        reach=reach,
+        good_mm=good_mm,
         pixel_mm=page.pixel_mm,
     )
+
+
+def _reach(good_mm: float, pixel_mm: float) -> int:
+    apart = round(2 * good_mm / pixel_mm)  # two planes of one print, to the raster pixel
+    return max(math.ceil(apart / 2), 1)
 
 
 def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from prooflight.comparing.registering.landmarks import Landmarks
     from prooflight.comparing.registering.overlaps import Overlaps
 
-ALONE_MM: Final = 0.18
-"""Good planes lie further than that off all others in one print of a hundred (three planes) or a thousand (four)."""
+ALONE: Final = 1.58
+"""Of the most that good planes are off: further than that off all others they lie in one print of a hundred (three
+planes) or a thousand (four)."""
 MOST_MISFIT: Final = 1.0
 """Cost of a pixel above which a page does not look as designed (0.05 to 0.25 on good prints), wherever planes lie."""
 HOLLOW: Final = 0.2
@@ -168,7 +169,7 @@ def _lies_alone(overlaps: Overlaps, found: Steps) -> bool:
     """Whether a plane lies far off all others, which of three or more hardly any good print's does."""
     for axis in np.array(found).reshape(2, INKS)[:, overlaps.told]:
         apart = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
-        if axis.size > 2 and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE_MM:
+        if axis.size > 2 and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
             return True
     return False
 

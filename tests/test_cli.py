@@ -164,7 +164,9 @@ def test_a_person_reads_tables(
     assert code == 0
     assert "3 pages, 0 misprints" in out
     assert "good" in out
-    assert "alpha" in call(capsys, "press", "show", press)[1]
+    shown = call(capsys, "press", "show", press)[1]
+    assert "alpha" in shown
+    assert "as the press world's" in shown
 
 
 def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[object], str]]:

@@ -187,7 +187,7 @@ def show_press(
     table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
     sensors = facts.pop("sensors")
     for key, value in facts.items():
-        table.add_row(key.replace("_", " "), str(value))
+        table.add_row(key.replace("_", " "), _in_lines(value))
     show.people.print(table)
     of_sensors = Table(title="Sensors", title_justify="left")
     of_sensors.add_column("")
@@ -198,6 +198,12 @@ def show_press(
     show.people.print(of_sensors)
     if picture is not None:
         show.written(picture)
+
+
+def _in_lines(value: Any) -> str:
+    if not isinstance(value, dict):
+        return str(value)
+    return "\n".join(f"{name}: {one}" for name, one in value.items()) or "as the press world's"
 
 
 def _facts(press: Press) -> dict[str, Any]:
@@ -220,6 +226,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "missed_misprint_cents": press.costs.missed_misprint_cents,
         "alpha": round(press.costs.alpha, 4),
         "fringes": press.fringes,
+        "variation": dict(press.variation),
         "detectors": _detectors(press),
         "sensors": [
             {

@@ -12,6 +12,7 @@ import numpy as np
 from prooflight.atomic import whole_file
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.learn import Pages, certain_score, learn_scatter, learn_tolerance, pooled
+from prooflight.commissioning.rehearse import good_prior, good_spread
 from prooflight.commissioning.teach import calibrated_for
 from prooflight.deciding.operating import Scored, conformal_threshold, least_cost
 from prooflight.simulating.worlds import worlds_digest
@@ -229,6 +230,8 @@ def _taught(
         Pages.of(main).beside(teaching),
         names=main["names"][: main["values"].shape[1]].tolist(),
         scatter=scatter,
+        spread=good_spread(press),
+        prior=good_prior(press),
         rng=np.random.default_rng([plan.seed, 9]),
         trees=plan.trees,
     )

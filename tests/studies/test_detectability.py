@@ -19,6 +19,7 @@ from prooflight.studies.catching import Catching
 from prooflight.studies.detectability import Reach, Telling
 from prooflight.studies.detectability_study import (
     DEFECTS,
+    page_lines,
     paled,
     patched,
     run_detectability_study,
@@ -55,7 +56,7 @@ def told(of: Sums, *, noise: float = 1.0) -> Telling:
     said = [Said(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
     gain = np.zeros((4, 3))
     gain[:, 0] = Tolerance().gain
-    return Telling.of(of, SimpleNamespace(gain=gain), said, scattered(noise))  # type: ignore[arg-type]
+    return Telling.of(of, SimpleNamespace(gain=gain, tolerance=Tolerance()), said, scattered(noise))  # type: ignore[arg-type]
 
 
 def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
@@ -171,7 +172,8 @@ def test_the_study_writes_its_page_and_pictures(
     assert taught_press.ours is not None
     # So few designs promise so little that prints of one page may all alarm; the plumbing is seen as well above.
     rarely = replace(taught_press, ours=replace(taught_press.ours, threshold=12.0))
-    (found,) = run_detectability_study(job, rarely, tmp_path / "out", learning=2, trials=1).pages
+    reach = run_detectability_study(job, rarely, tmp_path / "out", learning=2, trials=1)
+    (found,) = reach.pages
     assert set(found.verified) == {"none", *DEFECTS}
     assert found.verified["none"].of == 1
     text = (tmp_path / "out" / "detectability.md").read_text()
@@ -179,3 +181,9 @@ def test_the_study_writes_its_page_and_pictures(
     assert (tmp_path / "out" / "detectability-p0001.png").stat().st_size > 10_000
     with pytest.raises(RequestError, match="was not taught our detector"):
         run_detectability_study(job, press, tmp_path / "none")
+    always = replace(taught_press, ours=replace(taught_press.ours, threshold=-np.inf))
+    with pytest.raises(RequestError, match="p0001: 4 good prints of it alarm"):
+        run_detectability_study(job, always, tmp_path / "out", learning=2, trials=1)
+    assert (tmp_path / "out" / "detectability.md").read_text() == text
+    besides = "\n".join(page_lines(replace(reach, alarming=["p0002"]), rarely, rarely.ours, trials=1, seed=1))
+    assert "Not foretold: p0002" in besides

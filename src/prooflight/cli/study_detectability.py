@@ -55,7 +55,7 @@ def detectability(
         {"page": page.name, "inks_percent": page.reach.inks_percent}
         | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
         for page in found.pages
-    ]
+    ] + [{"page": name, "good_prints_alarm": True} for name in found.alarming]
     if json:
         show.print_json(rows)
         return
@@ -67,4 +67,6 @@ def detectability(
         cells = (page.verified[name] for name in (*NAMES, "none"))
         table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
     show.people.print(table)
+    for name in found.alarming:
+        show.people.print(f"{name}: good prints of it alarm; no design that taught the press is like it.")
     show.written(out / "detectability.md")

@@ -86,6 +86,8 @@ class JobReach:
 
     pages: list[PageReach]
     wanted: dict[str, Catching]
+    alarming: list[str]
+    """Names of pages of which ``PRINTS`` good prints alarmed: whatever were wrong with them would drown."""
 
 
 def run_detectability_study(
@@ -101,7 +103,8 @@ def run_detectability_study(
 ) -> JobReach:
     """Write ``detectability.md`` and a picture of each page into ``results``.
 
-    pages: numbers of the job's; None: all. RequestError: the press was not taught our detector.
+    pages: numbers of the job's; None: all. RequestError: the press was not taught our detector, or alarms at good
+    prints of all these pages.
     """
     ours = press.ours
     if ours is None:
@@ -115,6 +118,16 @@ def run_detectability_study(
         day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
         return _Bench(ours, day, number - 1, np.random.default_rng([seed, number, 0]))
 
+    alarming: list[str] = []
+    for number in list(numbers):
+        one = bench(number)
+        if one.telling is None:
+            progress(f"page {number}: {PRINTS} good prints of it alarm")
+            alarming.append(one.page.name)
+            numbers.remove(number)
+    if not numbers:
+        what = f"{PRINTS} good prints of {'it' if len(alarming) == 1 else 'each'} alarm"
+        raise RequestError(", ".join(alarming), what, remedy="teach the press by more designs")
     wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
     for turn, number in enumerate(numbers):
         prints = (turn + 1) * learning // len(numbers) - turn * learning // len(numbers)
@@ -124,6 +137,7 @@ def run_detectability_study(
     found = []
     for number in numbers:
         one = bench(number)
+        assert one.telling is not None
         reach, verified = Reach.of(one.telling, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
@@ -132,7 +146,7 @@ def run_detectability_study(
         page = PageReach(name=one.page.name, reach=reach, half=Reach.of(one.telling, half), verified=verified)
         draw_reach(results / _picture(page), one.page, reach, press)
         found.append(page)
-    job_reach = JobReach(pages=found, wanted=wanted)
+    job_reach = JobReach(pages=found, wanted=wanted, alarming=alarming)
     text = "\n".join(page_lines(job_reach, press, ours, trials=trials, seed=seed))
     with whole_file(results / "detectability.md") as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
@@ -148,20 +162,20 @@ class _Bench:
         self.page = good.page
         self.telling = self._telling(rng)
 
-    def _telling(self, rng: np.random.Generator) -> Telling:
-        """From the first of a few good prints that does not alarm; RequestError if all do."""
+    def _telling(self, rng: np.random.Generator) -> Telling | None:
+        """From the first of a few good prints that does not alarm; None if all do."""
         for _ in range(PRINTS):
             looked, said = self._looked(self.page, rng)
             check_version(self.ours.tolerance, said, self.known.portrait)
             if self._score(looked, said) <= self.ours.threshold:
                 return Telling.of(looked.sums, looked.fit, said, self.ours.tolerance.scatter)
-        what = f"{PRINTS} good prints of it alarm"
-        raise RequestError(f"page {self.page.number}", what, remedy="teach the press by more designs")
+        return None
 
     def learned(
         self, wanted: Mapping[str, Catching], prints: int, rng: np.random.Generator
     ) -> dict[str, Catching]:
         """What is known after so many more prints with each defect."""
+        assert self.telling is not None
         found = dict(wanted)
         for _ in range(prints):
             tried = {defect: one.next(rng) for defect, one in found.items()}
@@ -304,6 +318,12 @@ def page_lines(
         "brackets, and the share of places where nothing of the kind is."
     )
     yield ""
+    if job.alarming:
+        yield (
+            f"Not foretold: {', '.join(job.alarming)}, of which {PRINTS} good prints alarmed, so that whatever were wrong "
+            "would drown. No design that taught the press is like that."
+        )
+        yield ""
     yield from _reach_lines((page.name, page.reach) for page in job.pages)
     yield "The same, caught in every second print:"
     yield ""

@@ -321,7 +321,7 @@ def page_lines(
     if job.alarming:
         yield (
             f"Not foretold: {', '.join(job.alarming)}, of which {PRINTS} good prints alarmed, so that whatever were "
-            "wrong would drown. No design that taught the press is like that."
+            "wrong would drown. Most likely no design that taught the press is like that."
         )
         yield ""
     yield from _reach_lines((page.name, page.reach) for page in job.pages)

@@ -68,5 +68,7 @@ def detectability(
         table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
     show.people.print(table)
     for name in found.alarming:
-        show.people.print(f"{name}: good prints of it alarm; most likely no design that taught the press is like it.")
+        show.people.print(
+            f"{name}: good prints of it alarm; most likely no design that taught the press is like it."
+        )
     show.written(out / "detectability.md")

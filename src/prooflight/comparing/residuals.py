@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.comparing.nuisance import INKS, LAMP_WAVES
+from prooflight.comparing.nuisance import LAMP_WAVES
 from prooflight.comparing.summing.kernels import residuals, slope_sums, take_slopes, variances
+from prooflight.comparing.summing.moving_kernels import displaced
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,17 +113,10 @@ def in_register(
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm
-    cmyk = page.cmyk.copy()
-    for ink in range(INKS):
-        right, down = (int(step) for step in steps[ink])
-        if right or down:
-            plane = np.roll(page.cmyk[..., ink], (down, right), axis=(0, 1))
-            rows, columns = plane.shape
-            plane[: max(down, 0)] = 0
-            plane[rows + min(down, 0) :] = 0
-            plane[:, : max(right, 0)] = 0
-            plane[:, columns + min(right, 0) :] = 0
-            cmyk[..., ink] = plane
+    right, down = np.ascontiguousarray(steps.T)
+    words = np.empty(page.cmyk.shape[:2], np.uint32)
+    displaced(page.words, right, down, words)
+    cmyk = words.view(np.uint8).reshape(page.cmyk.shape)
     return replace(page, cmyk=cmyk), planes_mm - steps * page.pixel_mm
 
 

@@ -39,12 +39,12 @@ def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignor
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
     """What ``shared_edges`` adds of two neighbouring raster pixels, to scores (EDGES,)."""
-    change = np.empty(4, np.float32)
     one, other = np.float32(1), np.float32(1)
+    change = (np.float32(0), np.float32(0), np.float32(0), np.float32(0))  # an array would be made each time
     for ink in range(4):
         a, b = light[ink, (here >> (8 * ink)) & 255], light[ink, (there >> (8 * ink)) & 255]
         one, other = one * a, other * b
-        change[ink] = np.float32(1) - min(a, b) / max(a, b)
+        change = (change[1], change[2], change[3], np.float32(1) - min(a, b) / max(a, b))
     most = max(one, other) ** 2
     pair = 0
     for first in range(4):

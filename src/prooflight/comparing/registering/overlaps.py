@@ -80,10 +80,7 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
     )
     margin = _reach(good_mm, page.pixel_mm) + 1
     width, height = width + 2 * margin, height + 2 * margin
-    raster = np.pad(page.words, ((height,), (width,)))
-    words = [
-        raster[y - margin + height :, x - margin + width :][:height, :width] for x, y in corners.tolist()
-    ]
+    words = [_cut(page.words, y - margin, x - margin, height, width) for x, y in corners.tolist()]
     of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
     return Overlaps(
         lines=top,
@@ -115,6 +112,15 @@ def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
     inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
     inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
     return inner
+
+
+def _cut(words: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
+    """A window of the raster; bare where it reaches beyond."""
+    found = np.zeros((height, width), np.uint32)
+    above, aside = max(-top, 0), max(-left, 0)
+    within = words[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
+    found[above : above + within.shape[0], aside : aside + within.shape[1]] = within
+    return found
 
 
 def _strides(landmarks: Landmarks) -> NDArray[np.int64]:

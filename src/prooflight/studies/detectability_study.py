@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from prooflight.press import Press
 
 HALF: Final = 0.5
-LEARNING: Final = 60
+LEARNING: Final = 160
 """Prints with each defect, over all pages, from which it is learned how strong it must be."""
 TRIALS: Final = 12
 """Of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""

@@ -10,12 +10,12 @@ import pytest
 from scipy import stats
 
 from prooflight.acquiring.placement import Placement, Warp
+from prooflight.pages.planes import displaced
 from prooflight.pages.raster import Page
 from prooflight.predicting.predict import predict
 from prooflight.sensing.exposure import page_electrons
 from prooflight.simulating.exact import PrintedInks, Specimen, exact_mean_variance
 from prooflight.simulating.fast import fast_mean_variance, fast_scan, half_normals, noisy
-from prooflight.simulating.kernels import compose_row
 from prooflight.simulating.prints import Print, Speck
 from prooflight.simulating.session import Session, session_rng
 from prooflight.simulating.worlds import Amounts
@@ -128,12 +128,8 @@ def test_a_plane_moves_by_whole_raster_pixels(
 @pytest.mark.parametrize("planes", [(0, 0), (3, -2), (-3, 2), (100, 0), (0, -100)])
 def test_composed_rows_are_displaced_planes(planes: tuple[int, int]) -> None:
     cmyk = np.random.default_rng(1).integers(0, 256, (7, 9, 4)).astype(np.uint8)
-    right, down = planes
-    out = np.empty((7, 9), np.uint32)
     shifts = np.array([planes, (0, 0), (1, 1), planes])
-    for row in range(7):
-        compose_row(cmyk.view(np.uint32)[:, :, 0], row, shifts, out[row])
-    composed = out.view(np.uint8).reshape(7, 9, 4)
+    composed = displaced(Page(cmyk=cmyk, dpi=480, name="planes", number=1), shifts).cmyk
     expected = np.zeros_like(cmyk)
     for ink, (dx, dy) in enumerate(shifts):
         for i in range(7):
@@ -141,7 +137,6 @@ def test_composed_rows_are_displaced_planes(planes: tuple[int, int]) -> None:
                 if 0 <= i - dy < 7 and 0 <= j - dx < 9:
                     expected[i, j, ink] = cmyk[i - dy, j - dx, ink]
     np.testing.assert_array_equal(composed, expected)
-    assert (right, down) == planes
 
 
 def test_ink_gain_is_more_ink(rig: Rig, still: tuple[Session, Print]) -> None:

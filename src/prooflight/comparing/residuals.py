@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -10,7 +9,7 @@ import numpy as np
 
 from prooflight.comparing.nuisance import LAMP_WAVES
 from prooflight.comparing.summing.kernels import residuals, slope_sums, take_slopes, variances
-from prooflight.comparing.summing.moving_kernels import displaced
+from prooflight.pages.planes import displaced
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,11 +112,7 @@ def in_register(
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm
-    right, down = np.ascontiguousarray(steps.T)
-    words = np.empty(page.cmyk.shape[:2], np.uint32)
-    displaced(page.words, right, down, words)
-    cmyk = words.view(np.uint8).reshape(page.cmyk.shape)
-    return replace(page, cmyk=cmyk), planes_mm - steps * page.pixel_mm
+    return displaced(page, steps), planes_mm - steps * page.pixel_mm
 
 
 def _take_local_moves(

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
+from prooflight.pages.planes import displaced
 from prooflight.pages.sampling import page_taps
 from prooflight.predicting.predict import Prediction
 from prooflight.predicting.tables import NODE_STEP, NODES
 from prooflight.sensing.exposure import distinct_colours, page_electrons
 from prooflight.simulating.fast import cloud_factor, noisy
-from prooflight.simulating.kernels import compose_row
 from prooflight.simulating.prints import CONTRAST_PITCH_MM, plane_pixels, speck_pixels
 
 if TYPE_CHECKING:
@@ -168,15 +168,10 @@ def exact_mean_variance(page: Page, specimen: Specimen, session: Session, print_
 
 def printed_page(page: Page, print_: Print) -> Page:
     """The raster with its planes displaced and its specks on it."""
-    words = page.words
-    planes = plane_pixels(print_, page)
-    displaced = np.empty_like(words)
-    for row in range(words.shape[0]):
-        compose_row(words, row, planes, displaced[row])
-    cmyk = displaced.view(np.uint8).reshape(page.cmyk.shape)
+    printed = displaced(page, plane_pixels(print_, page))
     places, recipes = speck_pixels(print_, page)
-    cmyk[places[:, 0], places[:, 1]] = recipes
-    return replace(page, cmyk=cmyk)
+    printed.cmyk[places[:, 0], places[:, 1]] = recipes
+    return printed
 
 
 def _fine_centres(centres_mm: NDArray[np.float64], fine: int) -> NDArray[np.float64]:

@@ -1,160 +1,18 @@
-"""Compiled loops of the fast path: inks as they came out, looked up, filtered as prediction does, lit, and noise."""
+"""Compiled loops of the fast path: light of the inks filtered as prediction does, lit, and noise."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from prooflight.pages.plane_kernels import compose_row
 from prooflight.predicting.aiming_kernels import place_row, weights_at_phases
-from prooflight.predicting.tables import NODE_STEP
-from prooflight.simulating.session import NOISE_STEPS, TRUE_NODES
+from prooflight.simulating.ink_kernels import add_specks, look_up_rows
+from prooflight.simulating.session import NOISE_STEPS
 
-STRIDES = (TRUE_NODES**3, TRUE_NODES**2, TRUE_NODES)
-LAST_PLACE = np.float32(TRUE_NODES - 1.001)
-ALIKE = 4
-"""Four neighbours whose bytes differ by no more are looked up once, at their mean: for the steepest ink, black near its
-solid, that errs by less than 5 x (4 / 255 / 2)^2 / 2 of white, 0.02 %."""
 PHASES = 1024
 """Places within a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel at
 s = 2, which is less than a thousandth of an edge."""
-RUNS = 128
-"""A row of one colour is looked up so often, because inks' gain tilts over the page: to half a per cent of the tilt."""
-
-
-@njit(cache=True, nogil=True)
-def compose_row(words, row, planes, out):  # type: ignore[no-untyped-def]
-    """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane of words displaced.
-
-    planes (4, 2): how many pixels each lies too far right and too far down.
-    """
-    rows, columns = words.shape
-    out[:] = 0
-    for ink in range(4):
-        right = planes[ink, 0]
-        source_row = row - planes[ink, 1]
-        if 0 <= source_row < rows and abs(right) < columns:
-            mask = np.uint32(255 << (8 * ink))
-            first = max(right, 0)
-            stop = min(columns + right, columns)
-            source = words[source_row, first - right : stop - right]
-            target = out[first:stop]
-            for i in range(target.size):
-                target[i] |= source[i] & mask
-
-
-@njit(cache=True, nogil=True)
-def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
-    """Where in the true tables an ink of a raster's byte value (a float32) lies, given its gain. [nodes]"""
-    area = byte * np.float32(1 / 255)
-    printed = area * (np.float32(1) + gain + np.float32(4) * dot_gain * (np.float32(1) - area))
-    return min(max(printed * np.float32(255 / NODE_STEP), np.float32(0)), LAST_PLACE)
-
-
-@njit(cache=True, nogil=True)
-def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
-    """Light and texture, a halftone's variance at unit contrast, at four places [nodes]; nodes (37^4, 2).
-
-    Light is bent between nodes as it is along each ink alone (bends (4, 36), see ``TrueSensor``); relative variance is
-    linear in the innermost ink, black.
-    """
-    c, m, y, k = int(places[0]), int(places[1]), int(places[2]), int(places[3])
-    base = c * STRIDES[0] + m * STRIDES[1] + y * STRIDES[2] + k
-    one = np.float32(1)
-    fc = places[0] - np.float32(c)
-    fm = places[1] - np.float32(m)
-    fy = places[2] - np.float32(y)
-    straight = places[3] - np.float32(k)
-    fc += bends[0, c] * fc * (one - fc)
-    fm += bends[1, m] * fm * (one - fm)
-    fy += bends[2, y] * fy * (one - fy)
-    fk = straight + bends[3, k] * straight * (one - straight)
-    light = np.float32(0)
-    texture = np.float32(0)
-    for i in range(2):
-        wc = fc if i else one - fc
-        if wc == 0:
-            continue
-        for j in range(2):
-            wm = wc * (fm if j else one - fm)
-            if wm == 0:
-                continue
-            for h in range(2):
-                wy = wm * (fy if h else one - fy)
-                if wy == 0:
-                    continue
-                node = base + i * STRIDES[0] + j * STRIDES[1] + h * STRIDES[2]
-                light += wy * (nodes[node, 0] + fk * (nodes[node + 1, 0] - nodes[node, 0]))
-                texture += wy * (nodes[node, 1] + straight * (nodes[node + 1, 1] - nodes[node, 1]))
-    return light, light * light * max(texture, np.float32(0))
-
-
-@njit(cache=True, nogil=True)
-def alike(one, two, three, four):  # type: ignore[no-untyped-def]
-    """Whether four recipes differ by at most ``ALIKE`` in every ink."""
-    for ink in range(4):
-        shift = np.uint32(8 * ink)
-        a = int((one >> shift) & np.uint32(255))
-        b = int((two >> shift) & np.uint32(255))
-        c = int((three >> shift) & np.uint32(255))
-        d = int((four >> shift) & np.uint32(255))
-        if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) > ALIKE:
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, texture):  # type: ignore[no-untyped-def]
-    """Two printed raster rows looked up in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
-
-    v: where the rows lie on the page, -1 top .. 1 bottom. gains (4, 3): at the centre, and added at the right and lower
-    edges. paper: reflectance over what it should be. Squares of one colour are looked up once, and so are runs of them.
-    """
-    columns = upper.size
-    places = np.empty(4, np.float32)
-    last = np.uint32(0)
-    longest = max(columns // (2 * RUNS), 1)
-    run = longest
-    square_light = np.float32(0)
-    square_texture = np.float32(0)
-    for left in range(0, columns, 2):
-        right = min(left + 1, columns - 1)
-        one, two, three, four = upper[left], upper[right], lower[left], lower[right]
-        same = one == two and one == three and one == four
-        if same and one == last and run < longest:
-            run += 1
-        elif same or alike(one, two, three, four):
-            u = np.float32((2 * left + 2) / columns - 1)
-            for ink in range(4):
-                s = np.uint32(8 * ink)
-                total = ((one >> s) & np.uint32(255)) + ((two >> s) & np.uint32(255))
-                total += ((three >> s) & np.uint32(255)) + ((four >> s) & np.uint32(255))
-                gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                places[ink] = node_place(np.float32(total) * np.float32(0.25), gain, dot_gains[ink])
-            square_light, square_texture = look_up(nodes, bends, places)
-            square_light *= paper
-            square_texture *= paper * paper
-            last = one
-            run = 1 if same else longest
-        else:
-            run = longest
-            u = np.float32((2 * left + 2) / columns - 1)
-            for corner in range(4):
-                word = (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
-                at = right if corner & 1 else left
-                # A square at a letter's edge has two colours: often the last but one is this one again.
-                for ink in range(4):
-                    byte = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
-                    gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                    places[ink] = node_place(byte, gain, dot_gains[ink])
-                found_light, found_texture = look_up(nodes, bends, places)
-                light[corner >> 1, at] = found_light * paper
-                texture[corner >> 1, at] = found_texture * paper * paper
-            continue
-        for row in range(2):
-            light[row, left] = square_light
-            light[row, right] = square_light
-            texture[row, left] = square_texture
-            texture[row, right] = square_texture
 
 
 @njit(cache=True, nogil=True)
@@ -271,7 +129,6 @@ def scan_lines(  # type: ignore[no-untyped-def]
     y_first = np.empty(pixels, np.int32)
     y_phase = np.empty(pixels, np.int32)
     weights = np.empty(pixels, np.float32)
-    speck_place = np.empty(4, np.float32)
     next_row = -1
     pair = -1
     for line in range(lines):
@@ -292,17 +149,8 @@ def scan_lines(  # type: ignore[no-untyped-def]
                 lights = light[:, taps : taps + columns]
                 textures = texture[:, taps : taps + columns]
                 look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
-                for n in range(speck_words.size):
-                    row = speck_places[n, 0] - top
-                    if row == 0 or row == 1:
-                        u = np.float32((2 * speck_places[n, 1] + 1) / columns - 1)
-                        for ink in range(4):
-                            byte = np.float32((speck_words[n] >> np.uint32(8 * ink)) & np.uint32(255))
-                            gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                            speck_place[ink] = node_place(byte, gain, dot_gains[ink])
-                        found_light, found_texture = look_up(nodes, bends, speck_place)
-                        lights[row, speck_places[n, 1]] = found_light * paper[0]
-                        textures[row, speck_places[n, 1]] = found_texture * paper[0] * paper[0]
+                specks = speck_places, speck_words, top, v
+                add_specks(*specks, gains, dot_gains, nodes, bends, paper[0], lights, textures)
                 lights -= paper[1]
             place_row(across_places, across_pitch, next_row, x_places)
             begin_at(x_places, across_segment, reach, x_first, x_phase)

@@ -236,21 +236,3 @@ def within(across, along, left, right, top, bottom, out):  # type: ignore[no-unt
             for i in range(min(STRETCH, pixels - start)):
                 x, y = x0 + x_slope * np.float32(i), y0 + y_slope * np.float32(i)
                 out[line, start + i] = (x > left) & (x < right) & (y > top) & (y < bottom)
-
-
-@njit(cache=True, nogil=True)
-def displaced(words, right, down, out):  # type: ignore[no-untyped-def]
-    """A raster (rows, columns), a word a recipe, with planes displaced by right, down (4,) pixels; bare beyond."""
-    rows, columns = words.shape
-    for row in range(rows):
-        line = out[row]
-        line[:] = 0
-        for ink in range(4):
-            y, by = row - down[ink], right[ink]
-            if y < 0 or y >= rows:
-                continue
-            mask = np.uint32(255 << (8 * ink))
-            first, last = max(by, 0), min(columns + by, columns)
-            source = words[y]
-            for i in range(first, last):
-                line[i] |= source[i - by] & mask

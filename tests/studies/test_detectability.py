@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.comparing.local_evidence import LINE_MODES, MODES, SEGMENTS, SIZES, Scatter, Sums
+from prooflight.comparing.local_evidence import LINE_MODES, MODES, SEGMENTS, Scatter, Sums
 from prooflight.comparing.nuisance import Tolerance
 from prooflight.deciding.said import Said
 from prooflight.errors import RequestError
@@ -74,16 +74,25 @@ def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
 
 
 def test_a_spot_is_as_large_as_its_information_asks() -> None:
-    # 0.1 sigma a pixel for whole ink, far from being cut off: T = A D / sqrt(D) over the box of n tiles, of which a
-    # spot covers a share f; the smallest over all sizes
-    area = [12 / np.sqrt(size**2 * 0.25) * (size * 0.5) ** 2 for size in SIZES]
-    possible = [a for a, size in zip(area, SIZES, strict=True) if a <= np.pi / 4 * (size * 0.5) ** 2]
-    assert spot_mm(12, TILE_PIXELS * 0.01) == pytest.approx(2 * np.sqrt(min(possible) / np.pi), rel=0.02)
+    # 0.1 sigma a pixel for whole ink, far from being cut off: strength 0.1 sqrt(pixels), and a pixel has 0.01 mm^2
+    assert spot_mm(12, TILE_PIXELS * 0.01) == pytest.approx(2 * np.sqrt(144.0 / np.pi), rel=1e-3)
+    assert spot_mm(60, TILE_PIXELS * 0.01) == np.inf  # 60 mm, no box holds it
 
 
 def test_what_is_cut_off_at_ten_sigma_gains_nothing_by_more_contrast() -> None:
     strong, stronger = (spot_mm(12, TILE_PIXELS * p**2) for p in (50.0, 500.0))
     assert strong == pytest.approx(stronger, rel=1e-3)
+    assert strong == pytest.approx(2 * np.sqrt(1.2**2 * 0.01 / np.pi), rel=1e-3)
+
+
+def test_a_spot_outgrows_what_hides_it() -> None:
+    """In the middle of 4 mm that tell nothing: black already, or edges throughout."""
+    for part, value in ((1, 0.0), (3, TILE_PIXELS * 100.0)):
+        of = sums(TILE_PIXELS * 100.0)
+        of.tiles[part, MODES.index("add-K"), 36:44, 26:34] = value
+        reach = Reach.of(told(of), dict.fromkeys(DEFECTS, 30.0))
+        assert reach.spot_mm[40, 30] >= 4.0
+        assert reach.spot_mm[10, 30] == pytest.approx(2 * np.sqrt(9 * 0.01 / np.pi), rel=1e-3)
 
 
 def test_a_streak_is_as_faint_as_its_columns_tell() -> None:

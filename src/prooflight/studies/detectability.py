@@ -1,8 +1,10 @@
 """How much defects tell on a page, in closed form from the information of a good print's scan.
 
-For a mode with the power D' over a box, of which edges have G and flat places F, an amount A over a share f of the box
-makes T = A f D' / sqrt(c F + c' G + t^2 D'^2) (``comparing.local_evidence``), its strength. How strong a defect must be
-to be caught is learned from prints (``catching``); what is so strong where on a page follows from there.
+For a mode with the power D' over a box, of which edges have G and flat places F, an amount A all over the box makes
+T = A D' / sqrt(c F + c' G + t^2 D'^2) (``comparing.local_evidence``), its strength. A spot fills no box, and good
+prints do nothing like it: its strength is the root of F / c under the spot alone, no pixel of which counts for more
+than one can. How strong a defect must be to be caught is learned from prints (``catching``); what is so strong where on
+a page follows from there.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from prooflight.comparing.boxed_evidence import COMMON_NEAR, SMALL
 from prooflight.comparing.local_evidence import COMMON, MODES, SIZES, WIDTH_UNIT_MM, WIDTHS
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Telling:
     """Strengths of whole defects on one page; 0 where a defect tells nothing."""
 
     spot: NDArray[np.float64]
-    """(SIZES, tile rows, tile columns) of a box that is solid black."""
+    """(SIZES, tile rows, tile columns) of a spot that fills a box with solid black; a smaller one by its side."""
     streak: NDArray[np.float64]
     """(pixels,) of a solid black streak 0.5 mm wide."""
     patch: NDArray[np.float64]
@@ -93,11 +94,10 @@ class Reach:
     @classmethod
     def of(cls, told: Telling, wanted: Mapping[str, float]) -> Reach:
         """What has the strengths ``wanted`` of a spot, a streak, a patch and an ink."""
-        sides_mm = np.array(SIZES)[:, None, None] * told.tile_mm
-        share = _over(wanted["spot"], told.spot)
-        diameter = np.where(share <= np.pi / 4, 2 * sides_mm * np.sqrt(share / np.pi), np.inf)
         return cls(
-            spot_mm=np.where(told.on_page, diameter.min(axis=0), np.nan),
+            spot_mm=np.where(
+                told.on_page, _diameters(_over(wanted["spot"], told.spot), told.tile_mm), np.nan
+            ),
             streak_percent=np.where(
                 np.isnan(told.streak), np.nan, _percent(_over(wanted["streak"], told.streak))
             ),
@@ -117,6 +117,18 @@ def _over(wanted: float, whole: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(wanted, whole, out=np.full(whole.shape, np.inf), where=whole > 0)
 
 
+def _diameters(sides: NDArray[np.float64], tile_mm: float) -> NDArray[np.float64]:
+    """Of round spots with the area of a square of ``sides`` (SIZES, ...), as shares of each box's; infinite: none."""
+    found = np.full(sides.shape[1:], np.inf)
+    smaller_mm = 0.0
+    for side, size in zip(sides, SIZES, strict=True):
+        # The smallest box that holds the spot says; what is within a smaller one was not enough.
+        diameter = np.maximum(2 * side / np.sqrt(np.pi) * size * tile_mm, smaller_mm)
+        smaller_mm = size * tile_mm
+        found = np.where(np.isinf(found) & (diameter <= smaller_mm), diameter, found)
+    return found
+
+
 def _percent(share: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(share <= 1, 100 * share, np.inf)
 
@@ -134,14 +146,6 @@ def _told(
     return own, np.where(own > 0, own / np.sqrt(spread + 1e-9), 0)
 
 
-def _of_light(
-    shared: NDArray[np.float64], light: NDArray[np.float64], scatter: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """T of the light as a whole for a whole amount of a mode with the shared C."""
-    noise, _, tolerance = scatter
-    return np.asarray(np.abs(shared) / np.sqrt(noise * light + tolerance * light**2 + 1e-9))
-
-
 def _boxed(sums: Sums, mode: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """D, C and edges of a mode, and D of light, over boxes about every tile."""
     maps = sums.tiles[1:4, MODES.index(mode)].astype(np.float64)
@@ -154,19 +158,18 @@ def _boxed(sums: Sums, mode: str, size: int) -> tuple[NDArray[np.float64], NDArr
 
 
 def _spots(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
-    mode, light_mode = MODES.index(SPOT), MODES.index("light")
-    pixels = sums.tiles[1, -1].astype(np.float64)
+    """What registration leaves at edges hides what is small: they count for nothing."""
+    mode = MODES.index(SPOT)
+    power, edges, pixels = (
+        sums.tiles[part, of].astype(np.float64) for part, of in ((1, mode), (3, mode), (1, -1))
+    )
+    # Cut off tile by tile: where a box is partly black already, few of its pixels have all its contrast.
+    cut = np.minimum(CLIPPED_SIGMAS**2 * pixels / np.maximum(power, 1e-9), 1)
+    counted = np.clip(power - edges, 0, None) * cut
     found = []
-    for place, size in enumerate(SIZES):
-        maps, light = _boxed(sums, SPOT, size)
-        common = COMMON_NEAR if size <= SMALL else COMMON
-        _, whole = _told(maps, light, common, scatter.boxes[mode, place])
-        # On bare paper a spot is told from changes of light by its size alone: there light itself says more.
-        lighter = _of_light(maps[1], light, scatter.boxes[light_mode, place])
-        count = cv2.boxFilter(pixels, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        # A pixel is cut off at 10 sigma, whatever the ink.
-        amount = np.minimum(CLIPPED_SIGMAS / np.sqrt(np.maximum(maps[0] / np.maximum(count, 1), 1e-12)), 1)
-        found.append(amount * np.maximum(whole, lighter))
+    for size, (noise, _, _) in zip(SIZES, scatter.boxes[mode], strict=True):
+        over = cv2.boxFilter(counted, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        found.append(np.sqrt(np.maximum(over, 0) / noise))
     return np.stack(found)
 
 

@@ -119,23 +119,26 @@ def run_detectability_study(
         return _Bench(ours, day, number - 1, np.random.default_rng([seed, number, 0]))
 
     alarming: list[str] = []
-    for number in list(numbers):
+    telling: list[int] = []
+    wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
+    left = learning
+    for turn, number in enumerate(numbers):
         one = bench(number)
         if one.telling is None:
             progress(f"page {number}: {PRINTS} good prints of it alarm")
             alarming.append(one.page.name)
-            numbers.remove(number)
-    if not numbers:
+            continue
+        prints = left // (len(numbers) - turn)
+        progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
+        wanted = one.learned(wanted, prints, np.random.default_rng([seed, number, 1]))
+        left -= prints
+        telling.append(number)
+    if not telling:
         what = f"{PRINTS} good prints of {'it' if len(alarming) == 1 else 'each'} alarm"
         raise RequestError(", ".join(alarming), what, remedy="teach the press by more designs")
-    wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
-    for turn, number in enumerate(numbers):
-        prints = (turn + 1) * learning // len(numbers) - turn * learning // len(numbers)
-        progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
-        wanted = bench(number).learned(wanted, prints, np.random.default_rng([seed, number, 1]))
     sure, half = ({defect: one.strength(chance) for defect, one in wanted.items()} for chance in (SURE, HALF))
     found = []
-    for number in numbers:
+    for number in telling:
         one = bench(number)
         assert one.telling is not None
         reach, verified = Reach.of(one.telling, sure), {}
@@ -330,8 +333,8 @@ def page_lines(
     yield from _reach_lines((page.name, page.half) for page in job.pages)
     yield (
         "How strong a defect must be was learned from prints of these pages with such defects. Strength: what the "
-        "defect adds to the statistic that tells it best, in standard deviations of good prints, in closed form from "
-        "the page's own information."
+        "defect adds to the statistic that tells it best, in standard deviations of good prints (of a spot: of the "
+        "noise of the pixels under it, edges left out), in closed form from the page's own information."
     )
     yield ""
     yield "| | " + " | ".join(NAMES.values()) + " |"

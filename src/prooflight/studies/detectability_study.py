@@ -1,7 +1,7 @@
 """The smallest spot, the faintest streak and density change that a press would catch on each page of a job.
 
-How strong a defect must be is learned from prints with such defects; what is so strong where follows in closed form;
-and that is verified by further prints with defects just so strong.
+How strong a defect must be on each page is learned from prints with such defects; what is so strong where follows in
+closed form; and that is verified by further prints with defects just so strong.
 """
 
 from __future__ import annotations
@@ -65,6 +65,8 @@ class PageReach:
     reach: Reach
     half: Reach
     """What is caught in every second print."""
+    wanted: dict[str, tuple[float, float]]
+    """By defect: strengths that are caught in every second print and in 99 of 100."""
     verified: dict[str, Caught]
     """By defect; ``none``: good prints that alarmed."""
 
@@ -82,10 +84,11 @@ class JobPages:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JobReach:
-    """All pages, and how strong each defect must be."""
+    """All pages."""
 
     pages: list[PageReach]
-    wanted: dict[str, Catching]
+    prints: dict[str, int]
+    """By defect: from which it was learned how strong it must be."""
     alarming: list[str]
     """Names of pages of which ``PRINTS`` good prints alarmed: whatever were wrong with them would drown."""
 
@@ -116,7 +119,7 @@ def run_detectability_study(
     def bench(number: int) -> _Bench:
         day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
         day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
-        return _Bench(ours, day, number - 1, np.random.default_rng([seed, number, 0]))
+        return _Bench(ours, day, number, np.random.default_rng([seed, number, 0]))
 
     alarming: list[str] = []
     telling: list[int] = []
@@ -136,20 +139,29 @@ def run_detectability_study(
     if not telling:
         what = f"{PRINTS} good prints of {'it' if len(alarming) == 1 else 'each'} alarm"
         raise RequestError(", ".join(alarming), what, remedy="teach the press by more designs")
-    sure, half = ({defect: one.strength(chance) for defect, one in wanted.items()} for chance in (SURE, HALF))
     found = []
     for number in telling:
         one = bench(number)
         assert one.telling is not None
+        half, sure = (
+            {defect: of.strength(number, chance) for defect, of in wanted.items()} for chance in (HALF, SURE)
+        )
         reach, verified = Reach.of(one.telling, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
             rng = np.random.default_rng([seed, number, 2 + index])
             verified[defect] = one.verified(reach, defect, trials, rng)
-        page = PageReach(name=one.page.name, reach=reach, half=Reach.of(one.telling, half), verified=verified)
+        page = PageReach(
+            name=one.page.name,
+            reach=reach,
+            half=Reach.of(one.telling, half),
+            wanted={defect: (half[defect], sure[defect]) for defect in wanted},
+            verified=verified,
+        )
         draw_reach(results / _picture(page), one.page, reach, press)
         found.append(page)
-    job_reach = JobReach(pages=found, wanted=wanted, alarming=alarming)
+    learned = {defect: of.prints for defect, of in wanted.items()}
+    job_reach = JobReach(pages=found, prints=learned, alarming=alarming)
     text = "\n".join(page_lines(job_reach, press, ours, trials=trials, seed=seed))
     with whole_file(results / "detectability.md") as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
@@ -159,9 +171,11 @@ def run_detectability_study(
 class _Bench:
     """One page on one press day."""
 
-    def __init__(self, ours: CalibratedDetector, day: PressDay, index: int, rng: np.random.Generator) -> None:
-        self.ours, self.day = ours, day
-        good, self.known = day.design(index)
+    def __init__(
+        self, ours: CalibratedDetector, day: PressDay, number: int, rng: np.random.Generator
+    ) -> None:
+        self.ours, self.day, self.number = ours, day, number
+        good, self.known = day.design(number - 1)
         self.page = good.page
         self.telling = self._telling(rng)
 
@@ -177,16 +191,17 @@ class _Bench:
     def learned(
         self, wanted: Mapping[str, Catching], prints: int, rng: np.random.Generator
     ) -> dict[str, Catching]:
-        """What is known after so many more prints with each defect."""
+        """What is known after so many prints of this page with each defect."""
         assert self.telling is not None
         found = dict(wanted)
         for _ in range(prints):
-            tried = {defect: one.next(rng) for defect, one in found.items()}
+            tried = {defect: one.next(self.number, rng) for defect, one in found.items()}
             reach = Reach.of(self.telling, tried)
             for defect, strength in tried.items():
                 printed = _DRAW[defect](self.page, reach, rng)
                 if printed is not None:
-                    found[defect] = found[defect].seen(strength, caught=self._alarms(printed, rng))
+                    caught = self._alarms(printed, rng)
+                    found[defect] = found[defect].seen(self.number, strength, caught=caught)
         return found
 
     def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
@@ -332,17 +347,22 @@ def page_lines(
     yield ""
     yield from _reach_lines((page.name, page.half) for page in job.pages)
     yield (
-        "How strong a defect must be was learned from prints of these pages with such defects. Strength: what the "
-        "defect adds to the statistic that tells it best, in standard deviations of good prints (of a spot: of the "
-        "noise of the pixels under it, edges left out), in closed form from the page's own information."
+        "How strong a defect must be was learned from prints of these pages with such defects: for each page from its "
+        "own first, and as far as they are few from those of the others. Strength: what the defect adds to the "
+        "statistic that tells it best, in standard deviations of good prints (of a spot: of the noise of the pixels "
+        "under it, edges left out), in closed form from the page's own information."
     )
     yield ""
-    yield "| | " + " | ".join(NAMES.values()) + " |"
+    yield "Strengths that are caught in every second print, and in 99 of 100:"
+    yield ""
+    yield "| page | " + " | ".join(NAMES.values()) + " |"
     yield "|---" * (len(NAMES) + 1) + "|"
-    for chance in (HALF, SURE):
-        cells_ = (f"{job.wanted[defect].strength(chance):.3g}" for defect in NAMES)
-        yield f"| strength that is caught in {chance:.0%} | " + " | ".join(cells_) + " |"
-    yield "| prints | " + " | ".join(str(job.wanted[defect].prints) for defect in NAMES) + " |"
+    for page in job.pages:
+        strengths = (
+            " - ".join(f"{float(f'{one:.2g}'):g}" for one in page.wanted[defect]) for defect in NAMES
+        )
+        yield f"| {page.name} | " + " | ".join(strengths) + " |"
+    yield "| prints of all pages | " + " | ".join(str(job.prints[defect]) for defect in NAMES) + " |"
     yield ""
     yield (
         f"Verified: {trials} further prints of each page with each defect at a place drawn at random, just as strong "

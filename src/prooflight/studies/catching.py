@@ -20,6 +20,8 @@ BETWEEN: Final = np.geomspace(0.1, 1.6, 6)
 """Standard deviations of pages' middles, of their logarithm."""
 LAPSE: Final = 0.002
 """Share of prints in which a defect passes however strong it is; assumed: so that one such print does not decide."""
+LEAST: Final = 1e-300
+"""Likelihood below which nothing is told from nothing."""
 SURE: Final = 0.99
 ASKED: Final = (0.5, 0.98)
 """Between which chances of being caught the next strength is drawn: what 99 % takes is told from below."""
@@ -60,7 +62,7 @@ class Catching:
         in_common = np.zeros((BETWEEN.size, STRENGTHS.size, SPREADS.size))
         for other, said in self.said.items():
             if other != page:
-                in_common += np.log(_ABOUT @ np.exp(said - said.max()))
+                in_common += np.log(np.maximum(_ABOUT @ np.exp(said - said.max()), LEAST))
         expected = np.einsum("bcm,bcs->ms", _ABOUT, np.exp(in_common - in_common.max()))
         own = self.said.get(page, np.zeros_like(expected))
         weight = expected * np.exp(own - own.max())

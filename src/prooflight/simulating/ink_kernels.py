@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from prooflight.pages.plane_kernels import compose_row
 from prooflight.predicting.tables import NODE_STEP
 from prooflight.simulating.session import TRUE_NODES
 
@@ -151,3 +152,36 @@ def add_specks(places, words, top, v, gains, dot_gains, nodes, bends, paper, lig
             light, texture = look_up(nodes, bends, place)
             lights[row, places[n, 1]] = light * paper
             textures[row, places[n, 1]] = texture * paper * paper
+
+
+@njit(cache=True, nogil=True)
+def look_up_pair(  # type: ignore[no-untyped-def]
+    words,
+    top,
+    planes,
+    gains,
+    dot_gains,
+    speck_places,
+    speck_words,
+    nodes,
+    bends,
+    paper,
+    printed,
+    lights,
+    textures,
+):
+    """Light above the backing's and texture (2, columns) of rows ``top`` and the next as they came out.
+
+    Arguments as in ``scan_lines``. A last row without a next one is its own. printed (2, columns): working space.
+    """
+    rows = words.shape[0]
+    v = np.float32((2 * top + 2) / rows - 1)
+    upper, lower = printed[0], printed[1]
+    compose_row(words, top, planes, upper)
+    if top + 1 < rows:
+        compose_row(words, top + 1, planes, lower)
+    else:
+        lower[:] = upper
+    look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
+    add_specks(speck_places, speck_words, top, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
+    lights -= paper[1]

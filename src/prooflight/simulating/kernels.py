@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from prooflight.pages.plane_kernels import compose_row
 from prooflight.predicting.aiming_kernels import place_row, weights_at_phases
-from prooflight.simulating.ink_kernels import add_specks, look_up_rows
+from prooflight.simulating.ink_kernels import look_up_pair
 from prooflight.simulating.session import NOISE_STEPS
 
 PHASES = 1024
@@ -116,10 +115,11 @@ def scan_lines(  # type: ignore[no-untyped-def]
     reach = (across_cumulative.size - 1) / (2 * step)
     across_table = weights_at_phases(across_cumulative, step, PHASES, taps)
     along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, PHASES, taps).T)
-    upper = np.empty(columns, np.uint32)
-    lower = np.empty(columns, np.uint32)
+    printed = np.empty((2, columns), np.uint32)
     light = np.zeros((2, columns + 2 * taps), np.float32)
     texture = np.zeros((2, columns + 2 * taps), np.float32)
+    lights, textures = light[:, taps : taps + columns], texture[:, taps : taps + columns]
+    inks = planes, gains, dot_gains, speck_places, speck_words, nodes, bends, paper
     light_ring = np.empty((depth, pixels), np.float32)
     texture_ring = np.empty((depth, pixels), np.float32)
     x_places = np.empty(across_places.shape[1])
@@ -139,19 +139,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                top = 2 * pair
-                v = np.float32((2 * top + 2) / rows - 1)
-                compose_row(words, top, planes, upper)
-                if top + 1 < rows:
-                    compose_row(words, top + 1, planes, lower)
-                else:
-                    lower[:] = upper
-                lights = light[:, taps : taps + columns]
-                textures = texture[:, taps : taps + columns]
-                look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
-                specks = speck_places, speck_words, top, v
-                add_specks(*specks, gains, dot_gains, nodes, bends, paper[0], lights, textures)
-                lights -= paper[1]
+                look_up_pair(words, 2 * pair, *inks, printed, lights, textures)
             place_row(across_places, across_pitch, next_row, x_places)
             begin_at(x_places, across_segment, reach, x_first, x_phase)
             slot = next_row % depth

@@ -17,15 +17,10 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.studies.catching import Catching
 from prooflight.studies.detectability import Reach, Telling
-from prooflight.studies.detectability_study import (
-    DEFECTS,
-    page_lines,
-    paled,
-    patched,
-    run_detectability_study,
-    spotted,
-    streaked,
-)
+from prooflight.studies.detectability_defects import paled, patched, spotted, streaked
+from prooflight.studies.detectability_findings import DEFECTS
+from prooflight.studies.detectability_page import page_lines
+from prooflight.studies.detectability_study import run_detectability_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable

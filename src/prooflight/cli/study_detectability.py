@@ -35,7 +35,8 @@ def detectability(
     """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.press import Press
-    from prooflight.studies.detectability_study import LEARNING, NAMES, TRIALS, run_detectability_study
+    from prooflight.studies.detectability_findings import NAMES
+    from prooflight.studies.detectability_study import LEARNING, TRIALS, run_detectability_study
 
     loaded = Press.load(press)
     source = JobSource(path=job, dpi=loaded.dpi, profile=profile)

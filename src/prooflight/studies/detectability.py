@@ -123,9 +123,10 @@ def _diameters(sides: NDArray[np.float64], tile_mm: float) -> NDArray[np.float64
     smaller_mm = 0.0
     for side, size in zip(sides, SIZES, strict=True):
         # The smallest box that holds the spot says; what is within a smaller one was not enough.
-        diameter = np.maximum(2 * side / np.sqrt(np.pi) * size * tile_mm, smaller_mm)
-        smaller_mm = size * tile_mm
-        found = np.where(np.isinf(found) & (diameter <= smaller_mm), diameter, found)
+        box_mm = size * tile_mm
+        diameter = np.maximum(2 * side / np.sqrt(np.pi) * box_mm, smaller_mm)
+        found = np.where(np.isinf(found) & (diameter <= box_mm), diameter, found)
+        smaller_mm = box_mm
     return found
 
 
@@ -146,15 +147,10 @@ def _told(
     return own, np.where(own > 0, own / np.sqrt(spread + 1e-9), 0)
 
 
-def _boxed(sums: Sums, mode: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """D, C and edges of a mode, and D of light, over boxes about every tile."""
-    maps = sums.tiles[1:4, MODES.index(mode)].astype(np.float64)
-    light = sums.tiles[1, MODES.index("light")].astype(np.float64)
-    added = [
-        cv2.boxFilter(one, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for one in (*maps, light)
-    ]
-    return np.stack(added[:3]), added[3]
+def _boxed(tiles: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Sums over boxes about every tile."""
+    added = cv2.boxFilter(tiles, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(added)
 
 
 def _spots(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
@@ -168,15 +164,17 @@ def _spots(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     counted = np.clip(power - edges, 0, None) * cut
     found = []
     for size, (noise, _, _) in zip(SIZES, scatter.boxes[mode], strict=True):
-        over = cv2.boxFilter(counted, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        found.append(np.sqrt(np.maximum(over, 0) / noise))
+        found.append(np.sqrt(np.maximum(_boxed(counted, size), 0) / noise))
     return np.stack(found)
 
 
 def _patches(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
-    mode, place = "gain-all", SIZES.index(PATCH_TILES)
-    maps, light = _boxed(sums, mode, PATCH_TILES)
-    return _told(maps, light, COMMON, scatter.boxes[MODES.index(mode), place])[1]
+    mode, place = MODES.index("gain-all"), SIZES.index(PATCH_TILES)
+    *maps, light = (
+        _boxed(one.astype(np.float64), PATCH_TILES)
+        for one in (*sums.tiles[1:4, mode], sums.tiles[1, MODES.index("light")])
+    )
+    return _told(np.stack(maps), light, COMMON, scatter.boxes[mode, place])[1]
 
 
 def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:

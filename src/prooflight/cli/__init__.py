@@ -25,10 +25,9 @@ from prooflight.cli import (
     study_world,
     watch,
 )
+from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError
-
-UNUSABLE_INPUT = 2
 
 app = typer.Typer(
     name="prooflight",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.exit_codes import MISPRINT_FOUND
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press import Press
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from prooflight.deciding.verdict import Verdict
     from prooflight.inspecting.job import InspectPage, Pair
     from prooflight.reporting.report import PageEntry
-
-MISPRINT_FOUND = 1
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Profile = Annotated[

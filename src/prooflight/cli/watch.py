@@ -14,7 +14,8 @@ import typer
 from rich.live import Live
 
 from prooflight.cli import show
-from prooflight.cli.job import MISPRINT_FOUND, JobPath, Json, PressArtefact, Profile, Seed
+from prooflight.cli.exit_codes import MISPRINT_FOUND, UNUSABLE_INPUT
+from prooflight.cli.job import JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
 from prooflight.errors import RequestError
 from prooflight.inspecting.book import JobBook
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from prooflight.inspecting.status import Status
 
 REFRESH_S = 0.25
-BROKEN_OFF = 2
 
 
 def watch(
@@ -153,7 +153,7 @@ def watch(
         show.people.print(console.view(status))
     if status.phase is Phase.FAULT:
         show.errors.print(f"prooflight: {status.detail}", markup=False, highlight=False, soft_wrap=True)
-        raise typer.Exit(BROKEN_OFF)
+        raise typer.Exit(UNUSABLE_INPUT)
     if status.misprints:
         raise typer.Exit(MISPRINT_FOUND)
 

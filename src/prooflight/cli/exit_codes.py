@@ -1,0 +1,17 @@
+"""What a command says to whoever started it, by its exit code.
+
+0 is said only where everything asked for was done and every sheet was judged good.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+MISPRINT_FOUND: Final = 1
+"""Every sheet was inspected, and there was a misprint; of ``run replay``: a figure differs."""
+UNUSABLE_INPUT: Final = 2
+"""The input cannot be used; one line says what, where, and what would be right."""
+NOT_ALL_INSPECTED: Final = 3
+"""A sheet was not inspected, is missing, or was not recorded; there may have been misprints as well."""
+OWN_FAULT: Final = 4
+"""A defect of Prooflight itself: one line says so and names the log file."""

@@ -17,6 +17,46 @@ Wrong *types* stay TypeError and files that the system cannot open stay OSError.
 
 from __future__ import annotations
 
+import re
+from typing import Final
+
+QUOTED_MAX: Final = 200
+"""Characters of a path, a name or a value that a message repeats."""
+TOLD_MAX: Final = 800
+"""Characters that a message says of what is wrong, or of what would be right."""
+_LONG = re.compile(rf"""(['"`])[^'"`]{{{QUOTED_MAX + 1},}}\1|\S{{{QUOTED_MAX + 1},}}""")
+
+
+def visible(text: object) -> str:
+    """Text with what cannot be printed as escapes: a terminal shows it and obeys none of it.
+
+    Control characters, marks of direction and halves of characters would move the cursor, colour what follows, hide
+    letters, or not be written at all.
+    """
+    return "".join(one if one.isprintable() else _escaped(one) for one in str(text))
+
+
+def plain(text: object, *, longest: int = QUOTED_MAX) -> str:
+    """A name or value for a message: ``visible``, on one line, its middle cut out where it is long."""
+    return _cut(visible(_cut(str(text), longest)), longest)
+
+
+def sentence(text: object) -> str:
+    """What is said in words, on one line: as ``plain``, line breaks are spaces, and long values in it are cut."""
+    words = " ".join(_cut(str(text), 100 * TOLD_MAX).split())
+    return plain(_LONG.sub(lambda found: _cut(found[0], QUOTED_MAX), words), longest=TOLD_MAX)
+
+
+def _cut(text: str, longest: int) -> str:
+    if len(text) <= longest:
+        return text
+    head = (longest - 3) // 2
+    return f"{text[:head]}...{text[len(text) - (longest - 3 - head) :]}"
+
+
+def _escaped(one: str) -> str:
+    return one.encode("unicode_escape", "surrogatepass").decode("ascii")
+
 
 class ProoflightError(Exception):
     """Base of everything raised on purpose; its text is one line for a person."""
@@ -30,7 +70,7 @@ class InputError(ProoflightError, ValueError):
         super().__init__(where, what, remedy)
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.what}; {self.remedy}"
+        return f"{plain(self.where)}: {sentence(self.what)}; {sentence(self.remedy)}"
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (type(self), self.where, self.what, self.remedy))

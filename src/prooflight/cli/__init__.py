@@ -1,10 +1,13 @@
-"""The command line: read, call, show. Exit 0 done, 1 ``inspect`` found a misprint, 2 the input cannot be used."""
+"""The command line: read, call, show. What exit codes say stands in ``exit_codes``."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 
 import typer
+from typer.exceptions import TyperException
 
 from prooflight import __version__
 from prooflight.cli import (
@@ -12,6 +15,7 @@ from prooflight.cli import (
     calibrate,
     camera,
     chart,
+    faults,
     job,
     press,
     runs,
@@ -25,9 +29,9 @@ from prooflight.cli import (
     study_world,
     watch,
 )
-from prooflight.cli.exit_codes import UNUSABLE_INPUT
+from prooflight.cli.exit_codes import INTERRUPTED, OWN_FAULT, UNUSABLE_INPUT
 from prooflight.cli.show import errors
-from prooflight.errors import ProoflightError
+from prooflight.errors import ProoflightError, plain
 
 app = typer.Typer(
     name="prooflight",
@@ -71,23 +75,65 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command and leave with its exit code; errors are one line on stderr."""
-    sys.exit(run(arguments))
+    """Run a command and leave with its exit code (``exit_codes``); errors are one line on stderr."""
+    code = run(arguments)
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+        sys.exit(code)
+    # Nobody reads any more: what is left must not be tried again while Python ends.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    sys.exit(code)
 
 
 def run(arguments: list[str] | None = None) -> int:
     """Run a command; returns its exit code."""
+    words = sys.argv[1:] if arguments is None else arguments
+    with faults.logged(words) as log:
+        try:
+            return _called(words)
+        except TyperException as error:
+            return _misused(error)
+        except ProoflightError as error:
+            return _unusable(str(error))
+        except KeyboardInterrupt:
+            faults.told("stopped")
+            return INTERRUPTED
+        except OSError as error:
+            return _unusable(f"{plain(error.filename or 'system')}: {error.strerror or error}")
+        except MemoryError as error:
+            return _unusable(
+                f"memory ran out ({error or 'nothing is left'}); lower the resolution, or close others"
+            )
+        except Exception:
+            log.exception("this is a fault of Prooflight itself")
+            return OWN_FAULT
+
+
+def _called(words: list[str]) -> int:
+    """Not the program's own way to run, which says 1, a misprint, of much that is none."""
     try:
-        app(arguments)
+        with typer.main.get_command(app).make_context("prooflight", list(words)) as context:
+            context.command.invoke(context)
+        sys.stdout.flush()
+    except typer.Exit as exit_:
+        return exit_.exit_code
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else 0
-    except ProoflightError as error:
-        return _unusable(str(error))
-    except OSError as error:
-        return _unusable(f"{error.filename or 'system'}: {error.strerror or error}")
     return 0
 
 
+def _misused(error: TyperException) -> int:
+    """A command called as there is none; without any words it shows what there is."""
+    context = getattr(error, "ctx", None)
+    said = error.format_message()
+    if context is not None and said == context.get_help():
+        errors.print(said, highlight=False, soft_wrap=True)
+    else:
+        path = "prooflight" if context is None else context.command_path
+        faults.told(f"{said.removesuffix('.')}; see `{path} --help`")
+    return UNUSABLE_INPUT
+
+
 def _unusable(why: str) -> int:
-    errors.print(f"prooflight: {why}", markup=False, highlight=False, soft_wrap=True)
+    faults.told(why)
     return UNUSABLE_INPUT

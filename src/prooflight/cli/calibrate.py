@@ -51,7 +51,7 @@ def calibrate(
             f"{chart_there.marks} marks within {chart_there.residual_px:.2f} pixels"
         )
     show.people.print(_table(found))
-    show.people.print(f"[bold]{out}[/bold] written, digest {digest[:16]}")
+    show.people.print(show.strong(out), f"written, digest {digest[:16]}")
     if picture is not None:
         show.written(picture)
 
@@ -102,7 +102,7 @@ def _table(found: Calibration) -> Table:
     )
     headings = ("sensor", "white [DN]", "black [DN]", "sigma [DN]", "residual", "left out")
     for heading in headings:
-        table.add_column(heading.replace("[", r"\["), justify="left" if heading == "sensor" else "right")
+        table.add_column(heading, justify="left" if heading == "sensor" else "right")
     for row in _sensors(found):
         table.add_row(
             row["name"],

@@ -190,11 +190,11 @@ def characterise(
     for block in blocks:
         show.people.print(camera_tables.block_table(block))
         for note in block.notes:
-            show.people.print(f"- {note}", markup=False, highlight=False)
+            show.people.print(f"- {note}", highlight=False)
     if out is None:
         sys.stdout.write(text)
     else:
-        show.people.print(f"[bold]{out}[/bold] written")
+        show.people.print(show.strong(out), "written")
 
 
 def _reading(requests: Sequence[ExposureRequest]) -> Iterator[ExposureRequest]:

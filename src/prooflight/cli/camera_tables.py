@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,9 +35,9 @@ def response_json(answer: SensorResponse) -> dict[str, Any]:
 
 
 def _headed(title: str, headings: Sequence[str]) -> Table:
-    table = Table(title=escape(title), title_justify="left")
+    table = Table(title=title, title_justify="left")
     for heading in headings:
-        table.add_column(escape(heading), justify="right")
+        table.add_column(heading, justify="right")
     return table
 
 
@@ -111,9 +111,10 @@ def design_tables(designs: Sequence[Design]) -> list[Table]:
         )
         for row, design in zip(values, designs, strict=True):
             sensor = design.sensors[place]
-            full = " [bold red]saturates[/]" if sensor.saturates else ""
+            full = " saturates" if sensor.saturates else ""
             ratios = sensor.white_snr, sensor.tint_snr, sensor.solid_snr
-            signal.add_row(*row, f"{sensor.white_dn:.0f}{full}", *(f"{ratio:.1f}" for ratio in ratios))
+            white = Text.assemble(f"{sensor.white_dn:.0f}", (full, "bold red"))
+            signal.add_row(*row, white, *(f"{ratio:.1f}" for ratio in ratios))
             sigmas = sensor.white_sigma_dn, sensor.tint_sigma_dn, sensor.solid_sigma_dn
             extremes = sensor.table_sigma_min_dn, sensor.table_sigma_max_dn
             sharp = sensor.mtf_nyquist_across, sensor.mtf_nyquist_along
@@ -174,7 +175,7 @@ def block_table(block: SensorBlock) -> Table:
     """One line a field, with standard error and origin."""
     from prooflight.commissioning.sensor_block import FIELDS
 
-    table = Table(title=escape(f"Sensor {block.fields['name']}"), title_justify="left")
+    table = Table(title=f"Sensor {block.fields['name']}", title_justify="left")
     table.add_column("field")
     table.add_column("value", justify="right")
     table.add_column("+-", justify="right")
@@ -183,7 +184,7 @@ def block_table(block: SensorBlock) -> Table:
         value = block.fields.get(name)
         shown = "" if value is None else "a curve" if isinstance(value, dict) else str(value)
         error = block.standard_errors.get(name)
-        table.add_row(name, shown, f"{error:.2g}" if error else "", escape(block.sources[name]))
+        table.add_row(name, shown, f"{error:.2g}" if error else "", block.sources[name])
     if block.full_well_e is not None:
         table.add_row("full well, e-", f"{block.full_well_e:,.0f}", "", "2^bits over the gain")
     if block.saturation_e is not None:

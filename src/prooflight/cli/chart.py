@@ -55,7 +55,7 @@ def score(
     show.people.print(_score_table(scores, trial))
     show.people.print(why)
     if report is not None:
-        show.people.print(f"Open [bold]{report}[/bold]")
+        show.people.print("Open", show.strong(report))
 
 
 @app.command()
@@ -116,7 +116,7 @@ def make(
         )
     else:
         show.people.print(
-            f"Print [bold]{files.pdf}[/bold] without colour management; its recipes: {files.recipes}"
+            "Print", show.strong(files.pdf), f"without colour management; its recipes: {files.recipes}"
         )
 
 
@@ -132,7 +132,7 @@ def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:
         table.add_column(heading, justify="left" if heading == "model" else "right")
     for name, of_model in scores.items():
         table.add_row(
-            f"[bold]{name}[/bold]" if name == trial.model else name,
+            show.strong(name) if name == trial.model else name,
             f"{of_model.median_delta_e00:.3f}",
             f"{of_model.p95_delta_e00:.3f}",
             f"{of_model.max_delta_e00:.2f}",

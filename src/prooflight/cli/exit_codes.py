@@ -15,3 +15,5 @@ NOT_ALL_INSPECTED: Final = 3
 """A sheet was not inspected, is missing, or was not recorded; there may have been misprints as well."""
 OWN_FAULT: Final = 4
 """A defect of Prooflight itself: one line says so and names the log file."""
+INTERRUPTED: Final = 130
+"""A person ended a command that does not end itself, as shells say it: 128 and the number of SIGINT."""

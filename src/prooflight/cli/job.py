@@ -98,10 +98,10 @@ def demo(
         show.verdict_table((entry.verdict for entry in entries), title=f"{name} on press {press.name}")
     )
     show.people.print(
-        f"{totals['pages']} sheets, {totals['misprints']} misprints printed, [bold]{totals['caught']} caught[/], "
+        f"{totals['pages']} sheets, {totals['misprints']} misprints printed, {totals['caught']} caught, "
         f"{totals['false_alarms']} false alarms, {pages_per_s:.2f} sheets/s simulated and inspected"
     )
-    show.people.print(f"Open [bold]{report}[/bold]")
+    show.people.print("Open", show.strong(report))
 
 
 def rip(
@@ -136,7 +136,7 @@ def rip(
     if json:
         show.print_json(rows)
     else:
-        show.people.print(f"{count(len(rows), 'page')} in [bold]{out}[/bold]")
+        show.people.print(count(len(rows), "page"), "in", show.strong(out))
 
 
 def simulate(
@@ -179,7 +179,7 @@ def simulate(
     if json:
         show.print_json(truths)
     else:
-        show.people.print(f"{count(len(truths), 'scan')} and truth.json in [bold]{out}[/bold]")
+        show.people.print(count(len(truths), "scan"), "and truth.json in", show.strong(out))
 
 
 def inspect(
@@ -237,7 +237,7 @@ def inspect(
     if not json:
         show.judged(verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
-            show.people.print(f"Open [bold]{report / 'report.html'}[/bold]")
+            show.people.print("Open", show.strong(report / "report.html"))
     if any(verdict.verdict == "misprint" for verdict in verdicts):
         raise typer.Exit(MISPRINT_FOUND)
 

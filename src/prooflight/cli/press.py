@@ -69,7 +69,7 @@ def build(
         facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": _detectors(press)}
         show.print_json(facts | {"tables": [asdict(a) for a in accuracy]})
         return
-    show.people.print(f"[bold]{out}[/bold] written in {seconds} s, digest {digest[:16]}")
+    show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
     for entry in accuracy:
         show.people.print(
             f"sensor {entry.sensor}: tables within {entry.mean_rms_sigma} sigma rms of the exact model "
@@ -163,7 +163,7 @@ def learn(
         f"{len(seen)} good pages, {len(fresh)} of them new; {alarms} would have alarmed before. "
         f"Now: {facts['promise']}"
     )
-    show.people.print(f"[bold]{out or artefact}[/bold] written, digest {digest[:16]}")
+    show.people.print(show.strong(out or artefact), f"written, digest {digest[:16]}")
 
 
 @app.command("show")

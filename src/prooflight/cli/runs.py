@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from prooflight.atomic import whole_file
 from prooflight.cli import show
@@ -86,8 +86,8 @@ def runs(
         table.add_row(
             str(run.id),
             _local(run.facts.started_s),
-            f"[{STATE_STYLE[run.state]}]{run.state}[/]",
-            escape(run.facts.job),
+            Text(run.state, style=STATE_STYLE[run.state]),
+            run.facts.job,
             f"{run.pages:,}",
             *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
         )
@@ -189,7 +189,7 @@ def replay(
         for heading in ("", "recorded", "again", ""):
             table.add_column(heading)
         for figure in figures:
-            word = "[green]same[/]" if figure.same else "[bold red]differs[/]"
+            word = Text("same", style="green") if figure.same else Text("differs", style="bold red")
             table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), word)
         show.people.print(table)
     if not same:
@@ -276,7 +276,7 @@ def _facts_table(run: RunRow) -> Table:
     }
     for name, value in rows.items():
         if value not in ("", 0) or name == "misprints":
-            table.add_row(name, escape(str(value)))
+            table.add_row(name, str(value))
     return table
 
 
@@ -290,10 +290,10 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
         what += ["late"] if page.late else []
         table.add_row(
             str(page.sheet),
-            escape(verdict.page),
-            f"[{show.VERDICT_STYLE[verdict.verdict]}]{verdict.verdict}[/]",
+            verdict.page,
+            Text(verdict.verdict, style=show.VERDICT_STYLE[verdict.verdict]),
             verdict.action,
             "" if verdict.score is None else f"{verdict.score:.3g}",
-            escape("; ".join(filter(None, (*what, *page.faults, *page.notes)))),
+            "; ".join(filter(None, (*what, *page.faults, *page.notes))),
         )
     return table

@@ -17,7 +17,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
+from prooflight.errors import visible
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -28,8 +30,20 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 
-people = Console()
-errors = Console(stderr=True)
+
+class PlainConsole(Console):
+    """Shows strings as they are: no markup, no escape sequences, whatever a path holds. Style comes as ``Text``."""
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, markup=False, emoji=False)
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        """Lines stay lines; what else cannot be printed is shown as escapes."""
+        return super().render_str("\n".join(visible(line) for line in text.split("\n")), **how)
+
+
+people = PlainConsole()
+errors = PlainConsole(stderr=True)
 
 VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yellow"}
 
@@ -64,7 +78,7 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
 
 def step(text: str) -> None:
     """One line on standard error about what is going on."""
-    errors.print(f"[dim]{text} ...[/dim]")
+    errors.print(f"{text} ...", style="dim", highlight=False)
 
 
 def steps(*, quiet: bool) -> Callable[[str], None]:
@@ -74,7 +88,12 @@ def steps(*, quiet: bool) -> Callable[[str], None]:
 
 def written(path: Path) -> None:
     """Where a result lies."""
-    people.print(f"Written: [bold]{path}[/bold]")
+    people.print("Written:", strong(path))
+
+
+def strong(what: object) -> Text:
+    """A path or a number that a person looks for."""
+    return Text(visible(what), style="bold")
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
@@ -82,14 +101,14 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     table = Table(title=title, title_justify="left")
     for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("what", "left")):
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    table.add_column(r"where \[mm]")
+    table.add_column("where [mm]")
     table.add_column("score", justify="right", no_wrap=True)
     table.add_column("ms", justify="right")
     for verdict in verdicts:
         style = VERDICT_STYLE[verdict.verdict]
         table.add_row(
             verdict.page,
-            f"[{style}]{verdict.verdict}[/]",
+            Text(verdict.verdict, style=style),
             verdict.action,
             verdict.reason or verdict.kind or "",
             where(verdict),

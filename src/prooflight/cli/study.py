@@ -149,7 +149,7 @@ def figures(
         show.print_json([str(path) for path in written])
         return
     for path in written:
-        show.people.print(f"[bold]{path}[/bold]")
+        show.people.print(show.strong(path))
 
 
 @contextlib.contextmanager

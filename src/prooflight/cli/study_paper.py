@@ -186,10 +186,7 @@ def _cents(rows: Iterable[DesignRow]) -> Table:
         table.add_row(
             row.world,
             row.design,
-            *(
-                f"{one.value:.3g} [{one.low:.3g}, {one.high:.3g}]".replace("[", "\\[")
-                for one in (errors, saving)
-            ),
+            *(f"{one.value:.3g} [{one.low:.3g}, {one.high:.3g}]" for one in (errors, saving)),
             *(f"{cents:.3g}" for cents in (row.hardware_cents, row.computing_cents, row.total_cents)),
             "efficient" if row.efficient else "",
         )

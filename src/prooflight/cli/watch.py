@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 from rich.live import Live
 
-from prooflight.cli import show
+from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import MISPRINT_FOUND, UNUSABLE_INPUT
 from prooflight.cli.job import JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
@@ -152,7 +152,7 @@ def watch(
     if not json:
         show.people.print(console.view(status))
     if status.phase is Phase.FAULT:
-        show.errors.print(f"prooflight: {status.detail}", markup=False, highlight=False, soft_wrap=True)
+        faults.told(status.detail)
         raise typer.Exit(UNUSABLE_INPUT)
     if status.misprints:
         raise typer.Exit(MISPRINT_FOUND)

@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prooflight.deciding.channels import drift_channels
+from prooflight.errors import plain, sentence
 from prooflight.inspecting.status import Phase
 
 if TYPE_CHECKING:
@@ -85,11 +86,11 @@ def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float |
             parts.append(_announcements(recent))
         parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(1, 2)))
     if status.detail:
-        parts.append(Text(status.detail, style="bold red"))
+        parts.append(Text(sentence(status.detail), style="bold red"))
     style = PHASES.get(status.phase, "yellow")
     speed = f"{status.pages_per_s:.2f} pages/s"
     head = Text.assemble(
-        (f" {status.phase.upper()} ", f"reverse {style}"), f"  {title}   ", (speed, "bold"), " "
+        (f" {status.phase.upper()} ", f"reverse {style}"), f"  {plain(title)}   ", (speed, "bold"), " "
     )
     return Panel(Group(*parts), title=head, title_align="left", padding=(0, 1), expand=False)
 
@@ -158,7 +159,7 @@ def _announcements(recent: Recent) -> RenderableType:
         table.add_row(
             Text(f"sheet {one.sheet}", style="dim"),
             Text(one.action.upper(), style=f"reverse {ACTIONS[one.action]}"),
-            Text(what),
+            Text(sentence(what)),
         )
     return Panel(table, title="The run", title_align="left", border_style="yellow", expand=False)
 
@@ -171,7 +172,7 @@ def _alarms(recent: Recent) -> RenderableType:
     for outcome in reversed(recent.alarms):
         verdict = outcome.record.verdict
         what = verdict.reason or " ".join(filter(None, (verdict.kind or "misprint", _where(outcome))))
-        table.add_row(f"{outcome.record.sheet}", verdict.page, Text(what, style="red"))
+        table.add_row(f"{outcome.record.sheet}", verdict.page, Text(sentence(what), style="red"))
     if not recent.alarms:
         table.add_row("", "", Text("none", style="dim"))
     return table

@@ -1,0 +1,85 @@
+"""What goes wrong, told in one line on standard error; how it came about stands in a log file.
+
+Whoever runs a press reads lines, not tracebacks; whoever mends Prooflight needs them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import platform
+import sys
+import tempfile
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from prooflight import __version__
+from prooflight.cli.show import errors
+from prooflight.errors import sentence
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+LOG_BYTES: Final = 1_000_000
+"""Of the log file, and of the one before it: some 300 tracebacks."""
+
+
+def told(line: object) -> None:
+    """One line for a person."""
+    errors.print(f"prooflight: {sentence(line)}", highlight=False, soft_wrap=True)
+
+
+class FaultLog(logging.Handler):
+    """Tells warnings in one line each, and keeps tracebacks in a file."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._command = " ".join(["prooflight", *arguments])
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell what is logged; an exception that comes with it is kept, and named."""
+        line = record.getMessage()
+        if record.exc_info and record.exc_info[1] is not None:
+            line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._kept(record)})"
+        told(line)
+
+    def _kept(self, record: logging.LogRecord) -> str:
+        for folder in (_state_folder(), Path(tempfile.gettempdir())):
+            file = folder / "prooflight-faults.log"
+            with contextlib.suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+                self._write(file, record)
+                return f"details in {file}"
+        return "and its details could not be written"
+
+    def _write(self, file: Path, record: logging.LogRecord) -> None:
+        kept = RotatingFileHandler(
+            file, maxBytes=LOG_BYTES, backupCount=1, encoding="utf-8", errors="replace"
+        )
+        version = f"{__version__}, Python {platform.python_version()}, {platform.platform()}"
+        kept.setFormatter(logging.Formatter(f"%(asctime)s %(message)s\n{self._command}\n{version}"))
+        with contextlib.closing(kept):
+            kept.emit(record)
+
+
+@contextlib.contextmanager
+def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
+    """What this package logs meanwhile is told in lines; gives the logger for what nobody expected."""
+    logger, handler = logging.getLogger("prooflight"), FaultLog(arguments)
+    logger.addHandler(handler)
+    try:
+        yield logger
+    finally:
+        logger.removeHandler(handler)
+
+
+def _state_folder() -> Path:
+    """Where a user's logs lie, by the XDG base directory specification."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or tempfile.gettempdir()) / "prooflight"
+    given = os.environ.get("XDG_STATE_HOME")
+    with contextlib.suppress(RuntimeError):  # nobody's home is known
+        return (Path(given) if given else Path.home() / ".local" / "state") / "prooflight"
+    return Path(tempfile.gettempdir())

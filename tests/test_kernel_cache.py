@@ -1,0 +1,87 @@
+"""Kernels compile where nothing can be written, and where what was kept is damaged."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNEL = """
+from numba import njit
+from prooflight.kernel_cache import kept
+
+@njit
+def twice(x):
+    return 2 * x
+
+twice._cache = kept(twice.py_func)
+print(twice(21), twice._cache.cache_path, sum(twice.stats.cache_hits.values()))
+"""
+
+
+def call(folder: Path) -> subprocess.CompletedProcess[str]:
+    known = {
+        name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+    }
+    return subprocess.run(
+        [sys.executable, "-B", str(folder / "kernel.py")],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env=known | {"TMPDIR": str(folder / "tmp"), "HOME": str(folder / "home")},
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("tmp", "home"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    return tmp_path
+
+
+def test_a_kernel_that_was_kept_is_not_compiled_again(folder: Path) -> None:
+    first, again = call(folder), call(folder)
+    place = folder / "__pycache__"
+    assert first.stdout.split() == ["42", str(place), "0"]
+    assert again.stdout.split() == ["42", str(place), "1"]
+    assert first.stderr == again.stderr == ""
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("content", [b"", b"\x80", b"no pickle"], ids=["empty", "cut short", "other"])
+def test_a_damaged_file_is_made_anew_and_said(folder: Path, kind: str, content: bytes) -> None:
+    call(folder)
+    (file,) = (folder / "__pycache__").glob(f"*.{kind}")
+    file.write_bytes(content)
+    mended, again = call(folder), call(folder)
+    assert mended.stdout.split()[0] == "42"
+    assert "a compiled kernel is damaged" in mended.stderr
+    assert "Traceback" not in mended.stderr
+    assert (again.stdout.split()[2], again.stderr) == ("1", "")
+
+
+def test_where_nothing_can_be_written_a_temporary_folder_is_used_and_said(folder: Path) -> None:
+    (folder / "__pycache__").write_text("a file, so that no folder can be made here, not even by root")
+    (folder / "home" / ".cache").write_text("nor here")
+    first, again = call(folder), call(folder)
+    place = folder / "tmp" / f"prooflight-kernels-{os.getuid()}"
+    assert f"compiled kernels are kept in {place}" in first.stderr
+    assert first.stdout.split()[0] == "42"
+    assert again.stdout.split()[2] == "1"  # the next run finds them
+    assert place.stat().st_mode & 0o077 == 0
+
+
+def test_a_folder_that_others_can_write_is_not_trusted(folder: Path) -> None:
+    (folder / "__pycache__").write_text("")
+    (folder / "home" / ".cache").write_text("")
+    place = folder / "tmp" / f"prooflight-kernels-{os.getuid()}"
+    place.mkdir()
+    place.chmod(0o777)
+    said = call(folder)
+    assert said.stdout.split()[0] == "42"
+    assert not list(place.iterdir())

@@ -122,16 +122,17 @@ class Replay:
                 remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
                 raise ScanError(scan.path, what, remedy=remedy)
             for start in range(0, lines.shape[1], self._block_lines):
-                if self._closed:
-                    return
                 block = lines[:, start : start + self._block_lines]
                 time_s = self._pacer.read(block.shape[1])
+                if self._closed:
+                    return
                 yield LineBlock(first_line=first, lines=block, time_s=time_s)
                 first += block.shape[1]
 
     def close(self) -> None:
         """Play no more."""
         self._closed = True
+        self._pacer.stop()
 
 
 class _Complaints(logging.Handler):

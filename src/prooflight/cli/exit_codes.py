@@ -15,3 +15,10 @@ NOT_ALL_INSPECTED: Final = 3
 """A sheet was not inspected, is missing, or was not recorded; there may have been misprints as well."""
 OWN_FAULT: Final = 4
 """A defect of Prooflight itself: one line says so and names the log file."""
+
+
+def of_run(*, misprints: int, complete: bool) -> int:
+    """What a run of sheets comes to; complete: whether every sheet came, was judged, and was recorded."""
+    if not complete:
+        return NOT_ALL_INSPECTED
+    return MISPRINT_FOUND if misprints else 0

@@ -62,6 +62,11 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
             bar.advance(task)
 
 
+def complain(what: str) -> None:
+    """One line on standard error about what went wrong."""
+    errors.print(f"prooflight: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
 def step(text: str) -> None:
     """One line on standard error about what is going on."""
     errors.print(f"[dim]{text} ...[/dim]")

@@ -131,12 +131,15 @@ def test_pages_without_scan_are_said_to_be_not_inspected(
     press: Path, job: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     call(capsys, "simulate", job, "--press", press, "-o", tmp_path, "--pages", "2", "--json")
-    code, out, _ = call(
+    code, out, err = call(
         capsys, "inspect", job, tmp_path, "--press", press, "--json", "--report", tmp_path / "r"
     )
-    assert code == 0
-    words = [json.loads(line)["verdict"] for line in out.splitlines()]
-    assert words == ["not-inspected", "good", "not-inspected"]
+    assert code == 3
+    rows = [json.loads(line) for line in out.splitlines()]
+    assert [row["verdict"] for row in rows] == ["not-inspected", "good", "not-inspected"]
+    assert rows[2]["reason"] == f"its scan is missing (looked for p0003.tif in {tmp_path})"
+    assert err.startswith("prooflight: 2 of 3 pages were not inspected (the first p0001: its scan is missing")
+    assert err.count("\n") == 1
     assert (tmp_path / "r" / "report.html").is_file()
 
 

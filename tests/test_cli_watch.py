@@ -93,15 +93,27 @@ def test_the_drum_is_watched_and_journalled(
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
 
 
-def test_a_misprint_ends_with_exit_code_1_and_a_fault_is_named(
+def test_a_misprint_ends_with_exit_code_1(
     press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, rows, _ = watch(
+    code, rows, said = watch(
+        capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 6,
+        "--misprint", "streak:0.9", "--every", 3, "--trigger", trigger, "--journal", "none", "--json",
+    )  # fmt: skip
+    assert (code, said) == (1, "")
+    assert [row["verdict"] for row in rows] == ["good", "good", "misprint"] * 2
+
+
+def test_a_fault_is_named_and_a_page_that_did_not_come_ends_with_exit_code_3(
+    press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, rows, said = watch(
         capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 12,
         "--misprint", "streak:0.9", "--every", 3, "--fault-every", 5, "--trigger", trigger,
         "--journal", "none", "--json",
     )  # fmt: skip
-    assert code == 1
+    assert code == 3
+    assert said == "prooflight: 1 of 12 sheets did not come\n"
     assert [row["verdict"] for row in rows[:3]] == ["good", "good", "misprint"]
     assert rows[5]["faults"] == ["blank"]
     assert rows[5]["kind"] == "missing-content"
@@ -173,7 +185,7 @@ def test_bad_input_is_one_line(
     assert said.count("\n") == 1
 
 
-def test_a_pipe_that_breaks_off_keeps_what_came_and_ends_with_2(
+def test_a_pipe_that_breaks_off_keeps_what_came_and_ends_with_3(
     press_file: Path,
     job: Path,
     trigger: int,
@@ -185,8 +197,26 @@ def test_a_pipe_that_breaks_off_keeps_what_came_and_ends_with_2(
         buffer = io.BytesIO(b"\0" * (2 * press.geometry.pixels * trigger + 7))
 
     monkeypatch.setattr(sys, "stdin", Standard)
-    code, _, said = watch(
+    code, rows, said = watch(
         capsys, job, "--press", press_file, "--source", "raw:-", "--journal", "none", "--json"
     )
-    assert code == 2
+    assert code == 3
+    assert [row["verdict"] for row in rows] == ["misprint"]  # darkness is no page of the job
     assert "whole lines" in said
+    assert "3 of 3 sheets did not come" in said
+    assert said.count("\n") == 1
+
+
+def test_a_pipe_of_which_nothing_can_be_used_ends_with_2(
+    press_file: Path, job: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Standard:
+        buffer = io.BytesIO(b"no lines")
+
+    monkeypatch.setattr(sys, "stdin", Standard)
+    code, rows, said = watch(
+        capsys, job, "--press", press_file, "--source", "raw:-", "--journal", "none", "--json"
+    )
+    assert (code, rows) == (2, [])
+    assert "whole lines" in said
+    assert said.count("\n") == 1

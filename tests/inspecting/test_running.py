@@ -90,6 +90,8 @@ class Source:
 class Pager:
     script: list[SeenPage | MissingPage]
     next_page: int = 0
+    to_come: int = 0
+    missing: int = 0
 
     def rehearse(self) -> None:
         pass

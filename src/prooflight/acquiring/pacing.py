@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -22,12 +23,15 @@ class Pacer:
         line_rate_hz: float | None,
         *,
         clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        sleep: Callable[[float], object] | None = None,
     ) -> None:
-        """line_rate_hz: None: as fast as they are taken. RequestError: a rate that is not above 0."""
+        """line_rate_hz: None: as fast as they are taken. sleep: None: until ``stop``. RequestError: a rate that is not
+        above 0.
+        """
         if line_rate_hz is not None and not line_rate_hz > 0:
             raise RequestError("source", f"a rate of {line_rate_hz} lines/s", remedy="give a rate above 0")
-        self._rate_hz, self._clock, self._sleep = line_rate_hz, clock, sleep
+        self._stopped = threading.Event()
+        self._rate_hz, self._clock, self._sleep = line_rate_hz, clock, sleep or self._stopped.wait
         self._begun_s: float | None = None
         self._lines = 0
 
@@ -43,3 +47,7 @@ class Pacer:
         if left_s > 0:
             self._sleep(left_s)
         return due_s
+
+    def stop(self) -> None:
+        """Hold nothing back any more; who waits goes on."""
+        self._stopped.set()

@@ -69,22 +69,29 @@ class PictureFile:
 def picture_files(path: Path, *, images: int | None = None) -> list[PictureFile]:
     """Pictures in order: of a folder, by natural order of names; of a multi-page TIFF, ``images`` make up each.
 
-    images None: a file is one picture. ScanError if there is nothing to read.
+    images None: a file is one picture. A file of a folder that cannot even be counted is one picture, which says so
+    when it is read. ScanError if there is nothing to read.
     """
     if path.is_dir():
         inside = [file for file in path.iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != "."]
         if not inside:
             raise ScanError(path, "holds no scans", remedy=REMEDY)
         ordered = sorted(inside, key=lambda file: natural_order(file.name))
-        return [picture for file in ordered for picture in picture_files(file, images=images)]
+        return [picture for file in ordered for picture in _pictures_of(file, images, one_of_many=True)]
     if not path.is_file():
         raise ScanError(path, "there is no such file or folder", remedy="give a scan or a folder of scans")
+    return _pictures_of(path, images)
+
+
+def _pictures_of(path: Path, images: int | None, *, one_of_many: bool = False) -> list[PictureFile]:
     if path.suffix.lower() not in TIFF_SUFFIXES:
         return [PictureFile(path=path, first_image=0, images=1)]
     try:
         with tifffile.TiffFile(path) as file:
             count = len(file.pages)
     except Exception as error:  # decoders raise whatever damage leads them to
+        if one_of_many:
+            return [PictureFile(path=path, first_image=0, images=images or 1)]
         raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
     each = images or count
     if not count or count % each:

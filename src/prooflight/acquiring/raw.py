@@ -7,21 +7,20 @@ also says how many sensors and pixels follow; ``write_block`` is the other end.
 
 from __future__ import annotations
 
-import io
-import socket
 import struct
-import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final
 
 import numpy as np
 
 from prooflight.acquiring.lines import BLOCK_LINES, LineBlock
-from prooflight.errors import RequestError, ScanError
+from prooflight.acquiring.streams import open_stream
+from prooflight.errors import ScanError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from prooflight.acquiring.streams import ByteStream
 
 MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")
@@ -35,7 +34,7 @@ class RawLines:
 
     def __init__(
         self,
-        stream: BinaryIO,
+        stream: ByteStream,
         *,
         name: str,
         sensors: int,
@@ -54,7 +53,7 @@ class RawLines:
         return self._framed_blocks() if self._framed else self._plain_blocks()
 
     def close(self) -> None:
-        """Let go of the stream."""
+        """Let go of the stream: whole lines that have come are still given."""
         self._closed = True
         self._stream.close()
 
@@ -66,7 +65,7 @@ class RawLines:
             if count:
                 yield self._block(data[: count * line_bytes], first, self._clock())
             first += count
-            if rest:
+            if rest and not self._closed:
                 what = f"ends within line {first}, after {rest} of its {line_bytes} bytes"
                 remedy = f"give whole lines of {self.sensors} x {self.pixels} uint16"
                 raise ScanError(self._name, what, remedy=remedy)
@@ -76,6 +75,8 @@ class RawLines:
         while head := self._read(HEADER.size):
             where = f"{self._name}, byte {place}"
             if len(head) < HEADER.size:
+                if self._closed:
+                    return
                 raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
             magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
             if magic != MAGIC or lines > MOST_LINES:
@@ -87,6 +88,8 @@ class RawLines:
             wanted = 2 * sensors * pixels * lines
             data = self._read(wanted)
             if len(data) < wanted:
+                if self._closed:
+                    return
                 what = f"ends after {len(data)} of {wanted} bytes of a block"
                 raise ScanError(where, what, remedy="send whole blocks")
             place += HEADER.size + wanted
@@ -99,7 +102,7 @@ class RawLines:
         return LineBlock(first_line=first, lines=own, time_s=time_s)
 
     def _read(self, wanted: int) -> bytes:
-        """So many bytes, fewer only at the stream's end."""
+        """So many bytes, fewer only at the stream's end, or when it is closed."""
         parts, left = [], wanted
         while left and not self._closed:
             try:
@@ -107,12 +110,14 @@ class RawLines:
             except (OSError, ValueError) as error:
                 if self._closed:
                     break
-                raise ScanError(self._name, "cannot be read", remedy="start the source again") from error
+                why = getattr(error, "strerror", None) or error
+                what = f"cannot be read any more ({why})"
+                raise ScanError(self._name, what, remedy="start the source again") from error
             if not part:
                 break
             parts.append(part)
             left -= len(part)
-        return b"" if self._closed else b"".join(parts)
+        return b"".join(parts)
 
 
 def write_block(stream: BinaryIO, block: LineBlock) -> None:
@@ -123,38 +128,5 @@ def write_block(stream: BinaryIO, block: LineBlock) -> None:
 
 
 def open_raw(address: str, *, sensors: int, pixels: int, framed: bool = False) -> RawLines:
-    """Lines from ``-`` (standard input), ``tcp:HOST:PORT``, ``unix:PATH``, or a file or named pipe.
-
-    RequestError: there is no such thing, or nobody answers there.
-    """
-    return RawLines(_opened(address), name=address, sensors=sensors, pixels=pixels, framed=framed)
-
-
-def _opened(address: str) -> BinaryIO:
-    kind, _, rest = address.partition(":")
-    if address == "-":
-        return sys.stdin.buffer
-    try:
-        if kind == "tcp":
-            host, _, port = rest.rpartition(":")
-            if not host or not port.isdecimal():
-                raise RequestError(address, "is no address", remedy="write tcp:HOST:PORT")
-            return _file_of(socket.create_connection((host, int(port))))
-        if kind == "unix":
-            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            try:
-                connection.connect(rest)
-            except OSError:
-                connection.close()
-                raise
-            return _file_of(connection)
-        return Path(address).open("rb", buffering=0)
-    except OSError as error:
-        what = f"cannot be opened ({error.strerror or error})"
-        raise RequestError(address, what, remedy="start the camera's end first, or give its path") from error
-
-
-def _file_of(connection: socket.socket) -> BinaryIO:
-    """A connection as a file, which keeps it open."""
-    with connection:
-        return io.BufferedReader(connection.makefile("rb", buffering=0), 1 << 20)
+    """Lines from an address as ``streams.open_stream`` takes it, RequestError included."""
+    return RawLines(open_stream(address), name=address, sensors=sensors, pixels=pixels, framed=framed)

@@ -68,10 +68,11 @@ def write_scan(path: Path, dn: NDArray[np.uint16], *, facts: Mapping[str, object
         )
 
 
-def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
+def recorded_scans(path: Path, *, sensors: int, damaged: bool = False) -> list[RecordedScan]:
     """Scans in page order: a folder's TIFF files in natural order of their names, or one multi-page file.
 
-    A file holds one image for each of ``sensors`` sensors, page after page. ScanError if there is nothing to read.
+    A file holds one image for each of ``sensors`` sensors, page after page. damaged: whether a file of a folder that
+    cannot even be counted is one scan, which says so when it is read. ScanError if there is nothing to read, or else.
     """
     if path.is_dir():
         files = sorted(
@@ -86,7 +87,7 @@ def recorded_scans(path: Path, *, sensors: int) -> list[RecordedScan]:
             raise ScanError(
                 path, "holds no TIFF files", remedy="give the folder that `prooflight simulate` wrote"
             )
-        return [scan for file in files for scan in _scans_of(file, sensors)]
+        return [scan for file in files for scan in _scans_of(file, sensors, damaged=damaged)]
     if not path.is_file():
         raise ScanError(
             path, "there is no such file or folder", remedy="give a folder of scans or a TIFF file"
@@ -122,16 +123,17 @@ class Replay:
                 remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
                 raise ScanError(scan.path, what, remedy=remedy)
             for start in range(0, lines.shape[1], self._block_lines):
-                if self._closed:
-                    return
                 block = lines[:, start : start + self._block_lines]
                 time_s = self._pacer.read(block.shape[1])
+                if self._closed:
+                    return
                 yield LineBlock(first_line=first, lines=block, time_s=time_s)
                 first += block.shape[1]
 
     def close(self) -> None:
         """Play no more."""
         self._closed = True
+        self._pacer.stop()
 
 
 class _Complaints(logging.Handler):
@@ -160,11 +162,13 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
         raise ValueError(complaints.first)
 
 
-def _scans_of(path: Path, sensors: int) -> list[RecordedScan]:
+def _scans_of(path: Path, sensors: int, *, damaged: bool = False) -> list[RecordedScan]:
     try:
         with _opened(path) as file:
             count = len(file.pages)
     except Exception as error:  # as above
+        if damaged:
+            return [RecordedScan(path=path, first_image=0, sensors=sensors)]
         raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
     if not count or count % sensors:
         what = f"holds {count} images where the press has {sensors} sensors"

@@ -17,3 +17,10 @@ OWN_FAULT: Final = 4
 """A defect of Prooflight itself: one line says so and names the log file."""
 INTERRUPTED: Final = 130
 """A person ended a command that does not end itself, as shells say it: 128 and the number of SIGINT."""
+
+
+def of_run(*, misprints: int, complete: bool) -> int:
+    """What a run of sheets comes to; complete: whether every sheet came, was judged, and was recorded."""
+    if not complete:
+        return NOT_ALL_INSPECTED
+    return MISPRINT_FOUND if misprints else 0

@@ -2,39 +2,67 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from prooflight.cli import show
+from prooflight.errors import JobError
+from prooflight.pages.files import page_name
 from prooflight.pages.job import JobSource
 from prooflight.press import Press
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from prooflight.pages.job import Job
+
 
 def inspect_golden(
     golden: Path, scans: Path, *, job: Path | None, press: Path | None, profile: Path | None, json: bool
 ) -> int:
-    """Show one verdict a scan, or a page of the job; returns how many are misprints."""
-    from prooflight.inspecting.golden import GoldenInspector, golden_pages
+    """Show one verdict a scan, or a page of the job; returns the exit code."""
+    from prooflight.cli.inspected import inspected
+    from prooflight.inspecting.golden import GoldenInspector, golden_pages, page_killed
+    from prooflight.inspecting.job import Tried
     from prooflight.pages.parallel import in_order
 
     loaded = None if press is None else Press.load(press)
-    lefts_mm = None if job is None else _lefts_mm(job, loaded, profile)
+    troubles: dict[str, str] = {}
+    lefts_mm = None if job is None else _lefts_mm(job, loaded, profile, troubles)
     sensors = None if loaded is None else len(loaded.sensors)
-    pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm)
-    work = GoldenInspector.of(loaded, pages[0].golden)
-    verdicts = show.inspected(in_order(work, pages), lambda seen: seen, total=len(pages), json=json)
+    pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm, troubles=troubles)
+    work = GoldenInspector.of(loaded, *dict.fromkeys(page.golden for page in pages))
+    done = inspected(
+        in_order(Tried(work, attrgetter("name")), pages, killed=page_killed),
+        lambda verdict: verdict,
+        names=[page.name for page in pages],
+        unseen=lambda _place, verdict: verdict,
+        json=json,
+    )
     if not json:
-        show.judged(verdicts, title=f"{scans.name} against {golden.name}")
-    return sum(verdict.verdict == "misprint" for verdict in verdicts)
+        show.judged(done.verdicts, title=f"{scans.name} against {golden.name}")
+    return done.code()
 
 
-def _lefts_mm(job: Path, press: Press | None, profile: Path | None) -> list[float]:
-    """How far each page of the job begins from the scan's left end; 0 where no press tells."""
+def _lefts_mm(job: Path, press: Press | None, profile: Path | None, troubles: dict[str, str]) -> list[float]:
+    """How far each page of the job begins from the scan's left end; 0 where no press tells.
+
+    troubles: gets the names of pages that cannot be used, and why.
+    """
     with JobSource(path=job, dpi=72.0 if press is None else press.dpi, profile=profile).open() as opened:
-        sizes_mm = opened.page_sizes_mm
+        try:
+            sizes_mm = list(opened.page_sizes_mm)
+        except JobError:
+            sizes_mm = [_size_mm(opened, number, troubles) for number in range(1, len(opened) + 1)]
     if press is None:
         return [0.0] * len(sizes_mm)
     geometry = press.geometry
     return [geometry.left_mm(width if geometry.sees(width) else height) for width, height in sizes_mm]
+
+
+def _size_mm(job: Job, number: int, troubles: dict[str, str]) -> tuple[float, float]:
+    try:
+        return job.page_size_mm(number)
+    except JobError as error:
+        troubles[page_name(number)] = str(error)
+        return 0.0, 0.0

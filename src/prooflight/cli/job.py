@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.exit_codes import MISPRINT_FOUND
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press import Press
@@ -20,7 +19,7 @@ from prooflight.reporting.wording import count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from prooflight.deciding.verdict import Verdict
+    from prooflight.cli.inspected import Inspected
     from prooflight.inspecting.job import InspectPage, Pair
     from prooflight.reporting.report import PageEntry
 
@@ -211,7 +210,10 @@ def inspect(
     profile: Profile = None,
     json: Json = False,
 ) -> None:
-    """Compare scans with the job, one verdict a page in job order; exits 1 if there is a misprint."""
+    """Compare scans with the job, one verdict a page in job order.
+
+    Exits 1 if there is a misprint, 3 if a page was not inspected.
+    """
     if golden is not None:
         _inspect_golden(golden, job, scans, press, detector, report, profile, json=json)
         return
@@ -220,8 +222,9 @@ def inspect(
         raise RequestError(
             "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
         )
+    from prooflight.cli.inspected import inspected
     from prooflight.inspecting.inspector import Inspector
-    from prooflight.inspecting.job import InspectPage, paired
+    from prooflight.inspecting.job import InspectPage, Tried, name_of, pair_killed, paired
     from prooflight.pages.parallel import in_order
 
     loaded = Press.load(press)
@@ -229,30 +232,42 @@ def inspect(
     source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
     with source.open() as opened:
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
-    work = InspectPage(job=source, inspector=inspector)
+    work = InspectPage(job=source, inspector=inspector, scans=scans)
     if report is None:
-        verdicts = show.inspected(in_order(work, pairs), lambda seen: seen, total=len(pairs), json=json)
+        done: Inspected[Any] = inspected(
+            in_order(Tried(work, name_of), pairs, killed=pair_killed),
+            lambda seen: seen,
+            names=[name_of(pair) for pair in pairs],
+            unseen=lambda _place, verdict: verdict,
+            json=json,
+        )
     else:
-        verdicts = _reported(work, pairs, report, job=name, json=json)
+        done = _reported(work, pairs, report, job=name, json=json)
     if not json:
-        show.judged(verdicts, title=f"{name} on press {loaded.name}")
+        show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
-    if any(verdict.verdict == "misprint" for verdict in verdicts):
-        raise typer.Exit(MISPRINT_FOUND)
+    if code := done.code():
+        raise typer.Exit(code)
 
 
 def _reported(
     work: InspectPage, pairs: Sequence[Pair], report: Path, *, job: str, json: bool
-) -> list[Verdict]:
+) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
+    from prooflight.cli.inspected import inspected
+    from prooflight.inspecting.job import name_of, pair_killed
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.job import PicturedPage
-    from prooflight.reporting.report import RunSummary, write_report
+    from prooflight.reporting.report import RunSummary, unpictured_entry, write_report
 
     started = time.perf_counter()
-    entries = show.inspected(
-        in_order(PicturedPage(work), pairs), attrgetter("verdict"), total=len(pairs), json=json
+    done = inspected(
+        in_order(PicturedPage(work), pairs, killed=lambda pair: unpictured_entry(pair[0], pair_killed(pair))),
+        attrgetter("verdict"),
+        names=[name_of(pair) for pair in pairs],
+        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], verdict),
+        json=json,
     )
     report.mkdir(parents=True, exist_ok=True)
     press = work.inspector.press
@@ -266,8 +281,8 @@ def _reported(
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         pages_per_s=len(pairs) / (time.perf_counter() - started),
     )
-    write_report(report / "report.html", entries, summary)
-    return [entry.verdict for entry in entries]
+    write_report(report / "report.html", done.items, summary)
+    return done
 
 
 def _inspect_golden(
@@ -289,8 +304,8 @@ def _inspect_golden(
             option, "does not go with --golden", remedy="leave it out: both need the job's raster"
         )
     of_job = (None, job) if scans is None else (job, scans)
-    if inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json):
-        raise typer.Exit(MISPRINT_FOUND)
+    if code := inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json):
+        raise typer.Exit(code)
 
 
 def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:

@@ -110,7 +110,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             Text(verdict.verdict, style=style),
             verdict.action,
-            verdict.reason or verdict.kind or "",
+            Text(verdict.reason or verdict.kind or ""),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
@@ -118,23 +118,13 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     return table
 
 
-def inspected(
-    items: Iterable[Item], verdict_of: Callable[[Item], Verdict], *, total: int, json: bool
-) -> list[Item]:
-    """What inspection makes, as it comes: each verdict a line of JSON for programs, a progress bar for people."""
-    seen = []
-    for item in items if json else progress(items, total=total, what="inspecting"):
-        seen.append(item)
-        if json:
-            print_json(asdict(verdict_of(item)))
-    return seen
-
-
 def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
     """All verdicts in a table, and how many."""
     alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
+    unseen = sum(verdict.verdict == "not-inspected" for verdict in verdicts)
     people.print(verdict_table(verdicts, title=title))
-    people.print(f"{count(len(verdicts), 'page')}, {count(alarms, 'misprint')}")
+    parts = [count(len(verdicts), "page"), count(alarms, "misprint")]
+    people.print(", ".join(parts + ([f"{unseen:,} not inspected"] if unseen else [])))
 
 
 def _short(score: float) -> str:

@@ -2,48 +2,55 @@
 
 from __future__ import annotations
 
+import math
 import os
-import signal
 import time
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Final, cast
 
 import typer
-from rich.live import Live
 
 from prooflight.cli import faults, show
-from prooflight.cli.exit_codes import MISPRINT_FOUND, UNUSABLE_INPUT
+from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
 from prooflight.cli.job import JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
+from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
 from prooflight.inspecting.book import JobBook
 from prooflight.inspecting.inspector import Inspector
 from prooflight.inspecting.journal import Journal, RunFacts, content_digest, default_journal
-from prooflight.inspecting.journaling.exporting import page_facts
 from prooflight.inspecting.paging import SheetEdge, TriggerCount
 from prooflight.inspecting.recording import Recorder
-from prooflight.inspecting.settings import Settings
+from prooflight.inspecting.settings import DEADLINE_S, STALL_S, Settings
 from prooflight.inspecting.status import Phase
 from prooflight.inspecting.watching import watched
 from prooflight.pages.job import JobSource
 from prooflight.pages.process import settle_process
 from prooflight.press import Press
-from prooflight.reporting.live import Recent, live_view
+from prooflight.reporting.live import Recent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from rich.console import RenderableType
-
     from prooflight.inspecting.judging import Keep
-    from prooflight.inspecting.outcomes import Outcome
-    from prooflight.inspecting.running import Running
-    from prooflight.inspecting.status import Status
 
-REFRESH_S = 0.25
+MOST_SHEETS: Final = 10_000_000
+"""Three weeks at 5 sheets a second."""
+MOST_LINES: Final = 1_000_000
+"""From trigger to trigger: 100 m of paper."""
+MOST_THREADS: Final = 256
+MOST_MEGABYTES: Final = 1_000_000
+HOUR_S: Final = 3600.0
+
+
+def _finite(value: float) -> float:
+    """What bounds do not refuse: nothing is less or greater than NaN."""
+    if not math.isfinite(value):
+        raise RequestError("watch", f"an option is {value}", remedy="give a number")
+    return value
 
 
 def watch(
@@ -51,31 +58,59 @@ def watch(
     press: PressArtefact,
     source: Annotated[str, typer.Option(metavar="SOURCE", help=REMEDY)],
     sheets: Annotated[
-        int | None, typer.Option(help="How many are printed, the job over and over; default once.", min=1)
+        int | None,
+        typer.Option(
+            help="How many are printed, the job over and over; default once.", min=1, max=MOST_SHEETS
+        ),
     ] = None,
     detector: Annotated[
         str | None, typer.Option(help="ours, bayes or chi-square; default ours if the press was taught it.")
     ] = None,
     deadline_ms: Annotated[
-        float, typer.Option("--deadline", metavar="MS", help="From a page's last line to its verdict.", min=1)
-    ] = 500.0,
+        float,
+        typer.Option(
+            "--deadline",
+            metavar="MS",
+            help="From a page's last line to its verdict.",
+            min=1,
+            max=1e3 * HOUR_S,
+            callback=_finite,
+        ),
+    ] = 1e3 * DEADLINE_S,
+    stall_s: Annotated[
+        float,
+        typer.Option(
+            "--stall",
+            metavar="SECONDS",
+            help="Without a line, after which that is announced.",
+            min=0.1,
+            max=24 * HOUR_S,
+            callback=_finite,
+        ),
+    ] = STALL_S,
     journal: Annotated[
         str | None, typer.Option(metavar="URL", help="sqlite:///FILE, a file, or `none`; default the user's.")
     ] = None,
     keep: Annotated[str, typer.Option(help="Evidence kept: all, misprints or none.")] = "misprints",
     false_alarms: Annotated[
-        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4)
+        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4, callback=_finite)
     ] = 1.0,
     trigger: Annotated[
         int | None,
         typer.Option(
-            metavar="LINES", help="From page to page; default sheets are found by their edges.", min=1
+            metavar="LINES",
+            help="From page to page; default sheets are found by their edges.",
+            min=1,
+            max=MOST_LINES,
         ),
     ] = None,
     framed: Annotated[bool, typer.Option("--framed", help="Raw lines come in blocks with headers.")] = False,
-    threads: Annotated[int | None, typer.Option(help="That inspect; default one a core.", min=1)] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="That inspect; default one a core.", min=1, max=MOST_THREADS)
+    ] = None,
     memory_mb: Annotated[
-        int, typer.Option("--memory", metavar="MB", help="For designs made ready.", min=100)
+        int,
+        typer.Option("--memory", metavar="MB", help="For designs made ready.", min=100, max=MOST_MEGABYTES),
     ] = 4000,
     follow: Annotated[
         bool, typer.Option("--follow/--no-follow", help="Follow slow changes of lamp and paper.")
@@ -93,9 +128,10 @@ def watch(
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """Inspect a press while it runs: every page's verdict as it passes; exits 1 if there was a misprint.
+    """Inspect a press while it runs: every page's verdict as it passes.
 
-    Ctrl-C ends cleanly: what has passed is still inspected; a second one drops it, and says so.
+    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded. Ctrl-C ends cleanly:
+    what has passed is still inspected; a second one drops it, and says so.
     """
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
@@ -123,6 +159,7 @@ def watch(
         deadline_s=deadline_ms / 1e3,
         inspectors=threads or os.cpu_count() or 1,
         ahead_bytes=memory_mb * 10**6,
+        stall_s=stall_s,
         seed=seed,
     )
     console = Watching(
@@ -133,29 +170,37 @@ def watch(
     )
     settle_process()
     with _recorder(journal, job, inspector, settings, name=name, source=source, sheets=count) as recorder:
+        book = JobBook(job=job_source, press=loaded, pages=pages, sheets=count)
         running = watched(
             inspector,
             source=given.source,
-            book=JobBook(job=job_source, press=loaded, pages=pages, sheets=count),
+            book=book,
             start=SheetEdge() if trigger is None else TriggerCount(lines=trigger),
             settings=settings,
             keep=cast("Keep", keep),
             follow=follow,
             false_alarms=false_alarms,
             tell=partial(console.told, recorder=recorder),
+            notice=console.noticed,
+            name=book.name,
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
         )
         stopped = console.until_ended(running)
         status = running.status()
         if recorder is not None:
-            recorder.end(status, stopped=stopped)
+            recorder.end(status, stopped=stopped, detail=console.lacks(status, sheets=count))
     if not json:
         show.people.print(console.view(status))
-    if status.phase is Phase.FAULT:
-        faults.told(status.detail)
+    unrecorded = 0 if recorder is None else recorder.unrecorded
+    lacks = console.lacks(status, sheets=count, unrecorded=unrecorded)
+    broke_off = status.phase is Phase.FAULT
+    if broke_off or lacks:
+        faults.told("; ".join(filter(None, (status.detail, lacks))))
+    if broke_off and not status.good + status.misprints:
         raise typer.Exit(UNUSABLE_INPUT)
-    if status.misprints:
-        raise typer.Exit(MISPRINT_FOUND)
+    code = of_run(misprints=status.misprints, complete=not (broke_off or lacks))
+    if code:
+        raise typer.Exit(code)
 
 
 @contextmanager
@@ -189,59 +234,3 @@ def _recorder(
         Recorder(opened, opened.begin_run(facts)) as recorder,
     ):
         yield recorder
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Watching:
-    """What a person or a program sees of a run."""
-
-    title: str
-    recent: Recent
-    deadline_s: float | None
-    json: bool
-
-    def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
-        """One sheet: into the journal first, then shown."""
-        if recorder is not None:
-            recorder.record(outcome.record)
-        if not self.json:
-            self.recent.add(outcome)
-            return
-        latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
-        said = [asdict(one) for one in outcome.announcements]
-        show.print_json(page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": said})
-
-    def view(self, status: Status) -> RenderableType:
-        """The whole screen."""
-        return live_view(status, self.recent, title=self.title, deadline_s=self.deadline_s)
-
-    def until_ended(self, running: Running) -> bool:
-        """Start the run and wait for its end; whether a person ended it."""
-        with _signals(running) as stops, ExitStack() as stack:
-            live = None
-            if not self.json and show.people.is_terminal:
-                live = stack.enter_context(
-                    Live(self.view(running.status()), console=show.people, transient=True, auto_refresh=False)
-                )
-            running.start()
-            while not running.join(REFRESH_S):
-                if live is not None:
-                    live.update(self.view(running.status()), refresh=True)
-        return bool(stops)
-
-
-@contextmanager
-def _signals(running: Running) -> Iterator[list[int]]:
-    """The first Ctrl-C or SIGTERM ends the run cleanly, the second drops what waits."""
-    stops: list[int] = []
-
-    def stop(number: int, _frame: object) -> None:
-        stops.append(number)
-        running.stop(drop=len(stops) > 1)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stops
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
 
+_log = logging.getLogger(__name__)
+
+RETRY_S: Final = 30.0
+"""Until a design is tried again that could not be made ready: somebody may have sent its file once more."""
 Ready = TypeVar("Ready")
 Made = TypeVar("Made")
 
@@ -71,9 +76,14 @@ class Ahead(Generic[Ready]):
         took: Callable[[float], None] = lambda _seconds: None,
         size: Callable[[Ready], int] = size_bytes,
         made: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
+        failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        """made, failed: told of every design when it is ready, or with the sheet it is for why it cannot be."""
         self._book, self._prepare = book, prepare
         self._took, self._size, self._told = took, size, made
+        self._tell_failed, self._clock = failed, clock
+        self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
         self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
@@ -110,7 +120,8 @@ class Ahead(Generic[Ready]):
         last = len(self._book) if len(self._book) else sheet + self._depth
         coming = range(sheet, min(sheet + self._depth, last))
         for number in coming:
-            self._asked(number)
+            if not self._failed_lately(number):
+                self._asked(number)
         self._renew_one(coming)
 
     def get(self, sheet: int, *, timeout_s: float | None = None) -> Ready:
@@ -151,6 +162,11 @@ class Ahead(Generic[Ready]):
             self._queued[design] = sheet
             return asked
 
+    def _failed_lately(self, sheet: int) -> bool:
+        with self._guard:
+            failed_s = self._failed_s.get(self._book.design(sheet))
+        return failed_s is not None and self._clock() - failed_s < RETRY_S
+
     def _drop_before(self, sheet: int) -> None:
         with self._guard:
             for design, number in list(self._queued.items()):
@@ -174,12 +190,16 @@ class Ahead(Generic[Ready]):
             self._queued.pop(design, None)
         try:
             ready = self._timed(sheet)
-        except BaseException:
+            self._told(design, ready)
+        except BaseException as error:
             with self._guard:
-                self._kept.pop(design, None)  # the next sheet of it tries again
+                self._kept.pop(design, None)
+                self._failed_s[design] = self._clock()
+            if isinstance(error, Exception):
+                self._tell_failed(design, sheet, error)
             raise
-        self._told(design, ready)
         with self._guard:
+            self._failed_s.pop(design, None)
             self._bytes[design] = self._size(ready)
             self._make_room(design)
         return ready
@@ -196,6 +216,8 @@ class Ahead(Generic[Ready]):
             with self._guard:
                 if design in self._kept:
                     self._kept[design] = ready
+        except Exception:  # what is ready goes on being used
+            _log.exception("the design of sheet %d could not be made anew", sheet)
         finally:
             self._renewing = False
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Final, overload
 
+from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
 
 if TYPE_CHECKING:
@@ -38,6 +39,10 @@ class JobBook:
     def design(self, sheet: int) -> int:
         """See ``PageBook``: the page's number in the job."""
         return sheet % self.pages + 1
+
+    def name(self, sheet: int) -> str:
+        """Of a sheet's page, for people."""
+        return page_name(self.design(sheet))
 
     def page(self, sheet: int) -> Page:
         """See ``PageBook``; JobError, RequestError: as ``Job.page``, or it is wider than the press's field."""

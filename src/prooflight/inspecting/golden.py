@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,11 +15,14 @@ from prooflight.comparing.golden import compare
 from prooflight.deciding.golden_regions import LEAST_VOLUME, Mark, marks
 from prooflight.deciding.verdict import Region, Verdict
 from prooflight.errors import ScanError
+from prooflight.inspecting.inspector import not_inspected
+from prooflight.inspecting.job import scan_missing
 from prooflight.pages.files import page_name
+from prooflight.pages.parallel import KILLED
 from prooflight.pages.raster import MM_PER_INCH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -49,16 +53,26 @@ class GoldenPage:
     golden: PictureFile
     left_mm: float = 0.0
     """From the scan's left end to the page's left edge, where a job tells the page's width."""
+    scans: Path | None = None
+    """Where its scan was looked for."""
+    trouble: str = ""
+    """Why the job's page cannot be used; empty: it can."""
 
 
 def golden_pages(
-    golden: Path, scans: Path, *, sensors: int | None = None, lefts_mm: Sequence[float] | None = None
+    golden: Path,
+    scans: Path,
+    *,
+    sensors: int | None = None,
+    lefts_mm: Sequence[float] | None = None,
+    troubles: Mapping[str, str] | None = None,
 ) -> list[GoldenPage]:
     """Every page with its scan and golden, in order.
 
     One golden is that of all scans; several belong to scans of their names, or else to pages in order. sensors: how
     many images of a TIFF make up a scan, where a press says so; else a golden's file is one scan. lefts_mm: of each
-    page of a job; pages without a scan are there too. ScanError: there is nothing to read, or numbers do not fit.
+    page of a job; pages without a scan are there too. troubles: of the job's pages that cannot be used, by name.
+    ScanError: there is nothing to read, or numbers do not fit.
     """
     goldens = picture_files(golden, images=sensors)
     found = picture_files(scans, images=sensors or goldens[0].images)
@@ -77,9 +91,21 @@ def golden_pages(
         raise ScanError(golden, what, remedy="give one for all pages, or one for each")
     lefts = lefts_mm or [0.0] * len(rows)
     return [
-        GoldenPage(name=name, scan=scan, golden=its, left_mm=left)
+        GoldenPage(
+            name=name,
+            scan=scan,
+            golden=its,
+            left_mm=left,
+            scans=scans,
+            trouble=(troubles or {}).get(name, ""),
+        )
         for (name, scan), its, left in zip(rows, theirs, lefts, strict=True)
     ]
+
+
+def page_killed(page: GoldenPage) -> Verdict:
+    """The verdict on a page whose inspection the system ended."""
+    return not_inspected(page.name, KILLED)
 
 
 def _of_job(scans: Path, found: Sequence[PictureFile], pages: int) -> list[tuple[str, PictureFile | None]]:
@@ -101,17 +127,23 @@ class GoldenInspector:
     """For pixel pitch, lead-in and columns; None: the golden's file states its resolution."""
 
     @classmethod
-    def of(cls, press: Press | None, golden: PictureFile) -> Self:
-        """ScanError, before any work, if nothing says how large a pixel of the golden is."""
+    def of(cls, press: Press | None, *goldens: PictureFile) -> Self:
+        """ScanError, before any work, if nothing says how large a pixel is of any golden."""
         made = cls(press=press)
-        made._pitch_mm(golden, _read(golden))  # it raises
+        for golden in goldens[:-1]:
+            with contextlib.suppress(ScanError):
+                made._pitch_mm(golden, _read(golden))
+                return made
+        made._pitch_mm(goldens[-1], _read(goldens[-1]))  # it raises
         return made
 
     def __call__(self, page: GoldenPage) -> Verdict:
         """The verdict on one page; ScanError if its scan is no scan of the golden's kind."""
         scan, golden = page.scan, page.golden
         if scan is None:
-            return Verdict(page=page.name, verdict="not-inspected", action="accept")
+            return scan_missing(page.name, page.scans)
+        if page.trouble:
+            return not_inspected(page.name, page.trouble)
         started = time.perf_counter()
         good = _read(golden)
         expected, seen = _alike(scan, self._evened(good.light, golden), self._evened(scan.read().light, scan))

@@ -150,9 +150,9 @@ def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) ->
         raise ScanError(name, what, remedy=f"page {page.number} needs {rows.stop} lines")
 
 
-def not_inspected(page_name: str) -> Verdict:
-    """The verdict of a page that has no scan: it is passed on, and said so."""
-    return Verdict(page=page_name, verdict="not-inspected", action="accept")
+def not_inspected(page_name: str, reason: str = "") -> Verdict:
+    """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
+    return Verdict(page=page_name, verdict="not-inspected", action="accept", reason=reason)
 
 
 def _compared(

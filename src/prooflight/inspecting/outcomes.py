@@ -63,9 +63,10 @@ def outcome(
     return Outcome(record=record, latency_s=latency_s, evidence=told)
 
 
-def passed(number: int, seen: SeenPage, why: str) -> Outcome:
-    """Of a sheet that nobody inspected; why: in one line."""
-    name = page_name((seen.job_page or 0) + 1) if seen.job_page is not None else f"sheet {number}"
+def passed(number: int, seen: SeenPage, why: str, *, name: str | None = None) -> Outcome:
+    """Of a sheet that nobody inspected; why: in one line. name: of the page that it shows or is taken for."""
+    if name is None:
+        name = f"sheet {number}" if seen.job_page is None else page_name(seen.job_page + 1)
     return outcome(number, seen, Verdict(page=name, verdict="not-inspected", action="accept", reason=why))
 
 
@@ -82,14 +83,14 @@ def strange(number: int, seen: SeenPage) -> Outcome:
     )
 
 
-def absent(number: int, page: MissingPage, time_s: float) -> Outcome:
-    """Of a page of the job that did not come."""
+def absent(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
+    """Of a page of the job that did not come; name: its own."""
     reason = "; ".join(fault.detail for fault in page.faults)
     record = PageRecord(
         sheet=number,
         job_page=page.job_page,
         verdict=Verdict(
-            page=page_name(page.job_page + 1), verdict="not-inspected", action="accept", reason=reason
+            page=name or page_name(page.job_page + 1), verdict="not-inspected", action="accept", reason=reason
         ),
         late=False,
         first_line=page.faults[0].first_line if page.faults else 0,

@@ -130,6 +130,16 @@ class Pager:
         """The page of ``expected`` that should come next."""
         return self._following.frontier
 
+    @property
+    def to_come(self) -> int:
+        """Pages of ``expected`` behind the furthest that came."""
+        return max(len(self._following.expected) - self._following.frontier, 0)
+
+    @property
+    def missing(self) -> int:
+        """Pages that were said to be missing and have not come since."""
+        return len(self._following.missing)
+
     def rehearse(self) -> None:
         """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
         self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
@@ -154,13 +164,15 @@ class Pager:
         self._sheets.extend(self._finder.sheets())
         last = self._finder.last()
         pages: list[SeenPage | MissingPage] = []
-        for sheet in [*self._sheets, *([] if last is None else [last])]:
+        for sheet in self._sheets:
             pages += self._page(sheet)
         self._sheets.clear()
+        if last is not None:
+            pages += self._page(last, lines_ended=True)
         return pages + self._following.ended(self._store.count_at(self._store.end))
 
-    def _page(self, sheet: Sheet) -> list[SeenPage | MissingPage]:
-        """A sheet and what it says of the pages before it; missing pages first."""
+    def _page(self, sheet: Sheet, *, lines_ended: bool = False) -> list[SeenPage | MissingPage]:
+        """A sheet and what it says of the pages before it; missing pages first. lines_ended: within it, perhaps."""
         page = self._page_of_length(sheet)
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
@@ -168,6 +180,7 @@ class Pager:
         if match.page is not None and page is not None and match.page.height_mm != page.height_mm:
             found = self._identified(sheet, match.page, skipped)
         sheet, match = found.sheet, found.match
+        cut_short = lines_ended and self._is_short(sheet, match.page or page)
         count = self._store.count_at(sheet.start)
         faults, gone = self._faults_until(sheet.end + self._lead_out), list[MissingPage]()
         off_lines = self._late(sheet)
@@ -179,6 +192,8 @@ class Pager:
             faults += self._of_sheet(found, count)
             of_order, gone = self._following.arrived(match.job_page, count)
             faults += of_order
+        elif match.taken_for is not None:
+            self._following.taken(match.taken_for)
         elif match.blank:
             faults.append(Fault(kind="blank", first_line=count, detail="nothing is printed on the sheet"))
             self._following.stray("a blank sheet came in its place")
@@ -193,8 +208,17 @@ class Pager:
             last_line_time_s=self._store.time_at(min(found.first + found.scan.shape[1], self._store.end) - 1),
             job_page=match.job_page,
             faults=tuple(faults),
+            taken_for=match.taken_for,
+            cut_short=cut_short,
         )
         return [*gone, seen]
+
+    def _is_short(self, sheet: Sheet, page: Thumbnail | None) -> bool:
+        """Whether a sheet without a gap behind it ends before its page does; it does where no page is known."""
+        if sheet.free or page is None:
+            return not sheet.free
+        page_lines = page.height_mm / self._geometry.line_pitch_mm
+        return sheet.end - sheet.start < (1 - STRETCH) * page_lines - EDGE_LINES
 
     def _identified(self, sheet: Sheet, page: Thumbnail | None, skipped: int) -> _Found:
         """What a sheet shows, cut out as ``page`` would be."""

@@ -52,10 +52,21 @@ class Recorder:
         if self._recorded % COMMIT_PAGES == 0:
             self._due.set()
 
-    def end(self, status: Status, *, stopped: bool) -> None:
-        """The run is over; stopped: by a person, before the source ended."""
-        ending: Ending = "fault" if status.phase is Phase.FAULT else "stopped" if stopped else "finished"
-        end = RunEnd(ended_s=time.time(), ending=ending, detail=status.detail, counts=asdict(status))
+    @property
+    def unrecorded(self) -> int:
+        """Pages that are not on the disk; once the journal is closed, those that never will be."""
+        health = self.journal.health
+        return health.waiting + health.dropped_pages
+
+    def end(self, status: Status, *, stopped: bool, detail: str = "") -> None:
+        """The run is over; stopped: by a person, before the source ended. detail: what it lacks.
+
+        A source that ended before all pages came is at fault.
+        """
+        broke_off = status.phase is Phase.FAULT or (status.to_come > 0 and not stopped)
+        ending: Ending = "fault" if broke_off else "stopped" if stopped else "finished"
+        said = "; ".join(filter(None, (status.detail, detail)))
+        end = RunEnd(ended_s=time.time(), ending=ending, detail=said, counts=asdict(status))
         self.journal.end_run(self.run_id, end)
 
     def _commit_all(self) -> None:

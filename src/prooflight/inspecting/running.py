@@ -10,7 +10,6 @@ on and said so (``queues.Waiting`` has the rule); a source that can wait is made
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import queue
@@ -23,14 +22,17 @@ from typing import TYPE_CHECKING, Any, Final
 from prooflight.errors import ProoflightError
 from prooflight.inspecting.ahead import Ahead, size_bytes
 from prooflight.inspecting.book import KnownThumbnails
+from prooflight.inspecting.notices import Notice, Silence, Unusable
 from prooflight.inspecting.outcomes import InOrder, Outcome, absent, kinds_of, outcome, passed, strange
 from prooflight.inspecting.paging import MissingPage, SeenPage
 from prooflight.inspecting.queues import Sheet, Waiting
+from prooflight.inspecting.reasons import reason_of
 from prooflight.inspecting.status import Phase, Status, Tally
+from prooflight.pages.files import page_name
 from prooflight.pages.process import touch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Hashable, Sequence
 
     from prooflight.acquiring.lines import LineBlock, LineSource
     from prooflight.inspecting.ahead import PageBook
@@ -46,6 +48,12 @@ _log = logging.getLogger(__name__)
 BUSY: Final = "being inspected"
 REHEARSALS: Final = 2
 """By each thread that inspects."""
+MIND_S: Final = 0.25
+"""How often it is asked whether the source has fallen silent, or a person has stopped the run."""
+DOUBTED: Final = 3
+"""Pages about the expected one that a sheet may be: one that cannot be used may be any sheet like no other there."""
+STOPPED: Final = "the run was stopped"
+CUT_SHORT: Final = "the lines ended within the sheet"
 
 
 class Running:
@@ -62,18 +70,25 @@ class Running:
         watch: RunWatch,
         settings: Settings,
         tell: Callable[[Outcome], None] = lambda _outcome: None,
+        notice: Callable[[Notice], None] = lambda _notice: None,
+        name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
         durable: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """pager: made when the first thumbnails are known. tell: called with every outcome, in the order of the run, by
-        one thread. durable: pages in the journal.
+        one thread; notice: by the same, with what is of no sheet. name: of a sheet's page. durable: pages in the
+        journal.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
         self._judge, self._watch, self._settings = judge, watch, settings
-        self._tell, self._durable, self._clock = tell, durable, clock
+        self._tell, self._notice, self._name = tell, notice, name
+        self._durable, self._clock = durable, clock
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = KnownThumbnails(book)
+        self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
+        self._unusable = Unusable(self._done.put)
+        self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
         self._ahead: Ahead[tuple[Judge[Any], Any, Any]] = Ahead(
             book,
             self._maker(judge),
@@ -82,14 +97,16 @@ class Running:
             threads=settings.preparers,
             took=lambda seconds: self.tally.took("prepare", seconds),
             size=lambda made: size_bytes(made[1]),
-            made=lambda design, made: self._thumbnails.know(design, made[0].thumbnail(made[1])),
+            made=self._design_ready,
+            failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
+            clock=clock,
         )
-        self._done: queue.SimpleQueue[Outcome | None] = queue.SimpleQueue()
         self._order = InOrder()
-        self._sheets = 0
+        self._sheets = self._told = 0
+        self._noted: list[str] = []
         self._behind = False
         self._unready = 0  # sheets since the last whose design was ready
-        self._stopping = threading.Event()
+        self._stopping, self._dropping = threading.Event(), threading.Event()
         self._ended = threading.Event()
         self._started_s = clock()
         self._threads: list[threading.Thread] = []
@@ -109,8 +126,9 @@ class Running:
         self._stopping.set()
         self._source.close()
         if drop:
+            self._dropping.set()
             for sheet in self._waiting.clear():
-                self._pass(sheet, "the run was stopped")
+                self._pass(sheet, STOPPED)
 
     def status(self) -> Status:
         """The run at this moment."""
@@ -130,9 +148,12 @@ class Running:
             for n in range(self._settings.inspectors)
         ]
         finisher = threading.Thread(target=self._finish_all, name="finish", daemon=True)
+        minder = threading.Thread(target=self._mind, name="mind", daemon=True)
         try:
+            finisher.start()
+            minder.start()
             self._prepare()
-            for thread in (*inspectors, finisher):
+            for thread in inspectors:
                 thread.start()
             self._read_all()
         except Exception as error:
@@ -142,10 +163,12 @@ class Running:
             for thread in inspectors:
                 if thread.ident is not None:
                     thread.join()
+            self._source.close()
+            self._ahead.close()
             self._done.put(None)
             if finisher.ident is not None:
                 finisher.join()
-            self._ahead.close()
+            self.tally.count("untold", by=self._sheets - self._told)
             if self.tally.phase is not Phase.FAULT:
                 self.tally.phase = Phase.STOPPED
             self._ended.set()
@@ -153,37 +176,60 @@ class Running:
     def _prepare(self) -> None:
         """Have the first designs ready, and everything compiled, before the first line is read."""
         self.tally.phase = Phase.PREPARING
+        first = range(max(min(self._settings.ahead, len(self._book)), 1))
         self._ahead.expect(0)
-        self._ahead.get(0)
-        for sheet in range(min(self._settings.ahead, len(self._book))):
+        for sheet in first:
             self._ready(sheet)
+        if self._stopping.is_set():
+            return
+        if not self._ahead.ready:
+            self._ahead.get(first[0])  # it raises: of the first designs none can be used
         touch(self._ahead.still_to_fill())
         # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
         # and last, or designs would lie where that memory was.
         judge, ready, _ = self._ahead.largest()
         threads = self._settings.inspectors
         with ThreadPoolExecutor(threads + 1) as rehearsing:  # one more: designs are made beside
-            list(rehearsing.map(judge.rehearse, [ready] * (REHEARSALS * (threads + 1))))
+            turns = [
+                rehearsing.submit(lambda: None if self._stopping.is_set() else judge.rehearse(ready))
+                for _ in range(REHEARSALS * (threads + 1))
+            ]
+        for turn in turns:
+            if (error := turn.exception()) is not None:
+                _log.error("a rehearsal failed", exc_info=error)  # its sheets will say so themselves
+                break
 
     def _read_all(self) -> None:
+        """Read until the lines end; whatever ends them, what has passed until then is inspected."""
         pager = self._make_pager(self._thumbnails)
         pager.rehearse()
         self.tally.phase = Phase.INSPECTING
-        for block in self._source.blocks():
+        broken: Exception | None = None
+        try:
+            self._read_lines(pager)
+        except Exception as error:
+            broken = error
+        self.tally.phase = Phase.DRAINING
+        try:
+            for page in pager.flush():
+                self._arrived(page, None, next_page=pager.next_page)
+        finally:
+            self.tally.count("to come", by=pager.to_come)
+            self.tally.count("absent", by=pager.to_come + pager.missing)
+        closed = self._stopping.is_set() and isinstance(broken, (ProoflightError, OSError))
+        if broken is not None and not closed:  # a source that is closed while it reads may break
+            raise broken
+
+    def _read_lines(self, pager: Pager) -> None:
+        for block in self._silence.heard(self._source.blocks()):
             spare_s = self._spare_s(block)
             self._behind = spare_s <= 0
-            unknown = self._unknown(pager.next_page)
-            if unknown and not self._behind:  # what is not known cannot be told from a stranger
+            if self._unknown(pager.next_page) and not self._behind:  # it could not be told from a stranger
                 self._ready(pager.next_page, within_s=spare_s)
-                unknown = self._unknown(pager.next_page)
             for page in pager.push(block):
-                self._arrived(page, block, unknown=unknown, next_page=pager.next_page)
+                self._arrived(page, block, next_page=pager.next_page)
             if self._stopping.is_set():
-                break
-        self.tally.phase = Phase.DRAINING
-        unknown = self._unknown(pager.next_page)
-        for page in pager.flush():
-            self._arrived(page, None, unknown=unknown, next_page=pager.next_page)
+                return
 
     def _spare_s(self, block: LineBlock) -> float:
         """How long a block's sheet may wait for its design and still be in time; none left: nothing is waited for."""
@@ -197,37 +243,74 @@ class Running:
         return sheet < len(self._book) and self._thumbnails[sheet] is None
 
     def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
-        """Wait for a sheet's design; one that cannot be had is said when the sheet is inspected."""
-        if sheet < len(self._book):
-            with contextlib.suppress(ProoflightError, TimeoutError):
-                self._ahead.get(sheet, timeout_s=None if within_s == math.inf else within_s)
+        """Wait for a sheet's design; one that cannot be had is said as soon as that is known, and not waited for."""
+        begun_s = self._clock()
+        while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
+            left_s = within_s - (self._clock() - begun_s)
+            try:
+                self._ahead.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
+            except TimeoutError:
+                if left_s > MIND_S and not self._stopping.is_set():
+                    continue
+            except Exception as error:
+                _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has said it
+            return
 
-    def _arrived(
-        self, page: SeenPage | MissingPage, block: LineBlock | None, *, unknown: bool, next_page: int
-    ) -> None:
-        """Count a sheet and let it wait. unknown: whether the design of the page expected was not ready."""
+    def _design_ready(self, design: Hashable, made: tuple[Judge[Any], Any, Any]) -> None:
+        self._thumbnails.know(design, made[0].thumbnail(made[1]))
+        self._unusable.remove(design)
+
+    def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
+        """Count a sheet and let it wait."""
         number, now_s = self._sheets, self._clock()
         self._sheets += 1
         if isinstance(page, MissingPage):
             self.tally.count("missing")
-            self._done.put(absent(number, page, now_s if block is None else block.time_s))
+            name = self._name(page.job_page)
+            self._done.put(absent(number, page, now_s if block is None else block.time_s, name=name))
             return
         self.tally.arrived(now_s, list(kinds_of(page.faults)))
-        if page.job_page is None and unknown:
-            self._unready += 1
-            self._ahead.expect(next_page + self._unready)
-            self._done.put(passed(number, page, "its design was not ready in time"))
-            return
         if page.job_page is None:
-            self._done.put(strange(number, page))
+            self._arrived_unknown(number, page, next_page)
             return
         self._unready = 0
         self._ahead.expect(page.job_page)
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
-        for gone in self._waiting.put(sheet, deadline_s):
-            self._pass(gone, "too many sheets waited")
+        if page.cut_short:
+            self._pass(sheet, CUT_SHORT)
+        elif self._dropping.is_set():
+            self._pass(sheet, STOPPED)
+        else:
+            for gone in self._waiting.put(sheet, deadline_s):
+                self._pass(gone, "too many sheets waited")
+
+    def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
+        """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
+        if page.taken_for is not None:
+            why = self._why_unusable(page.taken_for)
+            self._unready += not why
+            self._ahead.expect(next_page + self._unready)
+            name = self._name(page.taken_for)
+            self._done.put(passed(number, page, why or "its design was not ready in time", name=name))
+            return
+        doubtful = "" if "blank" in kinds_of(page.faults) else self._doubt(next_page)
+        if page.cut_short or doubtful:
+            self._done.put(passed(number, page, CUT_SHORT if page.cut_short else doubtful))
+        else:
+            self._done.put(strange(number, page))
+
+    def _why_unusable(self, sheet: int) -> str:
+        """Why a sheet's page cannot be used; empty: nothing is known against it."""
+        return self._unusable[self._book.design(sheet)] if sheet < len(self._book) else ""
+
+    def _doubt(self, next_page: int) -> str:
+        """Why a sheet may be a page that cannot be used; empty: none of those that may come is such."""
+        for page in range(max(next_page - DOUBTED, 0), next_page + DOUBTED):
+            if self._unknown(page) and (why := self._why_unusable(page)):
+                return f"it is like no page that can be used, and may be {self._name(page)}: {why}"
+        return ""
 
     def _inspect_all(self) -> None:
         while True:
@@ -260,14 +343,14 @@ class Running:
             judged = judge.inspect(
                 ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
             )
+            decided_s = self._clock()
+            done = self._outcome(sheet, judged, used, decided_s)
         except Exception as error:
-            if not isinstance(error, ProoflightError):
-                _log.exception("sheet %d", sheet.number)
-            return passed(sheet.number, sheet.seen, f"it could not be inspected: {error}")
-        decided_s = self._clock()
+            why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
+            return passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
         self.tally.took("inspect", decided_s - begun_s)
         self.tally.took("verdict", decided_s - sheet.arrived_s)
-        return self._outcome(sheet, judged, used, decided_s)
+        return done
 
     def _outcome(self, sheet: Sheet, judged: Judged, used: Any, decided_s: float) -> Outcome:
         evidence, adapting = judged.evidence, self._watch.adapting
@@ -284,19 +367,36 @@ class Running:
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:
-        self._done.put(passed(sheet.number, sheet.seen, why))
+        assert sheet.seen.job_page is not None
+        self._done.put(passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
+
+    def _mind(self) -> None:
+        while not self._ended.wait(MIND_S):
+            self._silence.check()
 
     def _finish_all(self) -> None:
         while (done := self._done.get()) is not None:
+            if isinstance(done, Notice):
+                self._finish_one(f"notice {done.kind}", self._say, done)
+                continue
             for turn in self._order.put(done):
-                try:
-                    self._finish(turn)
-                except Exception as error:  # who watches or the disk must not end the inspection
-                    _log.exception("sheet %d", turn.record.sheet)
-                    self.tally.detail = f"sheet {turn.record.sheet}: {error}"
+                self._told += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
+
+    def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:
+        """Whether it was told: who watches or the disk must not end the inspection."""
+        try:
+            finish(done)
+        except Exception as error:
+            self.tally.detail = f"{name}: {reason_of(error, of=name)}"
+            return False
+        return True
+
+    def _say(self, notice: Notice) -> None:
+        self._noted.append(notice.text)
+        self._notice(notice)
 
     def _finish(self, turn: Outcome) -> None:
-        told = self._watch.add(turn)
+        told = self._noting(self._watch.add(turn))
         record = told.record
         if told.came:
             self.tally.count(record.verdict.verdict)
@@ -316,6 +416,13 @@ class Running:
 
     # --- parts ---
 
+    def _noting(self, told: Outcome) -> Outcome:
+        """With what was noticed since the last sheet, for the journal."""
+        noted, self._noted = self._noted, []
+        if not noted:
+            return told
+        return replace(told, record=replace(told.record, notes=(*told.record.notes, *noted)))
+
     def _maker(self, judge: Judge[Any]) -> Callable[[Any], tuple[Judge[Any], Any, Any]]:
         """Makes designs ready for this judge, and says what the press was taken to do then."""
         adapting = self._watch.adapting
@@ -323,8 +430,6 @@ class Running:
         return lambda page: (judge, judge.prepare(page), used)
 
     def _fault(self, error: Exception) -> None:
-        if self._stopping.is_set() and isinstance(error, OSError):
-            return  # a source that was closed while it read
         if not isinstance(error, (ProoflightError, OSError)):
             _log.error("the run broke off", exc_info=error)
         self.tally.phase, self.tally.detail = Phase.FAULT, str(error)

@@ -7,6 +7,8 @@ from typing import Final
 
 DEADLINE_S: Final = 0.5
 """From a sheet's last line to its verdict: the reject gate is a metre further on at 2 m/s."""
+STALL_S: Final = 10.0
+"""assumed: a web that changes its speed needs less, and an operator notices no sooner."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,5 +30,7 @@ class Settings:
     """Threads that make designs ready."""
     ahead_bytes: int = 4_000_000_000
     """Of memory for designs."""
+    stall_s: float = STALL_S
+    """Without a line from the source, after which that is announced."""
     seed: int = 0
     """Of randomised integral transforms."""

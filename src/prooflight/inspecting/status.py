@@ -60,7 +60,13 @@ class Status:
     not_inspected: int
     """Passed without a verdict, for whatever reason."""
     missing: int
-    """Pages of the job that did not come."""
+    """Pages of the job that did not come, said when pages behind them had; they may have come later."""
+    absent: int
+    """Pages of the job that had not come when the lines ended; 0 before."""
+    to_come: int
+    """Those of them behind the furthest that came: 0 unless the lines ended too early."""
+    untold: int
+    """Sheets whose outcome was lost on its way to the journal or to whoever watches."""
     faults: Mapping[str, int]
     """Of the paper path, by kind."""
     announcements: int
@@ -158,6 +164,9 @@ class Tally:
                 late=self.counts["late"],
                 not_inspected=self.counts["not-inspected"],
                 missing=self.counts["missing"],
+                absent=self.counts["absent"],
+                to_come=self.counts["to come"],
+                untold=self.counts["untold"],
                 faults=dict(self.faults),
                 announcements=self.counts["announcements"],
                 queue_depth=queue_depth,

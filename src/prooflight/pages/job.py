@@ -81,6 +81,14 @@ class Job:
                 sizes.append((page.width_mm, page.height_mm))
         return tuple(sizes)
 
+    def page_size_mm(self, number: int) -> tuple[float, float]:
+        """Of one page; errors as ``page``. [mm]"""
+        path, place = self._places[number - 1]
+        if path in self._pdfs:
+            return self._pdfs[path].page_sizes_mm[place - 1]
+        page = files.read_page(path, place)
+        return page.width_mm, page.height_mm
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What MuPDF had to say about the PDFs so far."""

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from prooflight.errors import ProoflightError
 from prooflight.pages.process import settle_process
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from concurrent.futures import Future
 
 Item = TypeVar("Item")
@@ -20,6 +23,7 @@ Result = TypeVar("Result")
 
 FEWEST_FOR_PROCESSES = 6
 """Starting a process costs about as much as a few pages."""
+KILLED = "its worker process was killed, perhaps for want of memory"
 
 
 @cache
@@ -44,18 +48,37 @@ def in_order(
     *,
     processes: int | None = None,
     fewest: int = FEWEST_FOR_PROCESSES,
+    killed: Callable[[Item], Result] | None = None,
 ) -> Iterator[Result]:
     """``work`` of each item, in the order of the items, in as many processes as there are cores.
 
     Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it travels
     once to each process, since it may hold a press. The first error is raised where its result would have come; work
     not begun by then is dropped. fewest: items from which on processes are started.
+
+    Where a process is killed, what was under way is done again, in half as many, and first the item that is due by
+    itself; killed: what stands for an item that kills its process even so. None: ProoflightError.
     """
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
     if processes == 1 or len(waiting) < fewest:
         yield from map(work, waiting)
         return
+    done = 0
+    while done < len(waiting):
+        try:
+            for result in _in_processes(work, waiting[done:], processes):
+                yield result
+                done += 1
+        except BrokenProcessPool:
+            yield _alone(work, waiting[done], killed)
+            done, processes = done + 1, max(processes // 2, 1)
+
+
+def _in_processes(
+    work: Callable[[Item], Result], waiting: Sequence[Item], processes: int
+) -> Iterator[Result]:
+    """``in_order``; BrokenProcessPool: a process was killed."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
         min(processes, len(waiting)), mp_context=context, initializer=_hold, initargs=(work,)
@@ -73,11 +96,22 @@ def in_order(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], Result] | None) -> Result:
+    """One item in a process of its own."""
+    try:
+        return next(_in_processes(work, [item], 1))
+    except BrokenProcessPool as error:
+        if killed is None:
+            raise ProoflightError(f"a page: {KILLED}; free some, and start again") from error
+        return killed(item)
+
+
 _held: list[Callable[[Any], Any]] = []
 """In a worker process alone: the work that it was started for."""
 
 
 def _hold(work: Callable[[Any], Any]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     settle_process()
     _held[:] = [work]
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.deciding.channels import Channel
     from prooflight.deciding.run_level import Announcement
+    from prooflight.inspecting.notices import Notice
     from prooflight.inspecting.outcomes import Outcome
     from prooflight.inspecting.status import Status
 
@@ -35,6 +36,7 @@ STRIP: Final = 240
 """Sheets shown."""
 ALARMS: Final = 6
 ANNOUNCEMENTS: Final = 4
+NOTICES: Final = 4
 CURVE_PAGES: Final = 240
 CURVE_CELLS: Final = 30
 WHAT_CELLS: Final = 56
@@ -57,6 +59,8 @@ class Recent:
     """Verdict, and whether the paper path or the camera was at fault."""
     alarms: deque[Outcome] = field(default_factory=lambda: deque(maxlen=ALARMS))
     announcements: deque[Announcement] = field(default_factory=lambda: deque(maxlen=ANNOUNCEMENTS))
+    notices: deque[str] = field(default_factory=lambda: deque(maxlen=NOTICES))
+    """What was said that is of no sheet."""
     curves: dict[str, deque[float]] = field(default_factory=dict)
     guard: threading.Lock = field(default_factory=threading.Lock)
 
@@ -77,6 +81,11 @@ class Recent:
                 if np.isfinite(value):
                     self.curves.setdefault(name, deque(maxlen=CURVE_PAGES)).append(float(value))
 
+    def notice(self, notice: Notice) -> None:
+        """Something that is of no sheet."""
+        with self.guard:
+            self.notices.append(notice.text)
+
 
 def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float | None) -> RenderableType:
     """All of it, as high as it needs; title: job, press and source. deadline_s None: the source waits for us."""
@@ -85,6 +94,7 @@ def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float |
         if recent.announcements:
             parts.append(_announcements(recent))
         parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(1, 2)))
+        parts += [Text(text, style="yellow") for text in recent.notices]
     if status.detail:
         parts.append(Text(sentence(status.detail), style="bold red"))
     style = PHASES.get(status.phase, "yellow")
@@ -118,7 +128,7 @@ def _figures(status: Status, deadline_s: float | None) -> RenderableType:
         (
             "not inspected", f"{status.not_inspected}",
             "late", f"{status.late}",
-            "missing", f"{status.missing}",
+            "missing", f"{max(status.missing, status.absent)}",
         ),
         (
             "verdict, median", f"{verdict.median_ms:.0f} ms",
@@ -131,7 +141,12 @@ def _figures(status: Status, deadline_s: float | None) -> RenderableType:
             "in the journal", f"{status.journalled}",
         ),
     )  # fmt: skip
-    bad = {"misprints": status.misprints, "late": status.late, "not inspected": status.not_inspected}
+    bad = {
+        "misprints": status.misprints,
+        "late": status.late,
+        "not inspected": status.not_inspected,
+        "missing": status.missing or status.absent,
+    }
     for row in rows:
         cells = []
         for name, value in zip(row[::2], row[1::2], strict=True):

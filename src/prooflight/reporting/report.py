@@ -14,6 +14,7 @@ from prooflight.atomic import whole_file
 from prooflight.deciding.verdict import Region, Verdict
 from prooflight.inspecting.inspection import Inspection
 from prooflight.inspecting.inspector import not_inspected
+from prooflight.inspecting.job import lacks_scan
 from prooflight.reporting import pictures, wording
 
 if TYPE_CHECKING:
@@ -44,8 +45,8 @@ class PageEntry:
     size_mm: tuple[float, float]
     """Width and height as the page lay in the press."""
     verdict: Verdict
-    picture: bytes
-    """WebP, as a person would see the page."""
+    picture: bytes | None
+    """WebP, as a person would see the page; None: the page cannot be used."""
     alarm: AlarmPictures | None
     """None: nothing to look at, or no scan."""
     truth: Misprint | None
@@ -86,6 +87,8 @@ class Counts:
     caught: int
     missed: int
     false_alarms: int
+    unusable: int = 0
+    """Of those not inspected: it is not that there was no scan."""
 
 
 def counts(entries: Sequence[PageEntry]) -> Counts:
@@ -103,6 +106,9 @@ def counts(entries: Sequence[PageEntry]) -> Counts:
         caught=caught,
         missed=misprints - caught,
         false_alarms=len(alarmed) - caught,
+        unusable=sum(
+            entry.verdict.verdict == "not-inspected" and not lacks_scan(entry.verdict) for entry in entries
+        ),
     )
 
 
@@ -137,6 +143,20 @@ def page_entry(
     )
 
 
+def unpictured_entry(number: int, verdict: Verdict) -> PageEntry:
+    """Of a page that cannot be used itself, so that nobody knows what it would look like."""
+    return PageEntry(
+        number=number,
+        name=verdict.page,
+        title="",
+        size_mm=(0.0, 0.0),
+        verdict=verdict,
+        picture=None,
+        alarm=None,
+        truth=None,
+    )
+
+
 def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
     """The first place found; of a misprint that was missed, where it is."""
     if verdict.regions:
@@ -159,6 +179,9 @@ def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) 
         sentence=sentence(count),
         entries=numbered,
         alarms=[(place, entry) for place, entry in numbered if entry.alarmed],
+        unseen=[
+            entry for entry in entries if entry.verdict.verdict == "not-inspected" and entry.verdict.reason
+        ],
         missed=[(place, entry) for place, entry in numbered if entry.truth and not entry.alarmed],
         scale=[(100 * i / (len(pictures.SCALE) - 1), colour) for i, (_, colour) in enumerate(pictures.SCALE)],
         version=__version__,
@@ -176,7 +199,8 @@ def sentence(count: Counts) -> str:
     """
     inspected = count.pages - count.not_inspected
     if not inspected:
-        return f"No page inspected; {wording.count(count.pages, 'page')} had no scan."
+        lacked = "could not be inspected" if count.unusable else "had no scan"
+        return f"No page inspected; {wording.count(count.pages, 'page')} {lacked}."
     parts = [f"{count.good} passed as good"]
     as_what = "a misprint" if count.alarms == 1 else "misprints"
     if not count.alarms:
@@ -185,8 +209,14 @@ def sentence(count: Counts) -> str:
         parts.append(f"{count.alarms} stopped as {as_what}")
     else:
         parts.append(f"{count.alarms} found to be {as_what}, {count.stopped} of them stopped")
-    more = wording.count(count.not_inspected, "more page")
-    unseen = f"; {more} had no scan and passed unseen" if count.not_inspected else ""
+    unseen = "".join(
+        f"; {wording.count(pages, 'more page')} {lacked} and passed unseen"
+        for pages, lacked in (
+            (count.not_inspected - count.unusable, "had no scan"),
+            (count.unusable, "could not be inspected"),
+        )
+        if pages
+    )
     return f"{wording.count(inspected, 'page')} inspected: {', '.join(parts)}{unseen}."
 
 

@@ -141,15 +141,17 @@ class Drum:
                     if self._closed:
                         return
                     part = lines[:, start : start + self._block_lines]
-                    block = LineBlock(
-                        first_line=count, lines=part, time_s=self._pacer.read(part.shape[1] + max(jump, 0))
-                    )
+                    time_s = self._pacer.read(part.shape[1] + max(jump, 0))
+                    if self._closed:
+                        return
+                    block = LineBlock(first_line=count, lines=part, time_s=time_s)
                     count, jump = count + part.shape[1], 0
                     yield block
 
     def close(self) -> None:
         """Play no more."""
         self._closed = True
+        self._pacer.stop()
 
     def _pieces(self, turn: Turn) -> Iterator[tuple[int, NDArray[np.uint16]]]:
         """The lines of a turn, each piece with how far the camera's count jumps before it."""

@@ -43,6 +43,8 @@ class Match:
     """What a sheet shows."""
 
     job_page: int | None
+    taken_for: int | None = None
+    """The page in whose place it came, where nothing is known of that page's look."""
     blank: bool = False
     fit: Fit | None = None
     page: Thumbnail | None = None
@@ -92,9 +94,12 @@ class Following:
 
         skipped: sheets for which there was room in the gap before it.
         """
+        if self.frontier < len(self.expected) and self.next_page() is None:
+            # What is not known cannot be told from what is like it.
+            return Match(job_page=None, taken_for=self.frontier)
         near = self._designs(sorted(self._near()), skipped)
-        if not near or (self.frontier < len(self.expected) and self.next_page() is None):
-            return Match(job_page=None)  # what is not known cannot be told from what is like it
+        if not near:
+            return Match(job_page=None)
         by_cost = sorted(near, key=lambda entry: entry[2])
         first = by_cost[0][1]
         if is_blank(light, inside(first, self.geometry)) and not self._is_blank(first):
@@ -222,12 +227,13 @@ class Following:
                 gone.append(self._gone(absent, first_line, f"page {absent + 1} has not come"))
         return faults, gone
 
+    def taken(self, job_page: int) -> None:
+        """A sheet passed in the place of a page whose look is not known: it is taken to be it."""
+        self.frontier = job_page + 1
+
     def stray(self, what: str) -> None:
-        """A sheet passed that shows no page of the job, or one that was not known yet: that is taken to be it."""
-        if self.frontier < len(self.expected) and self.next_page() is None:
-            self.frontier += 1
-        else:
-            self.strays.append(what)
+        """A sheet passed that shows no page of the job."""
+        self.strays.append(what)
 
     def ended(self, line: int) -> list[MissingPage]:
         """Pages that were passed over and have not come until the end."""

@@ -56,6 +56,10 @@ class SeenPage:
     job_page: int | None
     """Which of ``expected`` it shows; None: none of them."""
     faults: tuple[Fault, ...] = ()
+    taken_for: int | None = None
+    """The page in whose place it came, where nothing was known of that page's look; ``job_page`` is None then."""
+    cut_short: bool = False
+    """Whether the lines ended before the sheet did."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,118 @@
+"""What a person or a program sees of a run of ``prooflight watch``, and how a person ends it."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from rich.live import Live
+
+from prooflight.cli import faults, show
+from prooflight.inspecting.journaling.exporting import page_facts
+from prooflight.reporting.live import live_view
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+
+    from prooflight.inspecting.notices import Notice
+    from prooflight.inspecting.outcomes import Outcome
+    from prooflight.inspecting.recording import Recorder
+    from prooflight.inspecting.running import Running
+    from prooflight.inspecting.status import Status
+    from prooflight.reporting.live import Recent
+
+REFRESH_S: Final = 0.25
+
+
+@dataclass(slots=True, kw_only=True)
+class Watching:
+    """What a person or a program sees of a run."""
+
+    title: str
+    recent: Recent
+    deadline_s: float | None
+    json: bool
+    first_passed: str = ""
+    """The first sheet that was not inspected, and why."""
+    live: threading.Event = field(default_factory=threading.Event)
+    """Whether the live view is on, in which notices stand."""
+
+    def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
+        """One sheet: into the journal first, then shown."""
+        verdict = outcome.record.verdict
+        if outcome.came and verdict.verdict == "not-inspected" and not self.first_passed:
+            self.first_passed = f"{verdict.page}: {verdict.reason}"
+        if recorder is not None:
+            recorder.record(outcome.record)
+        if not self.json:
+            self.recent.add(outcome)
+            return
+        latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
+        said = [asdict(one) for one in outcome.announcements]
+        show.print_json(page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": said})
+
+    def noticed(self, notice: Notice) -> None:
+        """Something that is of no sheet: said at once."""
+        self.recent.notice(notice)
+        if self.json:
+            show.print_json({"notice": notice.kind, "text": notice.text})
+        if not self.live.is_set():
+            faults.told(notice.text)
+
+    def view(self, status: Status) -> RenderableType:
+        """The whole screen."""
+        return live_view(status, self.recent, title=self.title, deadline_s=self.deadline_s)
+
+    def until_ended(self, running: Running) -> bool:
+        """Start the run and wait for its end; whether a person ended it."""
+        with _signals(running) as stops, ExitStack() as stack:
+            view = None
+            if not self.json and show.people.is_terminal:
+                view = stack.enter_context(
+                    Live(self.view(running.status()), console=show.people, transient=True, auto_refresh=False)
+                )
+                self.live.set()
+            running.start()
+            while not running.join(REFRESH_S):
+                if view is not None:
+                    view.update(self.view(running.status()), refresh=True)
+        return bool(stops)
+
+    def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
+        """What keeps a run of so many sheets from being complete, in one line; empty: nothing does."""
+        parts = []
+        if status.absent:
+            parts.append(f"{status.absent:,} of {count(sheets, 'sheet')} did not come")
+        if status.not_inspected:
+            were = "was" if status.not_inspected == 1 else "were"
+            what = f"{count(status.not_inspected, 'sheet')} {were} not inspected"
+            first = "" if status.not_inspected == 1 else "the first "
+            parts.append(f"{what} ({first}{self.first_passed})" if self.first_passed else what)
+        if status.untold:
+            parts.append(f"{count(status.untold, 'verdict')} could not be told")
+        if unrecorded:
+            parts.append(f"{count(unrecorded, 'verdict')} not recorded in the journal")
+        return "; ".join(parts)
+
+
+@contextmanager
+def _signals(running: Running) -> Iterator[list[int]]:
+    """The first Ctrl-C or SIGTERM ends the run cleanly, the second drops what waits."""
+    stops: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        stops.append(number)
+        running.stop(drop=len(stops) > 1)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stops
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

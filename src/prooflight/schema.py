@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from numpy.typing import NDArray
 
@@ -74,6 +74,8 @@ def checked(kind: type[Document], raw: Any, *, under: str = "") -> Document:
                 raise Misfit(field, "is missing") from error
             case "extra_forbidden":
                 raise Misfit(field, "is not known here") from error
+            case "json_invalid":  # a lone surrogate: Python's own reader lets it pass
+                raise Misfit(field, "is not JSON") from error
             case _:
                 raise Misfit(field, _said(fault)) from error
     except (ValueError, RecursionError) as error:
@@ -154,13 +156,14 @@ def _check_array(name: str, array: NDArray[Any], kept: Kept, known: dict[str, in
         raise Misfit(name, what)
 
 
-def _times(extents: tuple[int | str, ...]) -> str:
+def _times(extents: Iterable[int | str]) -> str:
     return " x ".join(map(str, extents)) or "one of"
 
 
 def _worded(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
-    named = {one: known[one] for one in shape if isinstance(one, str) and one in known}
-    return _times(shape) + "".join(f" ({extent} {name})" for name, extent in named.items())
+    named = dict.fromkeys(one for one in shape if isinstance(one, str))
+    told = f" ({', '.join(named)})" if named else ""
+    return _times(known.get(one, one) if isinstance(one, str) else one for one in shape) + told
 
 
 def part_of(arrays: Mapping[str, NDArray[Any]], under: str) -> dict[str, NDArray[Any]]:

@@ -84,11 +84,15 @@ class BayesianNetwork:
         )
 
     def log_ratio(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)"""
+        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)
+
+        NaN where a statistic is no finite number: it is in no bin.
+        """
         place = _bins_of(statistics, self.edges)
         of_type = np.moveaxis(self.log_likelihood[:, np.arange(len(self.edges)), place].sum(axis=-1), 0, -1)
         of_misprint = special.logsumexp(of_type[..., 1:] + self.log_type_share, axis=-1)
-        return np.asarray(of_misprint - of_type[..., 0])
+        known = np.isfinite(statistics).all(axis=-1)
+        return np.where(known, of_misprint - of_type[..., 0], np.nan)
 
     def posterior(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probability of a misprint given statistics (..., n). (...)"""

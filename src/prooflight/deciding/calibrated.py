@@ -178,8 +178,24 @@ def page_score(
     PressError: the detector was taught by a version that looked at other statistics.
     """
     check_version(tolerance, said, portrait)
-    score = float(tolerance.score(stated(said)[None], portrait[None])[0])
-    return max(score, WRONG_PAGE) if shows_another(found) else score
+    return score_of(tolerance, stated(said), portrait, another=shows_another(found))
+
+
+def score_of(
+    tolerance: TolerancePress,
+    values: NDArray[np.floating],
+    portrait: NDArray[np.floating],
+    *,
+    another: bool,
+) -> float:
+    """The same from a page's statistics (n,), as they are kept; NaN if one of them is no finite number.
+
+    another: the scan shows another page.
+    """
+    if not (np.isfinite(values).all() and np.isfinite(portrait).all()):
+        return np.nan
+    score = tolerance.score(values[None], portrait[None])[0]
+    return float(np.maximum(score, WRONG_PAGE) if another else score)
 
 
 def _alone(real: NDArray[np.float64], false_alarm_rate: float) -> bool:

@@ -10,7 +10,8 @@ stated rate, which is shared out evenly: half among the drift channels, half amo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
@@ -46,9 +47,22 @@ class PageEvidence:
     """What one page adds to its run."""
 
     values: Mapping[str, float] = field(default_factory=dict)
-    """By channel; channels of which the page says nothing are missing or not finite."""
+    """By channel; channels of which the page says nothing are missing."""
     columns: NDArray[np.float32] | None = None
     """(columns,) light over what was expected, less what is alike nearby [-]; None: nothing is known."""
+
+    @property
+    def unsound(self) -> tuple[str, ...]:
+        """Channels whose value is there and yet no finite number."""
+        return tuple(name for name, value in self.values.items() if not math.isfinite(value))
+
+    def sound(self) -> PageEvidence:
+        """The same without them."""
+        left_out = self.unsound
+        if not left_out:
+            return self
+        kept = {name: value for name, value in self.values.items() if name not in left_out}
+        return replace(self, values=kept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

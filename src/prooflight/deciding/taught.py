@@ -68,6 +68,8 @@ ALONE: Final = ("fit", "place", "energy")
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
 SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
+MOST_SHAPE: Final = 0.5
+"""Of a tail: beyond, its variance would be infinite."""
 STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
 
 
@@ -183,9 +185,18 @@ class TolerancePress:
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Evidence for a misprint, higher is worse: (pages,)."""
+        """Evidence for a misprint, higher is worse: (pages,); NaN where a family's is no finite number."""
         deviations = self.deviations(values, portraits)
         evidence = self.family_evidence(deviations)
+        score = self._summed(evidence, portraits, deviations)
+        return np.where(np.isfinite(evidence).all(axis=1), score, np.nan)
+
+    def _summed(
+        self,
+        evidence: NDArray[np.float64],
+        portraits: NDArray[np.floating],
+        deviations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
         guard = self.guard(evidence)
         if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
             return guard
@@ -249,6 +260,8 @@ class TolerancePress:
         known = {name: at for at, name in enumerate(told.families)}
         if arrays["family"].tolist() != [known[one] for one in families_of(told.names)]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
+        if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
+            raise Misfit(f"{under}tail", "must begin where quantiles end")
         for which, columns in forests.items():
             Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
 
@@ -392,7 +405,8 @@ def _wrong_centre(centre: NDArray[np.floating]) -> str:
 
 
 def _wrong_tail(tail: NDArray[np.floating]) -> str:
-    return "" if (tail[:, 1:] > 0).all() else "must have scales and shapes above 0"
+    sound = (tail[:, 1] > 0) & (tail[:, 2] > 0) & (tail[:, 2] < MOST_SHAPE)
+    return "" if sound.all() else f"must have scales above 0 and shapes between 0 and {MOST_SHAPE}"
 
 
 TABLE: Final = {

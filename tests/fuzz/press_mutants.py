@@ -82,7 +82,7 @@ def taken_apart(source: bytes) -> tuple[dict[str, str], Arrays]:
     """Texts and arrays of a file."""
     header = int.from_bytes(source[:8], "little")
     texts = json.loads(source[8 : 8 + header])["__metadata__"]
-    return dict(texts), {name: array.copy() for name, array in load(source).items()}
+    return dict(texts), load(source)
 
 
 def document_spoilt(document: Any, rng: Rng) -> None:
@@ -150,9 +150,9 @@ def _place(document: Any, rng: Rng) -> tuple[Any, Any]:
 
 
 def _one_value(arrays: Arrays, name: str, rng: Rng) -> None:
-    array = arrays[name]
-    if not array.size:
+    if not arrays[name].size:
         return
+    array = arrays[name] = arrays[name].copy()
     if array.dtype.kind == "f":
         value: Any = EXTREMES[int(rng.integers(len(EXTREMES)))]
     else:
@@ -164,7 +164,7 @@ def _one_value(arrays: Arrays, name: str, rng: Rng) -> None:
 
 def _all_values(arrays: Arrays, name: str, rng: Rng) -> None:
     array = arrays[name]
-    factor = (0, -1, 1e-6, 1e6)[int(rng.integers(4))]
+    factor = np.float64((0, -1, 1e-6, 1e6)[int(rng.integers(4))])
     with np.errstate(over="ignore", invalid="ignore"):
         arrays[name] = (array * factor).astype(array.dtype)
 

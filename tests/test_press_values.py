@@ -237,7 +237,7 @@ def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
             continue
         judged += 1
         names = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
-        for name in names if judged <= 3 else names[:2] if judged <= 12 else ():
+        for name in names if judged <= 2 else names[:2] if judged <= 6 else ():
             inspector = Inspector.of(press, name)
             with np.errstate(all="ignore"):
                 verdict = inspector.inspect(inspector.prepare(page), scan, scan_name="ruined").verdict

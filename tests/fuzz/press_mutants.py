@@ -66,7 +66,7 @@ def ink_mutants(source: bytes, rng: Rng) -> bytes:
         given = {
             name: value if isinstance(value, str) else json.dumps(value) for name, value in facts.items()
         }
-        texts = {name: texts[name] for name in ("kind", "schema")} | given
+        texts = {name: texts[name] for name in ("kind", "schema")} | told_in_utf8(given)
     else:
         arrays_spoilt(arrays, rng)
     texts["digest"] = ink_model._digest(arrays, texts)
@@ -204,8 +204,12 @@ SPOILERS = (_one_value, _one_value, _one_value, _all_values, _order, _shape, _ki
 
 def _saved(arrays: Arrays, texts: dict[str, str]) -> bytes:
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    try:
-        return save(contiguous, texts)
-    except UnicodeEncodeError:  # a lone surrogate, which no such file can hold
-        told = {name: text.encode("utf-8", "replace").decode() for name, text in texts.items()}
-        return save(contiguous, told)
+    return save(contiguous, told_in_utf8(texts))
+
+
+def told_in_utf8(texts: dict[str, str]) -> dict[str, str]:
+    """Without lone surrogates, which no such file can hold."""
+    return {
+        name.encode("utf-8", "replace").decode(): text.encode("utf-8", "replace").decode()
+        for name, text in texts.items()
+    }

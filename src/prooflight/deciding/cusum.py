@@ -29,8 +29,6 @@ FIRST: Final = 24
 BINS: Final = 64
 REACH_SD: Final = 5.0
 """Bins reach so far to both sides of the first values' median: a sixth of their standard deviation each."""
-FARTHEST: Final = 1e6
-"""Values are cut off here, which changes no rank that matters: no scatter of theirs overflows."""
 PAGES: Final = 100_000
 """Rates of false alarms are stated for so many pages."""
 
@@ -88,7 +86,6 @@ class SequentialRanks:
         The middle of the rank's interval, and of values in one bin, is taken: scores vary by a little less than
         N(0, 1), so that false alarms are rarer than stated, and nothing is random. 0 where there is no value.
         """
-        values = np.clip(values, -FARTHEST, FARTHEST)
         rank = np.full(values.shape, 0.5)
         known = np.isfinite(values)
         young, old = known & (self.seen < FIRST), known & (self.seen >= FIRST)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
 """Faults of a sheet whose scan says nothing of the run."""
-LEFT_OUT: Final = "no finite number: {}; left out of the run"
+LEFT_OUT: Final = "not a number that a page can have: {}; left out of the run"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,9 +8,11 @@ digest is of everything else that the results depend on. What is damaged is made
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import logging
 import math
+import struct
 import time
 import zipfile
 import zlib
@@ -135,11 +137,13 @@ def _whole(path: Path) -> bool:
         return False
     try:
         return bool(_kept(path))
-    except _DAMAGE as error:
-        _log.warning("%s is damaged (%s) and is made again", path, error)
+    except _DAMAGE:
+        _log.warning("%s is damaged and is made again", path)
         return False
 
 
+_END: Final = struct.Struct("<4s4H2LH")
+"""APPNOTE.TXT of PKWARE, section 4.3.16; the fifth: members in all."""
 _DAMAGE: Final = (
     *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
     *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
@@ -151,9 +155,18 @@ def _kept(path: Path) -> Rows:
     """Arrays of a piece, as ``_keep`` wrote them; one of ``_DAMAGE`` where they cannot be what it wrote."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-        if not members or sum(member.file_size for member in members) > MOST_BYTES:
-            raise ValueError("its columns are none, or too large to be ours")
+        if len(members) != _members_stated(path) or not members:
+            raise ValueError("it does not hold as many columns as it states")
+        if sum(member.file_size for member in members) > MOST_BYTES:
+            raise ValueError("its columns are too large to be ours")
         return {member.filename.removesuffix(".npy"): _column(archive, member) for member in members}
+
+
+def _members_stated(path: Path) -> int:
+    """By the last bytes of an archive without a comment; Python's reader does not look."""
+    with path.open("rb") as file:
+        file.seek(-_END.size, io.SEEK_END)
+        return int(_END.unpack(file.read())[4])
 
 
 def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:

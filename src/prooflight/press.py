@@ -1,10 +1,13 @@
 """The press artefact: what one press needs to be watched, in one versioned, digested file.
 
-Schema history:
+What it may hold, ``press_schema`` says; nothing else is written or read. Schema history:
 1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
 2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
 3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
 4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
+5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
+6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
+presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from prooflight.acquiring.geometry import ScanGeometry
@@ -25,7 +27,10 @@ from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressError
 from prooflight.pages.sampling import Footprint, LensCorrection
-from prooflight.predicting.tables import NODES, SensorModel
+from prooflight.predicting.tables import SensorModel
+from prooflight.press_schema import check_press
+from prooflight.schema import Misfit, part_of
+from prooflight.tensors import Damaged, Tensors
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -97,9 +102,15 @@ class Press:
         arrays, document = self._parts()
         return _digest(arrays, document)
 
-    def save(self, path: Path) -> str:
-        """Write to ``path``, whole or not at all; returns the digest."""
+    def check(self) -> None:
+        """PressError, with the field's name, if it holds what no artefact may: nothing can be judged by it."""
         arrays, document = self._parts()
+        _checked(f"press {self.name}", document, arrays)
+
+    def save(self, path: Path) -> str:
+        """Write to ``path``, whole or not at all; returns the digest. PressError: ``load`` would refuse it."""
+        arrays, document = self._parts()
+        _checked(path, document, arrays)
         digest = _digest(arrays, document)
         metadata = {"kind": KIND, "schema": str(SCHEMA), "digest": digest, "document": document}
         with whole_file(path) as unfinished:
@@ -108,26 +119,16 @@ class Press:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a press artefact; PressError if it is none, damaged, or of another schema."""
+        """Read a press artefact; PressError if it is none, damaged, of another schema, or holds what none may."""
         if not path.is_file():
             raise PressError(path, "there is no such file", remedy=f"{REBUILD} or give the right path")
         try:
-            with safe_open(path, framework="numpy") as file:
-                metadata = file.metadata() or {}
-                if metadata.get("kind") != KIND:
-                    raise PressError(path, "is not a press artefact", remedy=REBUILD)
-                if metadata.get("schema") != str(SCHEMA):
-                    what = f"has schema {metadata.get('schema')}, this version reads schema {SCHEMA}"
-                    raise PressError(path, what, remedy=REBUILD)
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-        except SafetensorError as error:
+            document, arrays = _read(path)
+        except Damaged as error:
             raise PressError(path, "is damaged or not a press artefact", remedy=REBUILD) from error
-        document = metadata.get("document", "")
-        if _digest(arrays, document) != metadata.get("digest"):
-            raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
-        if any(arrays[name].shape != (NODES,) * 4 for name in arrays if name.endswith(TABLES)):
-            raise PressError(path, f"has tables that are not of {NODES} nodes an ink", remedy=REBUILD)
-        return cls._from_parts(arrays, json.loads(document))
+        except Misfit as error:
+            raise PressError(path, str(error), remedy=REBUILD) from error
+        return cls._from_parts(arrays, _checked(path, document, arrays))
 
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
@@ -191,10 +192,7 @@ class Press:
             )
             sensors.append(SensorModel(footprint=footprint, correction=correction, **tables, **scalars))
         detectors: dict[str, Any] = {
-            name: DETECTORS[name].from_parts(
-                {key.removeprefix(f"{name}."): a for key, a in arrays.items() if key.startswith(f"{name}.")},
-                facts,
-            )
+            name: DETECTORS[name].from_parts(part_of(arrays, f"{name}."), facts)
             for name, facts in document["detectors"].items()
         }
         return cls(
@@ -206,15 +204,35 @@ class Press:
             costs=RunningCosts(**document["costs"]),
             good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
             origin=document["origin"],
-            ink_arrays={
-                name.removeprefix(INKS): array for name, array in arrays.items() if name.startswith(INKS)
-            },
+            ink_arrays=part_of(arrays, INKS),
             ink_facts=document["ink_facts"],
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
             variation=document["variation"],
             fringes=document.get("fringes", False),
             **detectors,
         )
+
+
+def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
+    """Document and arrays whose digest is right, yet unchecked. Damaged, Misfit: see ``Tensors``."""
+    file = Tensors(path)
+    if file.texts.get("kind") != KIND:
+        raise PressError(path, "is not a press artefact", remedy=REBUILD)
+    if (schema := file.texts.get("schema")) != str(SCHEMA):
+        what = f"has schema {schema}, this version reads schema {SCHEMA}"
+        raise PressError(path, what, remedy=REBUILD)
+    arrays, document = file.arrays(), file.texts.get("document", "")
+    if _digest(arrays, document) != file.texts.get("digest"):
+        raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
+    return document, arrays
+
+
+def _checked(where: object, document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """What ``document`` says, once all of it and of ``arrays`` is known to be sound."""
+    try:
+        return check_press(document, arrays)
+    except Misfit as error:
+        raise PressError(where, str(error), remedy=REBUILD) from error
 
 
 def _digest(arrays: Mapping[str, NDArray[Any]], document: str) -> str:

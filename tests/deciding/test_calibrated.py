@@ -11,7 +11,7 @@ import pytest
 
 from prooflight.commissioning.learn import Pages, learn_tolerance
 from prooflight.comparing.local_evidence import Scatter
-from prooflight.deciding.calibrated import ENOUGH_REAL, CalibratedDetector
+from prooflight.deciding.calibrated import ENOUGH_REAL, CalibratedDetector, score_of
 
 if TYPE_CHECKING:
     from prooflight.deciding.taught import TolerancePress
@@ -90,3 +90,21 @@ def test_it_comes_back_from_its_arrays_and_facts(tolerance: TolerancePress) -> N
         assert again.promise == ours.promise
         assert again.judge(2.0) == ours.judge(2.0)
     assert replace(ours, misprint_rate=0.5).judge(2.0).probability > ours.judge(2.0).probability
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_statistic_that_is_not_finite_is_no_good_page(tolerance: TolerancePress, value: float) -> None:
+    detector, portrait = calibrated(tolerance), np.zeros(3)
+    for another in (False, True):
+        fine = score_of(tolerance, np.ones(2), portrait, another=another)
+        assert detector.judge(fine).word == ("misprint" if another else "good")
+        for values, page in ((np.array([1, value]), portrait), (np.ones(2), np.array([0, value, 0]))):
+            score = score_of(tolerance, values, page, another=another)
+            assert detector.judge(score).word == "not-inspected"
+
+
+def test_what_the_press_learned_wrong_is_not_lost_among_families(tolerance: TolerancePress) -> None:
+    tail = tolerance.tail.copy()
+    tail[0, 1] = np.nan
+    score = replace(tolerance, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, 3)))
+    assert np.isnan(score).all()

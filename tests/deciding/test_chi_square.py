@@ -208,3 +208,14 @@ def test_evidence_of_any_strength_gives_a_probability() -> None:
         judgement = judge.judge(off_by(moved))
         assert judgement.misprint
         assert judgement.probability == pytest.approx(1.0)
+
+
+def test_tiles_without_pixels_are_no_good_page() -> None:
+    """Nought over nought: it must not be lost among numbers."""
+    empty = flat()
+    empty[0, 2, 3] = 0
+    with np.errstate(invalid="ignore"):
+        judgement = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).judge(evidence(empty))
+    assert judgement.word == "not-inspected"
+    unpromised = ChiSquare(good_pages_per_false_alarm=np.nan, misprint_rate=0.01)
+    assert unpromised.judge(evidence(flat())).word == "not-inspected"

@@ -189,3 +189,20 @@ def test_size_does_not_grow() -> None:
             sizes.append(sum(array.nbytes for array in arrays))
     assert sizes[0] == sizes[1]
     assert run.history("shift-x").size == RECENT
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e38, -1e300])
+def test_a_page_whose_numbers_are_absurd_spoils_no_run(value: float) -> None:
+    """Seed 9: a drift is found as it would have been, and nothing overflows."""
+    found = []
+    for absurd in (0.0, value):
+        rng, run = np.random.default_rng(9), level()
+        said = []
+        for sheet in range(300):
+            gain = rng.standard_normal() * 0.01 + max(sheet - 100, 0) * 5e-4
+            here = absurd if sheet in (3, 60, 61) and absurd else gain
+            columns = np.full(40, np.clip(absurd, -3e38, 3e38) if sheet == 60 else 0.0, np.float32)
+            said += run.see(sheet, PageEvidence(values={"gain-cyan": here}, columns=columns))
+        assert np.isfinite(run.sums.total).all()
+        found.append([one.kind for one in said if one.channel == "gain-cyan"])
+    assert found[1][:1] == found[0][:1] == ["drift"]

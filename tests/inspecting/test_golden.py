@@ -233,3 +233,19 @@ def test_a_scan_of_another_camera(tmp_path: Path, press: Press) -> None:
     file = picture_files(golden)[0]
     with pytest.raises(ScanError, match="1 sensors x 400 pixels"):
         GoldenInspector.of(press, file)(GoldenPage(name="p", scan=file, golden=file))
+
+
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_light_that_is_no_number_once_columns_are_taken_out_is_not_compared(
+    press: Press, tmp_path: Path, value: float
+) -> None:
+    gain = press.sensors[0].column_gain.copy()
+    gain[40] = value
+    spoilt = replace(press, sensors=(replace(press.sensors[0], column_gain=gain),))
+    drawn = np.resize(sheet().astype(np.uint16), (300, press.geometry.pixels))
+    pages = golden_pages(saved(tmp_path / "golden.tif", drawn), saved(tmp_path / "scan.tif", drawn))
+    assert GoldenInspector(press=press)(pages[0]).verdict == "good"
+    with np.errstate(all="ignore"):
+        said = GoldenInspector(press=spoilt)(pages[0])
+    assert said.verdict == "not-inspected"
+    assert "not finite numbers" in said.reason

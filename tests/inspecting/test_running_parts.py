@@ -330,3 +330,15 @@ def test_a_sheet_with_a_deadline_takes_all_cores(monkeypatch: pytest.MonkeyPatch
     assert threads_a_sheet(Settings(source_waits=False, inspectors=2)) == 8
     assert threads_a_sheet(Settings(source_waits=True, inspectors=2)) == 4
     assert threads_a_sheet(Settings(source_waits=True, inspectors=16)) == 1
+
+
+def test_values_that_are_not_finite_are_left_out_of_the_run_and_said() -> None:
+    seen = SeenPage(scan=np.zeros((1, 1, 1), np.uint16), first_line=0, last_line_time_s=0.0, job_page=3)
+    evidence = PageEvidence(values={"gain-cyan": 0.03, "light-mono": np.nan, "lamp-1": np.inf})
+    done = outcome(3, seen, Verdict(page="p0004", verdict="good", action="accept"), evidence=evidence)
+    assert done.evidence.values == done.record.nuisance == {"gain-cyan": 0.03}
+    assert done.record.notes == (
+        "not a number that a page can have: light-mono, lamp-1; left out of the run",
+    )
+    plain = outcome(3, seen, Verdict(page="p0004", verdict="good", action="accept"))
+    assert plain.record.notes == ()

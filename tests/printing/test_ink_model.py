@@ -1,8 +1,10 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
+from tests.fuzz.press_mutants import ink_mutants
 
 from prooflight.errors import ChartError
 from prooflight.printing.chart import Chart
@@ -120,3 +122,53 @@ def test_errors_on_a_measured_chart_are_as_large_as_said(measured_chart: Chart) 
     assert 0.7 < row.rms < 1.3  # 0.95
     assert 0.6 < row.within_1 < 0.85
     assert row.within_2 > 0.92
+
+
+@pytest.mark.parametrize("model", ["log-linear", "neugebauer", "local-linear", "hybrid"])
+def test_spoilt_files_are_refused_in_one_line_or_predict(
+    built_in_chart: Chart, tmp_path: Path, model: str
+) -> None:
+    """Seeds (13, 0) to (13, 99), digested anew."""
+    path = tmp_path / "a.inks"
+    InkModel.fit(built_in_chart, model, folds=2).save(path)
+    source, refused = path.read_bytes(), []
+    for index in range(100):
+        path.write_bytes(ink_mutants(source, np.random.default_rng([13, index])))
+        try:
+            loaded = InkModel.load(path)
+        except ChartError as error:
+            refused.append(str(error))
+            continue
+        assert np.isfinite(loaded.reflectance(WANTED)).all()
+        assert np.isfinite(loaded.standard_deviation(WANTED)).all()
+    assert len(refused) > 60
+    assert all(text.startswith(f"{path}: ") and "\n" not in text for text in refused)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("model.neighbours", 0.0),
+        ("model.neighbours", 8.5),
+        ("model.neighbours", 1e9),
+        ("model.cmyk", np.nan),
+        ("model.root", np.inf),
+        ("spread.reach", 0.0),
+        ("spread.squared", -1.0),
+    ],
+)
+def test_a_wrong_value_is_refused_at_save_and_named(
+    built_in_chart: Chart, tmp_path: Path, name: str, value: float
+) -> None:
+    fitted = InkModel.fit(built_in_chart, "local-linear", folds=2)
+    of, what = name.split(".")
+    held = getattr(fitted, of)
+    if what == "neighbours":
+        spoilt = replace(held, neighbours=value)
+    else:
+        array = getattr(held, what).copy()
+        array.reshape(-1)[7] = value
+        spoilt = replace(held, **{what: array})
+    with pytest.raises(ChartError, match=name):
+        replace(fitted, **{of: spoilt}).save(tmp_path / "a.inks")
+    assert not list(tmp_path.iterdir())

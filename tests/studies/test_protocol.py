@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import io
+import zipfile
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy import stats
+from tests.fuzz.press_mutants import bytes_spoilt
 
 from prooflight.comparing.evidence import INTERVALS
 from prooflight.comparing.windows import window_means, window_statistics
@@ -234,3 +237,41 @@ def test_a_damaged_result_is_made_again_and_another_digest_is_another_study(tmp_
 def test_digest_is_of_content_alone() -> None:
     assert digest_of({"a": 1, "b": [2.0]}) == digest_of({"b": [2.0], "a": 1})
     assert digest_of({"a": 1}) != digest_of({"a": 2})
+
+
+def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Seeds (7, 0) to (7, 299): bits turned and pieces lost; then archives that ask for more than they hold."""
+    (tmp_path / "made").mkdir()
+    work, digest = Counting(tmp_path / "made"), digest_of({"seed": 1})
+
+    def rows() -> Rows:
+        return run_pieces(work, [2], tmp_path / "kept", digest=digest, processes=1)
+
+    first = rows()
+    (kept,) = tmp_path.glob("kept/*/*.npz")
+    whole = kept.read_bytes()
+    spoilt = [bytes_spoilt(whole, np.random.default_rng([7, index])) for index in range(300)]
+    for header in (
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }",
+        "{'descr': '|O'}",
+    ):
+        made = io.BytesIO()
+        with zipfile.ZipFile(made, "w") as archive:
+            told = header.encode() + b"\n"
+            archive.writestr("piece.npy", b"\x93NUMPY\x01\x00" + len(told).to_bytes(2, "little") + told)
+        spoilt.append(made.getvalue())
+    damaged = 0
+    for source in [*spoilt, b"", b"PK"]:
+        kept.write_bytes(source)
+        caplog.clear()
+        again = rows()
+        assert again.keys() == first.keys()
+        np.testing.assert_array_equal(again["piece"], first["piece"])
+        if caplog.records:
+            damaged += 1
+            assert caplog.messages == [caplog.messages[0]]
+            assert str(kept) in caplog.text
+            assert "is made again" in caplog.text
+    assert damaged > 200

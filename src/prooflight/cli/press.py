@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -239,9 +240,9 @@ def _facts(press: Press) -> dict[str, Any]:
                 "top_code_dn": sensor.top_code_dn,
                 "column_gain_min": round(float(sensor.column_gain.min()), 4),
                 "column_gain_max": round(float(sensor.column_gain.max()), 4),
-                "clipped_black_percent": round(100 * share.black, 3),
-                "clipped_saturation_percent": round(100 * share.saturation, 3),
+                "clipped_black_percent": None if share is None else round(100 * share.black, 3),
+                "clipped_saturation_percent": None if share is None else round(100 * share.saturation, 3),
             }
-            for sensor, share in zip(press.sensors, press.clipped, strict=True)
+            for sensor, share in zip_longest(press.sensors, press.clipped)
         ],
     }

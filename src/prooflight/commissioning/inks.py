@@ -7,19 +7,18 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.errors import PressError
+from prooflight.ink_schema import OF_MODEL, OF_SPREAD, SPREAD
 from prooflight.press import REBUILD
 from prooflight.printing.ink_model import InkModel, Spread
 from prooflight.printing.reflectance import LogLinear
 from prooflight.printing.selection import MODELS, Score
+from prooflight.schema import part_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.press import Press
     from prooflight.printing.reflectance import ReflectanceModel
-
-SPREAD = ("cmyk", "squared", "reach")
-OF_MODEL, OF_SPREAD = "model.", "spread."
 
 
 def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -50,19 +49,14 @@ def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, s
 def inks_of(press: Press) -> ReflectanceModel:
     """The inks that a press was made from, as they were; PressError if it carries none or unknown ones."""
     facts = press.ink_facts
-    if facts.get("model") not in MODELS:
-        what = f"carries inks of the unknown model {facts['model']!r}" if facts else "carries no inks"
-        raise PressError(f"press {press.name}", what, remedy=REBUILD)
-
-    def under(prefix: str) -> dict[str, NDArray[Any]]:
-        named = press.ink_arrays.items()
-        return {name.removeprefix(prefix): array for name, array in named if name.startswith(prefix)}
-
-    model = MODELS[facts["model"]].from_arrays(under(OF_MODEL))
+    if not (facts and press.ink_arrays):
+        raise PressError(f"press {press.name}", "carries no inks", remedy=REBUILD)
+    press.check()
+    model = MODELS[facts["model"]].from_arrays(part_of(press.ink_arrays, OF_MODEL))
     if "score" in facts:
         return InkModel(
             model=model,
-            spread=Spread(**under(OF_SPREAD)),
+            spread=Spread(**part_of(press.ink_arrays, OF_SPREAD)),
             score=Score(**json.loads(facts["score"])),
             why=facts["why"],
             chart_digest=facts["chart_digest"],

@@ -7,13 +7,15 @@ is cut into bins, and P(bin | Mt) is counted with Laplace's smoothing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from pydantic import Field
 from scipy import special
 
-from prooflight.comparing.windows import window_statistics
+from prooflight.comparing.windows import STATISTICS, Reading, window_statistics
 from prooflight.deciding.verdict import Judgement
+from prooflight.schema import Block, Chance, Kept, Misfit, Name, check_arrays, checked, rising
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.comparing.evidence import Evidence
-    from prooflight.comparing.windows import Reading
 
 Binning = Literal["quantile", "equal-width"]
 ARRAYS: Final = ("edges", "log_likelihood", "log_type_share")
@@ -83,11 +84,15 @@ class BayesianNetwork:
         )
 
     def log_ratio(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)"""
+        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)
+
+        NaN where a statistic is no finite number: it is in no bin.
+        """
         place = _bins_of(statistics, self.edges)
         of_type = np.moveaxis(self.log_likelihood[:, np.arange(len(self.edges)), place].sum(axis=-1), 0, -1)
         of_misprint = special.logsumexp(of_type[..., 1:] + self.log_type_share, axis=-1)
-        return np.asarray(of_misprint - of_type[..., 0])
+        known = np.isfinite(statistics).all(axis=-1)
+        return np.where(known, of_misprint - of_type[..., 0], np.nan)
 
     def posterior(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probability of a misprint given statistics (..., n). (...)"""
@@ -146,15 +151,55 @@ class BayesDetector:
         """The rest: what JSON can hold."""
         return self.network.facts() | {"threshold": self.threshold, "reading": self.reading}
 
+    @staticmethod
+    def check(
+        arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, sensors: int, under: str = ""
+    ) -> None:
+        """Misfit unless ``from_parts`` makes of them what can judge so many sensors. under: where they stand."""
+        told = checked(BayesFacts, facts, under=under)
+        if told.types[0] != CORRECT or len(set(told.types)) < len(told.types):
+            raise Misfit(f"{under}types", f"must be {CORRECT} and kinds of misprints, each once")
+        sizes = {"sensors": sensors, "statistics": sensors * len(STATISTICS), "types": len(told.types)}
+        if arrays.get("edges", np.zeros(0)).ndim == 2:
+            sizes["bins"] = arrays["edges"].shape[1] + 1
+        check_arrays(arrays, TABLE, sizes | {"misprints": sizes["types"] - 1}, under=under)
+
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
-        """The detector again that ``arrays`` and ``facts`` came from."""
+        """The detector again that ``arrays`` and ``facts`` came from, which ``check`` has passed."""
         return cls(
             network=BayesianNetwork.from_parts(arrays, facts),
             threshold=float(facts["threshold"]),
             unit=arrays["unit"],
             reading=facts["reading"],
         )
+
+
+class BayesFacts(Block):
+    """``BayesDetector.facts``."""
+
+    types: Annotated[tuple[Name, ...], Field(min_length=2, max_length=100)]
+    misprint_rate: Chance
+    binning: Binning
+    threshold: Chance
+    reading: Reading
+
+
+def _no_distribution(logarithms: NDArray[np.floating]) -> str:
+    sums = np.exp(logarithms).sum(axis=-1)
+    return (
+        "" if np.allclose(sums, 1, rtol=0, atol=1e-6) else "must be logarithms of probabilities that sum to 1"
+    )
+
+
+TABLE: Final = {
+    "edges": Kept(dtype="float64", shape=("statistics", "edges"), rule=rising()),
+    "log_likelihood": Kept(
+        dtype="float64", shape=("types", "statistics", "bins"), high=0, rule=_no_distribution
+    ),
+    "log_type_share": Kept(dtype="float64", shape=("misprints",), high=0, rule=_no_distribution),
+    "unit": Kept(dtype="float64", shape=("sensors",), above=0),
+}
 
 
 def _check(statistics: NDArray[np.float64], labels: Sequence[str], misprint_rate: float, bins: int) -> None:

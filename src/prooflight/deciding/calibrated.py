@@ -14,6 +14,7 @@ from prooflight.deciding.said import stated
 from prooflight.deciding.taught import TolerancePress
 from prooflight.deciding.verdict import Judgement
 from prooflight.errors import PressError
+from prooflight.schema import Block, Chance, Kept, Misfit, check_arrays, checked, part_of, rising
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,6 +30,8 @@ UPPER: Final = 0.8
 """Quantile from which scores make a tail."""
 FOREIGN_SHARE: Final = 0.5
 """From this share of tiles on that show something else, it is another page. [-]"""
+LEAST_SCORES: Final = 2
+"""Of which one begins a tail."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print lies: above that of any evidence."""
 
@@ -114,22 +117,44 @@ class CalibratedDetector:
             "tolerance": tolerance,
         }
 
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
+        """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
+        checked(CalibratedFacts, facts, under=under)
+        mark = "tolerance."
+        check_arrays(
+            {name: a for name, a in arrays.items() if not name.startswith(mark)}, TABLE, {}, under=under
+        )
+        if arrays["simulated"].size < LEAST_SCORES:
+            raise Misfit(f"{under}simulated", f"holds fewer than {LEAST_SCORES} scores")
+        TolerancePress.check(part_of(arrays, mark), facts["tolerance"], under=under + mark)
+
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
-        """``arrays`` and ``facts`` put together again."""
-        mark = "tolerance."
-        of_tolerance = {
-            name.removeprefix(mark): array for name, array in arrays.items() if name.startswith(mark)
-        }
+        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
         told = dict(facts["tolerance"])
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
         return cls.calibrated(
-            TolerancePress.from_parts(of_tolerance, told),
+            TolerancePress.from_parts(part_of(arrays, "tolerance."), told),
             simulated=arrays["simulated"],
             real=arrays["real"],
             false_alarm_rate=facts["false_alarm_rate"],
             misprint_rate=facts["misprint_rate"],
         )
+
+
+class CalibratedFacts(Block):
+    """``CalibratedDetector.facts``."""
+
+    false_alarm_rate: Chance
+    misprint_rate: Chance
+    tolerance: dict[str, Any]
+
+
+TABLE: Final = {
+    "simulated": Kept(dtype="float64", shape=("designs",), rule=rising()),
+    "real": Kept(dtype="float64", shape=("pages",), rule=rising(), empty=True),
+}
 
 
 def shows_another(found: Registration) -> bool:
@@ -153,8 +178,24 @@ def page_score(
     PressError: the detector was taught by a version that looked at other statistics.
     """
     check_version(tolerance, said, portrait)
-    score = float(tolerance.score(stated(said)[None], portrait[None])[0])
-    return max(score, WRONG_PAGE) if shows_another(found) else score
+    return score_of(tolerance, stated(said), portrait, another=shows_another(found))
+
+
+def score_of(
+    tolerance: TolerancePress,
+    values: NDArray[np.floating],
+    portrait: NDArray[np.floating],
+    *,
+    another: bool,
+) -> float:
+    """The same from a page's statistics (n,), as they are kept; NaN if one of them is no finite number.
+
+    another: the scan shows another page.
+    """
+    if not (np.isfinite(values).all() and np.isfinite(portrait).all()):
+        return np.nan
+    score = tolerance.score(values[None], portrait[None])[0]
+    return float(np.maximum(score, WRONG_PAGE) if another else score)
 
 
 def _alone(real: NDArray[np.float64], false_alarm_rate: float) -> bool:

@@ -72,9 +72,10 @@ class ChiSquare:
         of_tiles = tile_statistics(evidence)
         worst = float(of_tiles.max())
         most_of_page, most = special.chdtri(freedom, [allowed / 2, allowed / 2 / of_tiles.size])
-        score = max(of_page / most_of_page, worst / most)
-        p_value = 2 * min(p_of_page, float(special.chdtrc(freedom, worst)) * of_tiles.size)
-        return self._judgement(score, min(p_value, 1.0))
+        # Of numpy's, for Python's max and min may leave out a NaN.
+        score = float(np.maximum(of_page / most_of_page, worst / most))
+        p_value = 2 * float(np.minimum(p_of_page, special.chdtrc(freedom, worst) * of_tiles.size))
+        return self._judgement(score, float(np.minimum(p_value, 1.0)))
 
     def _judgement(self, score: float, p_value: float) -> Judgement:
         return Judgement(

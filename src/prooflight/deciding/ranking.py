@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.deciding.forest_kernels import shares_of
+from prooflight.schema import Kept, Misfit, check_arrays
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -106,11 +107,39 @@ class Forest:
     root: NDArray[np.int32]
     """(trees,) first nodes."""
 
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], columns: int, *, under: str) -> None:
+        """Misfit unless ``arrays`` are a forest of rows of so many columns, in which every way down comes to an end.
+
+        Compiled loops follow its indices without looking.
+        """
+        check_arrays(arrays, FOREST, {}, under=under)
+        column, nodes = arrays["column"], arrays["column"].size
+        if column.max() >= columns:
+            raise Misfit(f"{under}column", f"holds {column.max()}, must be below {columns}")
+        if arrays["root"].max() >= nodes:
+            raise Misfit(f"{under}root", f"holds {arrays['root'].max()}, must be below {nodes}")
+        branching = np.flatnonzero(column >= 0)
+        for side in ("left", "right"):
+            down = arrays[side][branching]
+            if (down <= branching).any() or (down >= nodes).any():
+                raise Misfit(f"{under}{side}", f"must lead from each node to one behind it, of {nodes}")
+
     def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
         """Log odds of rows (pages, columns): (pages,); bounded, for no forest has seen more than so many pages."""
         narrow, chance = np.ascontiguousarray(columns, np.float32), np.empty(len(columns))
         shares_of(narrow, self.column, self.cut, self.left, self.right, self.share, self.root, chance)
         return np.log((chance + LEAST_CHANCE) / (1 + LEAST_CHANCE - chance))
+
+
+FOREST: Final = {
+    "column": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "cut": Kept(dtype="float32", shape=("nodes",)),
+    "left": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "right": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "share": Kept(dtype="float32", shape=("nodes",), low=0, high=1),
+    "root": Kept(dtype="int32", shape=("trees",), low=0),
+}
 
 
 def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:

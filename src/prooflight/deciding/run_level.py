@@ -10,7 +10,7 @@ stated rate, which is shared out evenly: half among the drift channels, half amo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
@@ -37,6 +37,8 @@ NEWS_SHARE: Final = 0.25
 """Of the tolerance: what was announced is announced again when it has grown by so much."""
 APART_MM: Final = 3.0
 """Columns closer than this are one streak."""
+FARTHEST: Final = 1e6
+"""Beyond, a share or millimetres are a fault of reckoning, and no value."""
 UNKNOWN_PAGES_LEFT: Final = 1000
 """assumed where nobody says how long the run is."""
 
@@ -46,9 +48,22 @@ class PageEvidence:
     """What one page adds to its run."""
 
     values: Mapping[str, float] = field(default_factory=dict)
-    """By channel; channels of which the page says nothing are missing or not finite."""
+    """By channel; channels of which the page says nothing are missing."""
     columns: NDArray[np.float32] | None = None
     """(columns,) light over what was expected, less what is alike nearby [-]; None: nothing is known."""
+
+    @property
+    def unsound(self) -> tuple[str, ...]:
+        """Channels whose value is there and yet no number that a page can have."""
+        return tuple(name for name, value in self.values.items() if not abs(value) <= FARTHEST)
+
+    def sound(self) -> PageEvidence:
+        """The same without them."""
+        left_out = self.unsound
+        if not left_out:
+            return self
+        kept = {name: value for name, value in self.values.items() if name not in left_out}
+        return replace(self, values=kept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,12 +175,12 @@ class RunLevel:
         return values[(self.sheets[order] >= 0) & np.isfinite(values)]
 
     def _values(self, evidence: PageEvidence) -> NDArray[np.float32]:
-        values = np.full(len(self.channels), np.nan, np.float32)
+        values = np.full(len(self.channels), np.nan)
         for index, channel in enumerate(self.channels[: self.drifts]):
             values[index] = evidence.values.get(channel.name, np.nan)
         if evidence.columns is not None:
             values[self.drifts :] = evidence.columns
-        return values
+        return np.where(np.abs(values) <= FARTHEST, values, np.nan).astype(np.float32)
 
     def _change(self, channel: int, since: int) -> Change:
         known = (self.sheets >= since) & np.isfinite(self.recent[:, channel])

@@ -9,13 +9,24 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
-from prooflight.comparing.local_evidence import Scatter
-from prooflight.comparing.nuisance import Spread, Tolerance
+from prooflight.comparing.local_evidence import (
+    GHOST_BOXES_MM,
+    LINE_MODES,
+    MODES,
+    SIZES,
+    SPANS,
+    WIDTHS,
+    Scatter,
+)
+from prooflight.comparing.modes import PORTRAIT
+from prooflight.comparing.nuisance import INKS, Spread, Tolerance
 from prooflight.deciding.ranking import (
+    FOREST,
     Forest,
     Logit,
     Outright,
@@ -25,9 +36,23 @@ from prooflight.deciding.ranking import (
     mixed_columns,
     scores_of,
 )
+from prooflight.schema import (
+    Block,
+    Chance,
+    Count,
+    Kept,
+    Misfit,
+    Name,
+    NotNegative,
+    Number,
+    check_arrays,
+    checked,
+    part_of,
+    rising,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -43,7 +68,9 @@ ALONE: Final = ("fit", "place", "energy")
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
 SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
-FOREST_PARTS: Final = ("column", "cut", "left", "right", "share", "root")
+MOST_SHAPE: Final = 0.5
+"""Of a tail: beyond, its variance would be infinite."""
+STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
 
 
 def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -158,9 +185,18 @@ class TolerancePress:
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Evidence for a misprint, higher is worse: (pages,)."""
+        """Evidence for a misprint, higher is worse: (pages,); NaN where a family's is no finite number."""
         deviations = self.deviations(values, portraits)
         evidence = self.family_evidence(deviations)
+        score = self._summed(evidence, portraits, deviations)
+        return np.where(np.isfinite(evidence).all(axis=1), score, np.nan)
+
+    def _summed(
+        self,
+        evidence: NDArray[np.float64],
+        portraits: NDArray[np.floating],
+        deviations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
         guard = self.guard(evidence)
         if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
             return guard
@@ -192,7 +228,7 @@ class TolerancePress:
         for of, those in (("kind", self.kind_forests), ("name", self.name_forests)):
             forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
         for which, forest in forests.items():
-            found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST_PARTS}
+            found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST}
         return found
 
     def facts(self) -> dict[str, Any]:
@@ -211,12 +247,30 @@ class TolerancePress:
             "good_designs": self.good_designs,
         }
 
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
+        """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
+        told = checked(ToleranceFacts, facts, under=under)
+        told.check(under)
+        forests = dict(_forests_of(told))
+        table = TABLE | (WEIGHTS if told.outright else {})
+        own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
+        sizes = told.sizes()
+        check_arrays(own, table, sizes, under=under)
+        known = {name: at for at, name in enumerate(told.families)}
+        if arrays["family"].tolist() != [known[one] for one in families_of(told.names)]:
+            raise Misfit(f"{under}family", "must say of which family each statistic is")
+        if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
+            raise Misfit(f"{under}tail", "must begin where quantiles end")
+        for which, columns in forests.items():
+            Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
+
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
-        """``arrays`` and ``facts`` put together again."""
+        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
 
         def forest(which: str) -> Forest:
-            return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST_PARTS})
+            return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST})
 
         def weights(which: str, start: float | None) -> Logit | None:
             return None if start is None else Logit(weights=arrays[f"{which}.weights"], start=start)
@@ -255,3 +309,119 @@ class TolerancePress:
             best = members[int(np.argmax(deviations[0, members]))]
             found.append((self.families[index], said[best]))
         return found
+
+
+class OutrightFacts(Block):
+    """``Outright``."""
+
+    guard: Number
+    score: Number
+
+
+class SpreadFacts(Block):
+    """``Spread``; what an older press does not state is as it was then."""
+
+    edge: NotNegative = 0
+    contrast: NotNegative = 0
+    share: NotNegative = 0
+    dark: NotNegative = 0
+
+
+Deviation = Annotated[float, Field(strict=True, ge=1e-9, le=1e3, allow_inf_nan=False)]
+
+
+class PriorFacts(Block):
+    """``Tolerance``, likewise."""
+
+    white: Deviation = 1
+    common: Deviation = 1
+    lamp: Deviation = 1
+    lamp_length: Deviation = 1
+    shape: Deviation = 1
+    gain: Deviation = 1
+    tilt: Deviation = 1
+    dot: Deviation = 1
+    plane_mm: Deviation = 1
+    most_plane_mm: Deviation = 1
+
+
+class ToleranceFacts(Block):
+    """``TolerancePress.facts``."""
+
+    names: Annotated[
+        tuple[Annotated[str, Field(max_length=64, pattern=STATISTIC)], ...],
+        Field(min_length=1, max_length=10_000),
+    ]
+    families: tuple[Name, ...]
+    spread: SpreadFacts
+    prior: PriorFacts | None = None
+    tail_from: Chance
+    starts: tuple[Number | None, Number | None]
+    outright: OutrightFacts | None
+    kinds: Annotated[tuple[Name, ...], Field(max_length=100)]
+    threshold: Number | None
+    """None: infinite, not set; JSON knows no infinity."""
+    good_designs: Count
+
+    def check(self, under: str) -> None:
+        """Misfit unless its parts fit each other."""
+        if len(set(self.names)) < len(self.names):
+            raise Misfit(f"{under}names", "must differ from each other")
+        if list(self.families) != sorted(set(families_of(self.names))):
+            raise Misfit(f"{under}families", "must be those of its statistics, sorted")
+        if len(set(self.kinds)) < len(self.kinds):
+            raise Misfit(f"{under}kinds", "must differ from each other")
+        ranked = self.outright is not None
+        if any((start is not None) != ranked for start in self.starts) or (self.kinds and not ranked):
+            raise Misfit(f"{under}starts", "must be there if misprints taught a ranking, and only then")
+
+    def sizes(self) -> dict[str, int]:
+        """Extents of arrays, and columns of what rankings look at: as this version counts them."""
+        nothing = np.zeros((1, len(self.families)))
+        portrait, deviations = np.zeros((1, PORTRAIT)), np.zeros((1, len(self.names)))
+        mixed = mixed_columns(np.zeros(1), np.zeros(1), np.zeros((1, len(self.kinds))))
+        return {
+            "statistics": len(self.names),
+            "families": len(self.families),
+            "groups": group_columns(nothing, self.families).shape[1],
+            "mixed": mixed.shape[1],
+            "every": every_column(nothing, portrait, deviations).shape[1],
+            "of families": family_columns(nothing).shape[1],
+        }
+
+
+def _forests_of(facts: ToleranceFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
+    """Names of the forests, and which columns each looks at."""
+    if facts.outright is None:
+        return
+    yield "forest", "every"
+    for index in range(len(facts.kinds)):
+        yield f"kind{index}", "every"
+        yield f"name{index}", "of families"
+
+
+def _wrong_centre(centre: NDArray[np.floating]) -> str:
+    return "" if (centre[1] > 0).all() else "must have standard deviations above 0"
+
+
+def _wrong_tail(tail: NDArray[np.floating]) -> str:
+    sound = (tail[:, 1] > 0) & (tail[:, 2] > 0) & (tail[:, 2] < MOST_SHAPE)
+    return "" if sound.all() else f"must have scales above 0 and shapes between 0 and {MOST_SHAPE}"
+
+
+TABLE: Final = {
+    "family": Kept(dtype="int32", shape=("statistics",), low=0),
+    "centre": Kept(dtype="float64", shape=(2, PORTRAIT), rule=_wrong_centre),
+    "baseline": Kept(dtype="float64", shape=(1 + PORTRAIT, "statistics")),
+    "sd": Kept(dtype="float64", shape=("statistics",), above=0),
+    "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising()),
+    "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
+    "scatter.boxes": Kept(dtype="float64", shape=(len(MODES), len(SIZES), 3), low=0),
+    "scatter.streaks": Kept(dtype="float64", shape=(LINE_MODES, len(WIDTHS), len(SPANS), 3), low=0),
+    "scatter.bands": Kept(dtype="float64", shape=(len(MODES), 3), low=0),
+    "scatter.ghosts": Kept(dtype="float64", shape=(INKS, len(GHOST_BOXES_MM), 3), low=0),
+}
+WEIGHTS: Final = {
+    "logit.weights": Kept(dtype="float64", shape=("groups",)),
+    "mix.weights": Kept(dtype="float64", shape=("mixed",)),
+}

@@ -13,7 +13,7 @@ import numpy as np
 from prooflight.acquiring.pictures import PictureFile, picture_files
 from prooflight.comparing.golden import compare
 from prooflight.deciding.golden_regions import LEAST_VOLUME, Mark, marks
-from prooflight.deciding.verdict import Region, Verdict
+from prooflight.deciding.verdict import Judgement, Region, Verdict
 from prooflight.errors import ScanError
 from prooflight.inspecting.inspector import not_inspected
 from prooflight.inspecting.job import scan_missing
@@ -147,6 +147,10 @@ class GoldenInspector:
         started = time.perf_counter()
         good = _read(golden)
         expected, seen = _alike(scan, self._evened(good.light, golden), self._evened(scan.read().light, scan))
+        for light, file in ((expected, golden), (seen, scan)):
+            if not np.isfinite(light).all():
+                why = f"{file.path.name} holds values that are not finite numbers"
+                return Verdict.passed(page.name, why, detector=DETECTOR)
         difference = compare(expected, seen)
         places = marks(difference)
         where = difference.place
@@ -157,14 +161,17 @@ class GoldenInspector:
         off_place = max(map(abs, shift_mm)) >= WRONG_SHIFT_MM
         wrong_page = not where.found or off_place
         regions = tuple(self._region(mark, pitch_mm, page.left_mm) for mark in places[:MOST_REGIONS])
-        misprint = wrong_page or bool(places)
         kind = "wrong-page" if wrong_page else regions[0].kind if regions else None
-        return Verdict(
-            page=page.name,
-            verdict="misprint" if misprint else "good",
-            action="stop" if misprint else "accept",
+        judgement = Judgement(
+            misprint=wrong_page or bool(places),
             score=round(places[0].volume, 1) if places else 0.0,
             threshold=LEAST_VOLUME,
+            p_value=None,
+            probability=None,
+        )
+        return Verdict.judged(
+            page.name,
+            judgement,
             kind=kind,
             regions=regions,
             shift_mm=(shift_mm[0], shift_mm[1]) if where.found else None,

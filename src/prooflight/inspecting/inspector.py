@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -70,6 +70,10 @@ class Inspector:
     threads: int | None = None
     """That one page takes; None: one a core."""
 
+    def __post_init__(self) -> None:
+        """PressError: the press, or its light as it has been followed, holds what none may."""
+        _sound(self.press)
+
     @classmethod
     def of(cls, press: Press, name: str | None = None) -> Self:
         """With the detector that users call ``name``; see ``detector``."""
@@ -122,6 +126,11 @@ class Inspector:
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
 
 
+@lru_cache(maxsize=2)
+def _sound(press: Press) -> None:
+    press.check()
+
+
 def inspect_page(
     page: Page, scan: NDArray[np.uint16], *, press: Press, judge: Judge, scan_name: str, seed: int = 0
 ) -> Inspection:
@@ -152,7 +161,7 @@ def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) ->
 
 def not_inspected(page_name: str, reason: str = "") -> Verdict:
     """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
-    return Verdict(page=page_name, verdict="not-inspected", action="accept", reason=reason)
+    return Verdict.passed(page_name, reason)
 
 
 def _compared(
@@ -164,24 +173,20 @@ def _compared(
     found_page = find(prepared.sought, scan, press, threads=threads)
     seen, evidence = _gathered(scan, found_page, page, press, seed=seed, threads=threads)
     judgement = judge.judge(evidence)
-    misprint = judgement.misprint or found_page.wrong_page
+    wrong = found_page.wrong_page
+    judgement = replace(judgement, misprint=judgement.misprint or wrong)
     found = Findings(regions=(), kind=None)
-    if misprint:
+    if judgement.misprint:
         found = findings(_grid(page, press, evidence, found_page))
-    stop = misprint and (found_page.wrong_page or press.costs.stopping_pays(judgement.probability))
-    verdict = Verdict(
-        page=page.name,
-        verdict="misprint" if misprint else "good",
-        action="stop" if stop else "accept",
-        probability=judgement.probability,
-        score=judgement.score,
-        threshold=judgement.threshold,
-        p_value=judgement.p_value,
-        kind="wrong-page" if found_page.wrong_page else found.kind,
+    verdict = Verdict.judged(
+        page.name,
+        judgement,
+        costs=press.costs,
+        surely=wrong,
+        kind="wrong-page" if wrong else found.kind,
         regions=found.regions,
         shift_mm=found_page.shift_mm,
         detector=judge.name,
-        expected_cost=press.costs.expected_cents(judgement.probability),
     )
     return Inspection(
         verdict=verdict,

@@ -173,6 +173,7 @@ class ScoredPage:
             inspector.prepare(self.work.page(number)), dn, scan_name=str(scan.path)
         )
         score = inspection.verdict.score
-        assert score is not None
+        if score is None:
+            raise ScanError(scan.path, inspection.verdict.reason, remedy="leave it out")
         digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
         return PageScore(name=page_name(number), score=score, digest=digest)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
 """Faults of a sheet whose scan says nothing of the run."""
+LEFT_OUT: Final = "not a number that a page can have: {}; left out of the run"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +50,7 @@ def outcome(
     """Of a sheet that was inspected."""
     kinds = kinds_of(seen.faults)
     told = evidence if evidence is not None and not SPOILT & set(kinds) else PageEvidence()
+    left_out, told = told.unsound, told.sound()
     record = PageRecord(
         sheet=number,
         job_page=seen.job_page,
@@ -57,6 +59,7 @@ def outcome(
         first_line=seen.first_line,
         time_s=seen.last_line_time_s,
         faults=kinds,
+        notes=(LEFT_OUT.format(", ".join(left_out)),) if left_out else (),
         nuisance=dict(told.values),
         evidence=kept,  # type: ignore[arg-type]
     )
@@ -67,7 +70,7 @@ def passed(number: int, seen: SeenPage, why: str, *, name: str | None = None) ->
     """Of a sheet that nobody inspected; why: in one line. name: of the page that it shows or is taken for."""
     if name is None:
         name = f"sheet {number}" if seen.job_page is None else page_name(seen.job_page + 1)
-    return outcome(number, seen, Verdict(page=name, verdict="not-inspected", action="accept", reason=why))
+    return outcome(number, seen, Verdict.passed(name, why))
 
 
 def strange(number: int, seen: SeenPage) -> Outcome:
@@ -89,9 +92,7 @@ def absent(number: int, page: MissingPage, time_s: float, *, name: str | None = 
     record = PageRecord(
         sheet=number,
         job_page=page.job_page,
-        verdict=Verdict(
-            page=name or page_name(page.job_page + 1), verdict="not-inspected", action="accept", reason=reason
-        ),
+        verdict=Verdict.passed(name or page_name(page.job_page + 1), reason),
         late=False,
         first_line=page.faults[0].first_line if page.faults else 0,
         time_s=time_s,
@@ -141,5 +142,5 @@ class RunWatch:
                 said += self.level.excursion(number, name, level, pages_left=left)
         if not said:
             return outcome
-        record = replace(outcome.record, notes=tuple(one.text for one in said))
+        record = replace(outcome.record, notes=(*outcome.record.notes, *(one.text for one in said)))
         return replace(outcome, record=record, announcements=tuple(said))

@@ -6,13 +6,13 @@ people a cut of the scan at each place of a misprint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.comparing.evidence import Evidence
-from prooflight.deciding.calibrated import WRONG_PAGE, CalibratedDetector, shows_another
+from prooflight.deciding.calibrated import CalibratedDetector, score_of, shows_another
 from prooflight.deciding.families import all_said
 from prooflight.deciding.said import stated
 from prooflight.errors import RequestError
@@ -76,8 +76,8 @@ def judged_again(kept: Kept, press: Press, detector_name: str) -> Judgement:
     judge = detector(detector_name, press)
     try:
         if isinstance(judge, CalibratedDetector):
-            score = float(judge.tolerance.score(kept["values"][None], kept["portrait"][None])[0])
-            return judge.judge(max(score, WRONG_PAGE) if kept["wrong_page"] else score)
+            another = bool(kept["wrong_page"])
+            return judge.judge(score_of(judge.tolerance, kept["values"], kept["portrait"], another=another))
         of_blocks = judge.name == "bayes"
         return judge.judge(
             Evidence(
@@ -119,8 +119,8 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
             verdict.page, "was not compared with anything", remedy="choose a page with a score"
         )
     again = judged_again(kept, press, verdict.detector)
-    misprint = again.misprint or bool(kept["wrong_page"])
-    figures = [Figure(name="verdict", recorded=verdict.verdict, again="misprint" if misprint else "good")]
+    again = replace(again, misprint=again.misprint or bool(kept["wrong_page"]))
+    figures = [Figure(name="verdict", recorded=verdict.verdict, again=again.word)]
     figures += [
         Figure(name=name, recorded=getattr(verdict, name), again=getattr(again, name))
         for name in ("score", "threshold", "p_value", "probability")

@@ -69,15 +69,10 @@ def weigh(
         reason = (
             PARTS if kind == WRONG and not another else reason_for(kind, speaking, place, inks, looked.found)
         )
-    costs = press.costs
-    verdict = Verdict(
-        page=page.name,
-        verdict="misprint" if judgement.misprint else "good",
-        action="stop" if judgement.misprint and costs.stopping_pays(judgement.probability) else "accept",
-        probability=judgement.probability,
-        score=judgement.score,
-        threshold=judgement.threshold,
-        p_value=judgement.p_value,
+    verdict = Verdict.judged(
+        page.name,
+        judgement,
+        costs=press.costs,
         kind=kind,
         regions=regions,
         shift_mm=_shift(looked),
@@ -85,7 +80,6 @@ def weigh(
         family=strongest[0][0] if strongest else None,
         reason=reason,
         inks=inks,
-        expected_cost=costs.expected_cents(judgement.probability),
     )
     area = inside(page, press, placement)
     return Inspection(

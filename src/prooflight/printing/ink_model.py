@@ -13,16 +13,18 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 from scipy.spatial import cKDTree
 
 from prooflight.atomic import whole_file
 from prooflight.errors import ChartError
+from prooflight.ink_schema import OF_MODEL, OF_SPREAD, SPREAD, check_inks, check_score
 from prooflight.printing.neighbours import tricube
 from prooflight.printing.reflectance import DARKEST, in_chunks
 from prooflight.printing.selection import AUTO, FOLDS, MODELS, Score, choose, cross_validate, fit_model
+from prooflight.schema import Block, Misfit, checked, part_of
 from prooflight.spectra import BANDS
+from prooflight.tensors import Damaged, Tensors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -138,9 +140,9 @@ class InkModel:
         return in_chunks(of_factor, cmyk, BANDS)
 
     def save(self, path: Path) -> str:
-        """Write to ``path`` whole or not at all; returns the digest of its arrays."""
-        arrays = {f"model.{name}": array for name, array in self.model.arrays().items()}
-        arrays |= {f"spread.{name}": getattr(self.spread, name) for name in ("cmyk", "squared", "reach")}
+        """Write to ``path`` whole or not at all; returns the digest. ChartError: ``load`` would refuse it."""
+        arrays = {OF_MODEL + name: array for name, array in self.model.arrays().items()}
+        arrays |= {OF_SPREAD + name: getattr(self.spread, name) for name in SPREAD}
         arrays = {
             name: np.array(array, dtype=np.float64, order="C") for name, array in sorted(arrays.items())
         }
@@ -152,6 +154,7 @@ class InkModel:
             "score": json.dumps(asdict(self.score)),
             "why": self.why,
         }
+        _check(path, arrays, metadata)
         metadata["digest"] = _digest(arrays, metadata)
         with whole_file(path) as unfinished:
             unfinished.write_bytes(save(arrays, metadata))
@@ -163,35 +166,53 @@ class InkModel:
         if not path.is_file():
             raise ChartError(path, "there is no such file", remedy=f"{_AGAIN} or give the right path")
         arrays, metadata = _read(path)
-        spread = Spread(**{name: arrays[f"spread.{name}"] for name in ("cmyk", "squared", "reach")})
-        own = {
-            name.removeprefix("model."): array for name, array in arrays.items() if name.startswith("model.")
-        }
         return cls(
-            model=MODELS[metadata["model"]].from_arrays(own),
-            spread=spread,
+            model=MODELS[metadata["model"]].from_arrays(part_of(arrays, OF_MODEL)),
+            spread=Spread(**part_of(arrays, OF_SPREAD)),
             score=Score(**json.loads(metadata["score"])),
             why=metadata["why"],
             chart_digest=metadata["chart"],
         )
 
 
+class Texts(Block):
+    """What of a file is no array, but for its kind, schema and digest."""
+
+    model: str
+    chart: str
+    score: str
+    why: str
+
+
 def _read(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    """Arrays and metadata whose kind, schema and digest are right."""
+    """Arrays and metadata whose kind, schema and digest are right, and that make a model."""
     try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = dict(file.metadata() or {})
-            if metadata.get("kind") != KIND:
-                raise ChartError(path, "this is no ink model", remedy=_AGAIN)
-            if metadata.get("schema") != str(SCHEMA):
-                what = f"schema {metadata.get('schema')} of the ink model, this program reads {SCHEMA}"
-                raise ChartError(path, what, remedy=_AGAIN)
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  it is no mapping
-    except (SafetensorError, OSError) as error:
-        raise ChartError(path, f"the ink model is damaged ({error})", remedy=_AGAIN) from None
-    if metadata.get("digest") != _digest(arrays, metadata) or metadata.get("model") not in MODELS:
+        file = Tensors(path)
+        metadata = file.texts
+        if metadata.get("kind") != KIND:
+            raise ChartError(path, "this is no ink model", remedy=_AGAIN)
+        if metadata.get("schema") != str(SCHEMA):
+            what = f"schema {metadata.get('schema')} of the ink model, this program reads {SCHEMA}"
+            raise ChartError(path, what, remedy=_AGAIN)
+        arrays = file.arrays()
+    except Damaged as error:
+        raise ChartError(path, "the ink model is damaged, or this is none", remedy=_AGAIN) from error
+    except Misfit as error:
+        raise ChartError(path, f"the ink model is damaged: {error}", remedy=_AGAIN) from error
+    if metadata.get("digest") != _digest(arrays, metadata):
         raise ChartError(path, "the ink model is damaged (its digest differs)", remedy=_AGAIN)
+    _check(path, arrays, metadata)
     return arrays, metadata
+
+
+def _check(path: Path, arrays: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, str]) -> None:
+    """ChartError, with the field's name, unless these are an ink model."""
+    try:
+        texts = checked(Texts, {name: metadata.get(name) for name in Texts.model_fields})
+        check_score(texts.score)
+        check_inks(texts.model, arrays, spread=True)
+    except Misfit as error:
+        raise ChartError(path, f"the ink model cannot be used: {error}", remedy=_AGAIN) from error
 
 
 def _digest(arrays: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, str]) -> str:

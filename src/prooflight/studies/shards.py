@@ -2,15 +2,20 @@
 
 A study is a list of pieces, each small and picklable, and work that makes arrays of rows of a piece. Results lie in
 ``folder/<digest>/``, one file a piece, named by its ``repr``: a study that is given more pieces makes only those. The
-digest is of everything else that the results depend on.
+digest is of everything else that the results depend on. What is damaged is made again, and said.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import logging
+import math
+import struct
 import time
 import zipfile
+import zlib
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +38,9 @@ Piece = TypeVar("Piece")
 PieceIn = TypeVar("PieceIn", contravariant=True)
 
 
+_log = logging.getLogger(__name__)
+MOST_BYTES: Final = 1 << 30
+"""Of one piece's columns, unpacked; assumed: those of ours take some megabytes."""
 SPENT: Final = "seconds spent"
 """A piece's time by the clock, kept beside its rows."""
 
@@ -77,10 +85,9 @@ def run_pieces(
         progress(done, len(pieces))
     columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
     for path in paths:
-        with np.load(path, allow_pickle=False) as arrays:
-            for name in arrays.files:
-                if name != SPENT:
-                    columns[name].append(arrays[name])
+        for name, column in _kept(path).items():
+            if name != SPENT:
+                columns[name].append(column)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
@@ -91,8 +98,7 @@ def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
     """
     seconds = 0.0
     for path in _paths(pieces, folder, digest):
-        with np.load(path, allow_pickle=False) as arrays:
-            seconds += float(arrays[SPENT]) if SPENT in arrays.files else 0.0
+        seconds += float(_kept(path).get(SPENT, 0.0))
     return seconds / 60
 
 
@@ -126,8 +132,50 @@ def _keep(path: Path, rows: Rows) -> None:
 
 
 def _whole(path: Path) -> bool:
-    try:
-        with zipfile.ZipFile(path) as file:
-            return file.testzip() is None
-    except (OSError, zipfile.BadZipFile):
+    """Whether a piece's rows are there; a file that holds none is said to be damaged."""
+    if not path.exists():
         return False
+    try:
+        return bool(_kept(path))
+    except _DAMAGE:
+        _log.warning("%s is damaged and is made again", path)
+        return False
+
+
+_END: Final = struct.Struct("<4s4H2LH")
+"""APPNOTE.TXT of PKWARE, section 4.3.16; the fifth: members in all."""
+_DAMAGE: Final = (
+    *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
+    *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
+)
+"""What reading a damaged archive of arrays raises."""
+
+
+def _kept(path: Path) -> Rows:
+    """Arrays of a piece, as ``_keep`` wrote them; one of ``_DAMAGE`` where they cannot be what it wrote."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) != _members_stated(path) or not members:
+            raise ValueError("it does not hold as many columns as it states")
+        if sum(member.file_size for member in members) > MOST_BYTES:
+            raise ValueError("its columns are too large to be ours")
+        return {member.filename.removesuffix(".npy"): _column(archive, member) for member in members}
+
+
+def _members_stated(path: Path) -> int:
+    """By the last bytes of an archive without a comment; Python's reader does not look."""
+    with path.open("rb") as file:
+        file.seek(-_END.size, io.SEEK_END)
+        return int(_END.unpack(file.read())[4])
+
+
+def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """One array, whose header must agree with the archive about its size before memory is taken."""
+    with archive.open(member) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{member.filename} is no array of ours")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize + file.tell() != member.file_size:
+            raise ValueError(f"{member.filename} is not of the size that it states")
+    with archive.open(member) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)

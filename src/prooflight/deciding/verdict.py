@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping  # the journal reads verdicts by their annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from prooflight.comparing.evidence import Evidence
 
 Word = Literal["good", "misprint", "not-inspected"]

@@ -78,19 +78,18 @@ def why(error: BaseException) -> str:
     return (str(said) or type(said).__name__).splitlines()[0].lower()
 
 
-def look(path: Path, *, read_only: bool) -> None:
-    """Refuse what is no journal and leave it as it is: JournalError. Where one is to be read there must be one."""
+def look(path: Path, *, read_only: bool) -> bool:
+    """Refuse what is no journal and leave it as it is; whether there is one. JournalError."""
     found = _status(path)
     log = _beside(path, "-wal")
-    if found is None and read_only:
-        raise JournalError(path, "there is no journal", remedy=f"`prooflight watch` writes one, or {ANOTHER}")
-    if (found is None or not found.st_size) and _size(log):
-        what = (
-            f"is gone, but its log {log.name} is there with what was written last"  # SQLite would remove it
-        )
+    if (found is None or not found.st_size) and _size(log):  # SQLite would remove the log
+        what = f"is gone, but its log {log.name} is there with what was written last"
         raise JournalError(path, what, remedy="put the journal back, or move its log away")
+    if found is None and not read_only:
+        return False
+    missing = f"`prooflight watch` writes one, or {ANOTHER}"
     if found is None:
-        return
+        raise JournalError(path, "there is no journal", remedy=missing)
     sides = [side for suffix in ("-wal", "-journal") if _size(side := _beside(path, suffix))]
     try:
         empty = _is_empty(path, path)
@@ -105,13 +104,14 @@ def look(path: Path, *, read_only: bool) -> None:
         with _told(path):
             raise trouble
     if empty and read_only:
-        raise JournalError(path, "holds no journal", remedy=f"`prooflight watch` writes one, or {ANOTHER}")
+        raise JournalError(path, "holds no journal", remedy=missing)
+    return not empty
 
 
 def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
-    """An engine on the file of a journal, which ``look`` let pass; made if there is none. JournalError."""
+    """An engine on the file of a journal; made if there is none. JournalError."""
     with _told(path):
-        if not read_only and not _size(path):
+        if not look(path, read_only=read_only):
             _create(path, version)
         mode = _reading_mode(path) if read_only else "mode=rw"
         engine = _engine(path, mode)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sqlalchemy import event
+from tests.inspecting.journals import facts, files_of, limit, record
 
 from prooflight.deciding.verdict import Ink, Region, Verdict
 from prooflight.inspecting.journal import (
@@ -22,45 +22,14 @@ from prooflight.inspecting.journal import (
     PageRecord,
     Retention,
     RunEnd,
-    RunFacts,
     content_digest,
     default_journal,
 )
 from prooflight.inspecting.journaling import lock, packs
 from prooflight.inspecting.journaling.queue import JournalQueue
+from prooflight.inspecting.journaling.unclaimed import unclaimed_folder
 
 DAY_S = 86_400.0
-
-
-def facts(**changes: Any) -> RunFacts:
-    told = RunFacts(
-        job="job.pdf",
-        job_digest="j" * 64,
-        press="rig",
-        press_digest="p" * 64,
-        detector="ours",
-        source="drum:5",
-        started_s=1000.0,
-        sheets=100,
-        settings={"seed": 3},
-    )
-    return replace(told, **changes)
-
-
-def record(sheet: int, *, score: float = 0.5, kept: bool = True, **changes: Any) -> PageRecord:
-    verdict = Verdict(page=f"p{sheet:04}", verdict="good", action="accept", score=score, threshold=1.0)
-    arrays = {"values": np.full(50, sheet, np.float32), "wrong_page": np.array(False)}
-    told = PageRecord(
-        sheet=sheet,
-        job_page=sheet,
-        verdict=verdict,
-        late=False,
-        first_line=3000 * sheet,
-        time_s=0.2 * sheet,
-        evidence=arrays if kept else None,
-    )
-    return replace(told, **changes)
-
 
 FULL = Verdict(
     page="p0007",
@@ -88,10 +57,6 @@ FULL = Verdict(
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.sqlite"
-
-
-def files_of(path: Path) -> list[Path]:
-    return sorted(file for file in packs.evidence_folder(path).rglob("*") if file.is_file())
 
 
 # --- what goes in comes out ---
@@ -266,7 +231,8 @@ def test_what_is_no_journal_is_refused_and_left_alone(path: Path, content: bytes
     for read_only in (False, True):
         with pytest.raises(JournalError, match="journal"):
             Journal.open(str(path), read_only=read_only)
-    assert path.read_bytes()[100:] == before[100:]  # a database's header may count its openings
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
 
 
 @pytest.mark.parametrize(
@@ -306,7 +272,7 @@ def test_the_default_lies_in_the_users_data(monkeypatch: pytest.MonkeyPatch, tmp
 # --- evidence ---
 
 
-def test_what_a_writer_left_that_died_before_its_rows_is_removed(path: Path) -> None:
+def test_what_a_writer_left_that_died_before_its_rows_is_put_aside(path: Path) -> None:
     with Journal.open(str(path)) as journal:
         run = journal.begin_run(facts())
         journal.record(run, record(1))
@@ -315,9 +281,14 @@ def test_what_a_writer_left_that_died_before_its_rows_is_removed(path: Path) -> 
         packs.write_pack(kept.with_name("orphan.npz"), {2: {"values": np.zeros(3)}})
         kept.with_name(".half.npz.part").write_bytes(b"x")
     with Journal.open(str(path), read_only=True):
-        assert len(files_of(path)) == 3  # who only reads removes nothing
-    with Journal.open(str(path)) as journal:
+        assert len(files_of(path)) == 3  # who only reads moves nothing
+    said: list[str] = []
+    with Journal.open(str(path), announce=said.append) as journal:
         assert files_of(path) == [kept]
+        aside = unclaimed_folder(path)
+        assert {file.name for file in aside.rglob("*") if file.is_file()} == {"orphan.npz", ".half.npz.part"}
+        assert len(said) == 1
+        assert f"2 files (0.0 MB) that no page of the journal names went to {aside}" in said[0]
         assert journal.page(run, 1).evidence is not None
 
 
@@ -335,15 +306,6 @@ def test_evidence_that_is_gone_or_damaged(path: Path) -> None:
 
 
 # --- a disk that is full ---
-
-
-def limit(journal: Journal, pages: int) -> None:
-    """As if the disk had room for so many more of the database's pages."""
-    with journal._engine.begin() as connection:
-        now = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
-    journal._engine.dispose()
-    at = now + pages if pages else 1 << 30
-    event.listen(journal._engine, "connect", lambda raw, _: raw.execute(f"PRAGMA max_page_count = {at}"))
 
 
 def test_a_full_disk_is_announced_once_and_nothing_is_lost_when_space_is_back(path: Path) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from prooflight.deciding.verdict import Verdict
 from prooflight.inspecting.journal import Journal, PageRecord, RunFacts
 from prooflight.inspecting.journaling import packs
+from prooflight.inspecting.journaling.unclaimed import unclaimed_folder
 
 KILLS = 20
 SEED = 9
@@ -119,6 +120,10 @@ def check(path: Path, acknowledged: int, *, whole: bool) -> dict[str, Any]:
         if file.is_file() and file.relative_to(folder).as_posix() not in named
     ):
         wrong.append("strangers were left")
+    aside = unclaimed_folder(path)
+    kept = {file.relative_to(aside).as_posix() for file in aside.rglob("*") if file.is_file()}
+    if files - named - kept:
+        wrong.append("a stranger was removed")
     return found | {"wrong": wrong}
 
 

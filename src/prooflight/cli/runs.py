@@ -16,6 +16,7 @@ from rich.text import Text
 
 from prooflight.atomic import whole_file
 from prooflight.cli import show
+from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.errors import PressError, RequestError
 from prooflight.inspecting.journal import Journal, Retention, default_journal
 from prooflight.inspecting.journaling.exporting import page_facts, run_facts, write_csv
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from typing import TextIO
 
-    from prooflight.inspecting.journal import PageRecord, RunRow
+    from prooflight.inspecting.journal import JournalError, PageRecord, RunRow
 
+DAMAGED_SHOWN = 5
+"""So many damaged rows are named; the rest are counted."""
 DIFFERS = 1
 """Exit code of ``run replay`` where a figure does not come out again."""
 STATE_STYLE = {
@@ -67,12 +70,18 @@ def runs(
     json: Json = False,
 ) -> None:
     """All runs in the journal, oldest first."""
+    damaged = Damaged()
     with _reading(journal) as opened:
-        found = opened.runs()[-last if last else 0 :]
+        found = opened.runs(damaged=damaged.add)[-last if last else 0 :]
         path = opened.path
     if json:
         show.print_json([run_facts(run) for run in found])
-        return
+    else:
+        show.people.print(_runs_table(found, path))
+    damaged.told()
+
+
+def _runs_table(found: list[RunRow], path: Path) -> Table:
     table = Table(title=f"Runs in {path}", title_justify="left")
     for heading in ("run", "began", "state", "job"):
         table.add_column(
@@ -91,7 +100,7 @@ def runs(
             f"{run.pages:,}",
             *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
         )
-    show.people.print(table)
+    return table
 
 
 @app.command("show")
@@ -106,29 +115,32 @@ def show_run(
     json: Json = False,
 ) -> None:
     """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
+    damaged = Damaged()
     with _reading(journal) as opened:
         found = _run(opened, run)
-        if json:
-            show.print_json([page_facts(page) for page in opened.pages(found.id)])
-            return
-        if csv:
-            write_csv(opened.pages(found.id), sys.stdout)
+        if json or csv:
+            pages = opened.pages(found.id, damaged=damaged.add)
+            if json:
+                show.print_json([page_facts(page) for page in pages])
+            else:
+                write_csv(pages, sys.stdout)
+            damaged.told()
             return
         total = 0
-        shown: deque[PageRecord] = deque(maxlen=last)
-        for page in opened.pages(found.id, passed=every):
+        shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
+        for page in opened.pages(found.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
     show.people.print(_facts_table(found))
-    if not total:
+    if total:
+        show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
+    elif not damaged.count:
         show.people.print("Every page was good, in time and without a fault." if found.pages else "No pages.")
-        return
-    title = "All pages" if every else "Pages to look at"
-    show.people.print(_page_table(shown, title=title))
     if total > len(shown):
         show.people.print(
             f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
         )
+    damaged.told()
 
 
 @app.command()
@@ -144,13 +156,15 @@ def export(
     """All pages of one run as CSV or JSON."""
     if csv and json:
         raise RequestError("run export", "is asked for CSV and for JSON", remedy="choose one")
+    damaged = Damaged()
     with _reading(journal) as opened:
-        pages = opened.pages(_run(opened, run).id)
+        pages = opened.pages(_run(opened, run).id, damaged=damaged.add)
         if out is None:
             _write(pages, sys.stdout, json=json)
-            return
-        with whole_file(out) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
-            _write(pages, file, json=json)
+        else:
+            with whole_file(out) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
+                _write(pages, file, json=json)
+    damaged.told()
 
 
 @app.command()
@@ -207,19 +221,69 @@ def tidy(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Remove what is older or larger than wanted; the last run stays."""
-    with Journal.open(_url(journal)) as opened:
-        before = opened.runs()
-        opened.tidy(Retention(days=days, megabytes=megabytes), now_s=time.time())
-        after = opened.runs()
-        size = opened.megabytes
-    removed = {run.id for run in before} - {run.id for run in after}
+    """Remove what is older or larger than wanted; the last run stays. Exits 2 if something had to stay."""
+    try:
+        retention = Retention(days=days, megabytes=megabytes)
+    except ValueError as error:
+        raise RequestError("run tidy", str(error), remedy="give a number of days or of megabytes") from error
+    said: list[str] = []
+    with Journal.open(_url(journal), announce=said.append) as opened:
+        tidied = opened.tidy(retention, now_s=time.time())
+        left, size = opened.runs(damaged=lambda _: None), opened.megabytes
+        trouble, aside = opened.health.trouble, opened.unclaimed
+    assert aside is not None
     if json:
-        show.print_json({"removed_runs": sorted(removed), "runs": len(after), "megabytes": round(size, 3)})
-    else:
-        show.people.print(
-            f"{count(len(removed), 'run')} removed; {count(len(after), 'run')}, {size:.1f} MB left"
+        show.print_json(
+            {
+                "removed_runs": tidied.runs,
+                "removed_evidence": tidied.packs,
+                "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
+                "refused": tidied.refused,
+                "put_aside": aside.moved,
+                "put_aside_megabytes": round(aside.moved_bytes / 1e6, 3),
+                "put_aside_in": str(aside.aside),
+                "taken_back": aside.taken_back,
+                "left_among_evidence": aside.left,
+                "runs": len(left),
+                "megabytes": round(size, 3),
+            }
         )
+    else:
+        evidence = f"{count(tidied.packs, 'file')} of evidence ({tidied.pack_bytes / 1e6:.1f} MB)"
+        show.people.print(
+            f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
+        )
+    for line in (*said, *tidied.refused):
+        _tell(line)
+    if tidied.refused or trouble is not None:
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+class Damaged:
+    """Rows that cannot be read: the others are shown first, then these are named, and the command exits 2."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._first: list[JournalError] = []
+
+    def add(self, error: JournalError) -> None:
+        """One more."""
+        self.count += 1
+        if len(self._first) < DAMAGED_SHOWN:
+            self._first.append(error)
+
+    def told(self) -> None:
+        """Name them and exit, if there are any."""
+        for error in self._first:
+            _tell(str(error))
+        if more := self.count - len(self._first):
+            _tell(f"{count(more, 'more row')} cannot be read")
+        if self.count:
+            raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _tell(line: str) -> None:
+    show.errors.print(f"prooflight: {line}", markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
@@ -233,11 +297,14 @@ def _url(journal: str | None) -> str:
 
 
 def _run(journal: Journal, number: str) -> RunRow:
-    if number.isdecimal():
-        return journal.run(int(number))
-    if number != "last":
-        raise RequestError("run", f"{number!r} is no number", remedy="see `prooflight runs`, or say `last`")
-    return journal.last_run()
+    if number == "last":
+        return journal.last_run()
+    try:
+        run_id = int(number)
+    except ValueError as error:
+        what = f"{number!r} is no number"
+        raise RequestError("run", what, remedy="see `prooflight runs`, or say `last`") from error
+    return journal.run(run_id)
 
 
 def _write(pages: Iterable[PageRecord], file: TextIO, *, json: bool) -> None:

@@ -7,12 +7,11 @@ page good (``Verdict.judged``).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping  # the journal reads verdicts by their annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from prooflight.comparing.evidence import Evidence
     from prooflight.deciding.cost import RunningCosts
 

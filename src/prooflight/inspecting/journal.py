@@ -1,8 +1,8 @@
 """The journal of a press: one row a page, durable when ``commit`` says so, evidence in files beside it.
 
 Order of a commit: evidence into a pack (``journaling.packs``), flushed to the disk; then one transaction with the rows
-that name it. Whoever dies between the two leaves a pack that no row names, and the next writer removes it. One
-process writes at a time; any number read meanwhile.
+that name it. Whoever dies between the two leaves a pack that no row names, and the next writer puts it aside
+(``journaling.unclaimed``). Opening a journal removes nothing. One process writes at a time; any number read meanwhile.
 """
 
 from __future__ import annotations
@@ -10,14 +10,25 @@ from __future__ import annotations
 import hashlib
 import logging
 import threading
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from sqlalchemy import delete, exists, func, select
 from sqlalchemy.exc import DBAPIError
 
 from prooflight import __version__
-from prooflight.inspecting.journaling import packs, rows
+from prooflight.inspecting.journaling import rows
+from prooflight.inspecting.journaling.aside import Refusals, aside_file
+from prooflight.inspecting.journaling.columns import complaint
 from prooflight.inspecting.journaling.lock import WriterLock
+from prooflight.inspecting.journaling.opening import (
+    ANOTHER,
+    default_journal,
+    journal_path,
+    look,
+    open_database,
+    why,
+    writing,
+)
 from prooflight.inspecting.journaling.queue import JournalQueue
 from prooflight.inspecting.journaling.reading import JournalReader
 from prooflight.inspecting.journaling.records import (
@@ -27,27 +38,24 @@ from prooflight.inspecting.journaling.records import (
     RunEnd,
     RunFacts,
     RunRow,
+    Tidied,
 )
 from prooflight.inspecting.journaling.retention import tidy
 from prooflight.inspecting.journaling.schema import (
     JournalError,
-    default_journal,
-    journal_path,
-    open_database,
     packs_table,
     pages_table,
     runs_table,
-    writing,
+    stored_packs,
 )
+from prooflight.inspecting.journaling.unclaimed import Unclaimed, put_aside
+from prooflight.inspecting.journaling.writing import write
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from pathlib import Path
 
-    from numpy.typing import NDArray
     from sqlalchemy import Engine
-
-    from prooflight.inspecting.journaling.queue import Batch
 
 __all__ = [
     "Journal",
@@ -58,6 +66,8 @@ __all__ = [
     "RunEnd",
     "RunFacts",
     "RunRow",
+    "Tidied",
+    "Unclaimed",
     "content_digest",
     "default_journal",
 ]
@@ -76,9 +86,12 @@ class Journal(JournalReader):
         self._writer = writing(engine)
         self._lock, self._announce = lock, announce
         self._queue = JournalQueue()
+        self._refusals = Refusals(path, announce)
         self._writing = threading.Lock()
         self._trouble: str | None = None
         self._last_run = 0
+        self.unclaimed: Unclaimed | None = None
+        """What opening it for writing put aside."""
 
     @classmethod
     def open(
@@ -86,10 +99,11 @@ class Journal(JournalReader):
     ) -> Self:
         """Open a journal by URL (sqlite:///FILE) or file, and make it if there is none.
 
-        announce: told once when the journal can no longer write, and once when it can again. JournalError: it is no
-        journal, of another schema, or another process writes it.
+        announce: told once when the journal can no longer write, and once when it can again; what was put aside; and
+        what could not be recorded. JournalError: it is no journal, of another schema, or another process writes it.
         """
         path = journal_path(url)
+        look(path, read_only=read_only)
         lock = None if read_only else WriterLock.take(path)
         try:
             engine = open_database(path, read_only=read_only, version=__version__)
@@ -109,33 +123,45 @@ class Journal(JournalReader):
         self.close()
 
     def close(self) -> None:
-        """Commit what waits and let another process write."""
-        if self._lock is not None:
+        """Commit what waits, say what is not recorded, and let another process write."""
+        if self._lock is None:
+            self._engine.dispose()
+            return
+        try:
             self.commit()
-        self._engine.dispose()
-        if self._lock is not None:
+            if lost := self.health.unrecorded:
+                self._announce(
+                    f"{self.path}: {lost} of the pages that were told are not recorded{self._aside()}"
+                )
+        finally:
+            self._engine.dispose()
             self._lock.release()
             self._lock = None
 
     # --- writing ---
 
     def begin_run(self, facts: RunFacts) -> int:
-        """A new run; returns its number, even while the journal cannot write."""
+        """A new run; returns its number, even while the journal cannot write. JournalError: no row can hold it."""
         with self._writing:
-            self._last_run += 1
-            run_id = self._last_run
+            run_id = self._last_run + 1
+            try:
+                rows.run_row(run_id, facts)
+            except (ValueError, TypeError) as error:
+                what = f"run {run_id} cannot be recorded ({complaint(error)})"
+                raise JournalError(self.path, what, remedy=ANOTHER) from error
+            self._last_run = run_id
         self._queue.begin(run_id, facts)
         self.commit()
         return run_id
 
     def unfinished_run(self, facts: RunFacts) -> int | None:
         """The latest run, if it has no end and is of the same job, press and detector: one to go on with."""
-        query = select(runs_table).order_by(runs_table.c.id.desc()).limit(1)
-        with self._engine.begin() as connection:
-            row = connection.execute(query).first()
-        if row is None or row.ended_s is not None:
+        last_id = self._last_run_id()
+        if last_id is None:
             return None
-        return row.id if all(getattr(row, name) == getattr(facts, name) for name in _SAME_RUN) else None
+        last = self.run(last_id)
+        same = all(getattr(last.facts, name) == getattr(facts, name) for name in _SAME_RUN)
+        return last.id if last.end is None and same else None
 
     def record(self, run_id: int, page: PageRecord) -> None:
         """Queue one page; never waits for the disk. A sheet recorded again replaces what was there."""
@@ -147,14 +173,17 @@ class Journal(JournalReader):
         self.commit()
 
     def commit(self) -> bool:
-        """Make all that is queued durable; False: it cannot be now, stays queued, and was announced once."""
+        """Make all that is queued durable; False: it cannot be now, stays queued, and was announced once.
+
+        What no row can ever hold is set aside and does not keep the rest.
+        """
         with self._writing:
             while not (batch := self._queue.take()).empty:
                 try:
-                    self._write(batch)
+                    write(self._writer, self._folder, batch, self._refusals)
                 except BaseException as error:
                     self._queue.put_back(batch)
-                    if not isinstance(error, DBAPIError | OSError):
+                    if not isinstance(error, Exception):
                         raise
                     self._cannot_write(error)
                     return False
@@ -169,59 +198,46 @@ class Journal(JournalReader):
             trouble=self._trouble,
             waiting=self._queue.waiting,
             dropped_pages=self._queue.dropped_pages,
-            dropped_evidence=self._queue.dropped_evidence,
+            dropped_evidence=self._queue.dropped_evidence + self._refusals.evidence,
+            set_aside=self._refusals.pages,
         )
 
-    def tidy(self, retention: Retention, *, now_s: float) -> None:
+    def tidy(self, retention: Retention, *, now_s: float) -> Tidied:
         """Remove runs that ended too long ago, then the oldest evidence, then the oldest runs; commits go on between.
 
-        now_s: Unix time.
+        Returns what it did, also where it had to stop; ``health`` says whether it had to. now_s: Unix time.
         """
-        steps = tidy(self._writer, self._folder, retention, now_s=now_s)
-        done = object()
+        tidied, done = Tidied(), object()
+        steps = tidy(self._writer, self._folder, retention, tidied, now_s=now_s)
         while True:
             with self._writing:
                 try:
                     if next(steps, done) is done:
-                        return
+                        return tidied
                 except (DBAPIError, OSError) as error:
                     self._cannot_write(error)
-                    return
+                    return tidied
 
     # --- inside ---
 
     def _take_over(self) -> None:
-        """Remove what a writer left that died, or replaced; go on after its last run."""
+        """Go on after the last run; put aside what a writer left that died, or replaced. Nothing is removed."""
         in_use = exists().where(pages_table.c.pack_id == packs_table.c.id)
-        with self._writer.begin() as connection:
+        with self._asked("runs and evidence"), self._writer.begin() as connection:
             self._last_run = connection.execute(select(func.max(runs_table.c.id))).scalar() or 0
             connection.execute(delete(packs_table).where(~in_use))
-            named = set(connection.execute(select(packs_table.c.file)).scalars())
-        packs.remove_strangers(self._folder, named)
-
-    def _write(self, batch: Batch) -> None:
-        """Evidence, one pack a run, then rows; leaves nothing of a batch that cannot be written."""
-        of_runs: dict[int, dict[int, Mapping[str, NDArray[Any]]]] = {}
-        for run_id, page in batch.pages:
-            if page.evidence:
-                of_runs.setdefault(run_id, {})[page.sheet] = page.evidence
-        written = {}
-        try:
-            for run_id, pages in of_runs.items():
-                file = packs.pack_name(run_id, min(pages))
-                written[run_id] = (file, packs.write_pack(self._folder / file, pages))
-            with self._writer.begin() as connection:
-                rows.write_rows(connection, batch, written)
-        except BaseException:
-            for file, _ in written.values():
-                (self._folder / file).unlink(missing_ok=True)
-            raise
+            named = set(connection.execute(select(stored_packs.c.file)).scalars())
+        self.unclaimed = put_aside(self.path, named)
+        for line in self.unclaimed.told:
+            self._announce(line)
 
     def _cannot_write(self, error: Exception) -> None:
-        why = str(getattr(error, "orig", None) or getattr(error, "strerror", None) or error).lower()
-        if self._trouble is None:
-            self._announce(f"{self.path}: the journal cannot write ({why}); inspection goes on, pages wait")
-        self._trouble = why
+        before, self._trouble = self._trouble, why(error)
+        if not isinstance(error, DBAPIError | OSError):
+            _log.error("the journal", exc_info=error)
+        if before is None:
+            said = f"the journal cannot write ({self._trouble})"
+            self._announce(f"{self.path}: {said}; inspection goes on, pages wait")
 
     def _can_write(self) -> None:
         if self._trouble is not None:
@@ -230,13 +246,18 @@ class Journal(JournalReader):
             self._announce(f"{self.path}: the journal writes again; {lost}")
         self._trouble = None
 
+    def _aside(self) -> str:
+        kept = self.health.set_aside
+        return f"; {kept} of them are in {aside_file(self.path).name}" if kept else ""
+
 
 def content_digest(path: Path) -> str:
     """SHA-256 of a file, or of all files in a folder with their names."""
     sha = hashlib.sha256()
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
     for file in files:
-        sha.update(f"{file.relative_to(path).as_posix()} {file.stat().st_size}\n".encode())
+        named = f"{file.relative_to(path).as_posix()} {file.stat().st_size}\n"
+        sha.update(named.encode("utf-8", "surrogateescape"))
         with file.open("rb") as content:
             while piece := content.read(1 << 20):
                 sha.update(piece)

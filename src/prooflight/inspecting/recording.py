@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from dataclasses import asdict
@@ -15,13 +16,15 @@ if TYPE_CHECKING:
     from prooflight.inspecting.journaling.records import Ending
     from prooflight.inspecting.status import Status
 
+_log = logging.getLogger(__name__)
+
 COMMIT_S: Final = 0.5
 COMMIT_PAGES: Final = 64
 """What is recorded is durable after half a second or 64 pages."""
 
 
 class Recorder:
-    """Writes one run of a journal; use it as a context."""
+    """Writes one run of a journal; use it as a context. What then is ``unrecorded`` never will be by this process."""
 
     def __init__(self, journal: Journal, run_id: int) -> None:
         self.journal, self.run_id = journal, run_id
@@ -42,8 +45,12 @@ class Recorder:
     @property
     def durable(self) -> int:
         """Pages that are on the disk."""
-        health = self.journal.health
-        return max(self._recorded - health.waiting - health.dropped_pages, 0)
+        return max(self._recorded - self.unrecorded, 0)
+
+    @property
+    def unrecorded(self) -> int:
+        """Pages that are not in the journal, once it is closed for good: they wait, were dropped, or no row can hold them."""
+        return self.journal.health.unrecorded
 
     def record(self, page: PageRecord) -> None:
         """Queue a page; never waits."""
@@ -51,12 +58,6 @@ class Recorder:
         self._recorded += 1
         if self._recorded % COMMIT_PAGES == 0:
             self._due.set()
-
-    @property
-    def unrecorded(self) -> int:
-        """Pages that are not on the disk; once the journal is closed, those that never will be."""
-        health = self.journal.health
-        return health.waiting + health.dropped_pages
 
     def end(self, status: Status, *, stopped: bool, detail: str = "") -> None:
         """The run is over; stopped: by a person, before the source ended. detail: what it lacks.
@@ -66,11 +67,16 @@ class Recorder:
         broke_off = status.phase is Phase.FAULT or (status.to_come > 0 and not stopped)
         ending: Ending = "fault" if broke_off else "stopped" if stopped else "finished"
         said = "; ".join(filter(None, (status.detail, detail)))
-        end = RunEnd(ended_s=time.time(), ending=ending, detail=said, counts=asdict(status))
+        self.journal.commit()
+        counts = asdict(status) | {"journalled": self.durable}
+        end = RunEnd(ended_s=time.time(), ending=ending, detail=said, counts=counts)
         self.journal.end_run(self.run_id, end)
 
     def _commit_all(self) -> None:
         while not self._ended.is_set():
             self._due.wait(COMMIT_S)
             self._due.clear()
-            self.journal.commit()
+            try:
+                self.journal.commit()
+            except Exception:  # whatever it is, pages that come must be written
+                _log.exception("the journal %s", self.journal.path)

@@ -6,12 +6,12 @@ people a cut of the scan at each place of a misprint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.comparing.evidence import Evidence
+from prooflight.comparing.evidence import Evidence, interval_shares
 from prooflight.deciding.calibrated import CalibratedDetector, score_of, shows_another
 from prooflight.deciding.families import all_said
 from prooflight.deciding.said import stated
@@ -36,6 +36,8 @@ CUTS: Final = 3
 CUT_PIXELS: Final = 256
 """Longest side of such a cut, 27 mm at the prototype's pitch."""
 MARGIN_MM: Final = 2.0
+MOST_COUNT: Final = 2**40
+"""Pixels of one tile, far beyond any."""
 ROUNDING: Final = 1e-9
 """Relative; other processors add in another order."""
 
@@ -72,25 +74,69 @@ def kept_evidence(
 
 
 def judged_again(kept: Kept, press: Press, detector_name: str) -> Judgement:
-    """The judgement that this evidence led to; RequestError if it is of another detector."""
+    """The judgement that this evidence led to; RequestError if it is of another detector, or of no page at all."""
     judge = detector(detector_name, press)
-    try:
+    held = _Held(kept, detector_name)
+    sensors = len(press.sensors)
+    with np.errstate(all="ignore"):  # what comes of odd numbers is looked at below
         if isinstance(judge, CalibratedDetector):
-            another = bool(kept["wrong_page"])
-            return judge.judge(score_of(judge.tolerance, kept["values"], kept["portrait"], another=another))
-        of_blocks = judge.name == "bayes"
-        return judge.judge(
-            Evidence(
-                tile_histogram=np.zeros((0,) * 4, np.int64)
-                if of_blocks
-                else kept["tile_histogram"].astype(np.int64),
-                naive_histogram=np.zeros((0, 0), np.int64),
-                block_z=kept["block_z"] if of_blocks else np.zeros((0,) * 3, np.float32),
-            )
+            tolerance = judge.tolerance
+            values = held.array("values", "fiu", (len(tolerance.names),))
+            portrait = held.array("portrait", "f", tolerance.centre.shape[1:], finite=True)
+            again = judge.judge(score_of(tolerance, values, portrait, another=held.wrong_page))
+        elif judge.name == "bayes":
+            blocks = held.array("block_z", "f", (sensors, None, None), finite=True)
+            again = judge.judge(_evidence(block_z=blocks))
+        else:
+            counts = held.array("tile_histogram", "ui", (sensors, None, None, interval_shares().size))
+            if int(counts.min()) < 0 or float(counts.max()) >= MOST_COUNT or not counts.any(axis=3).all():
+                raise held.refusal("'tile_histogram' holds what are no counts of pixels")
+            again = judge.judge(_evidence(tile_histogram=counts.astype(np.int64)))
+    if np.isnan(again.score):
+        raise held.refusal("it gives no score")
+    return again
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """Kept evidence, of which every array is checked before a detector sees it."""
+
+    kept: Kept
+    detector: str
+
+    @property
+    def wrong_page(self) -> bool:
+        """Whether the scan showed another page."""
+        return bool(self.array("wrong_page", "b", ()))
+
+    def array(
+        self, name: str, kinds: str, shape: tuple[int | None, ...], *, finite: bool = False
+    ) -> NDArray[Any]:
+        """One array; kinds of its numbers, its shape, None where any size above 0 will do. RequestError."""
+        if name not in self.kept:
+            raise self.refusal(f"does not hold {name!r}")
+        array = np.asarray(self.kept[name])
+        fits = len(array.shape) == len(shape) and all(
+            size == wanted or (wanted is None and size)
+            for size, wanted in zip(array.shape, shape, strict=True)
         )
-    except KeyError as error:
-        what = f"does not hold {error.args[0]!r}, which {detector_name} looks at"
-        raise RequestError("evidence", what, remedy="only what the run kept can be replayed") from error
+        if not fits or array.dtype.kind not in kinds or (finite and not np.isfinite(array).all()):
+            raise self.refusal(f"holds {name!r} of {array.dtype} {array.shape} that cannot be of its page")
+        return array
+
+    def refusal(self, what: str) -> RequestError:
+        """Says why the evidence cannot be judged."""
+        what = f"{what}, which {self.detector} looks at"
+        return RequestError("evidence", what, remedy="only what the run kept can be replayed")
+
+
+def _evidence(**given: NDArray[Any]) -> Evidence:
+    nothing: dict[str, NDArray[Any]] = {
+        "tile_histogram": np.zeros((0,) * 4, np.int64),
+        "naive_histogram": np.zeros((0, 0), np.int64),
+        "block_z": np.zeros((0,) * 3, np.float32),
+    }
+    return Evidence(**nothing | given)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +165,8 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
             verdict.page, "was not compared with anything", remedy="choose a page with a score"
         )
     again = judged_again(kept, press, verdict.detector)
-    again = replace(again, misprint=again.misprint or bool(kept["wrong_page"]))
-    figures = [Figure(name="verdict", recorded=verdict.verdict, again=again.word)]
+    misprint = again.misprint or _Held(kept, verdict.detector).wrong_page
+    figures = [Figure(name="verdict", recorded=verdict.verdict, again="misprint" if misprint else "good")]
     figures += [
         Figure(name=name, recorded=getattr(verdict, name), again=getattr(again, name))
         for name in ("score", "threshold", "p_value", "probability")

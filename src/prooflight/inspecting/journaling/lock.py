@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
+from prooflight.inspecting.journaling.opening import ANOTHER, why
 from prooflight.inspecting.journaling.schema import JournalError
 
 if sys.platform != "win32":
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 PATIENCE_S: Final = 1.0
 """A reader that looks whether a writer lives holds the lock for an instant."""
+_PLAIN: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""A link is not followed, and a pipe not waited for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +31,14 @@ class WriterLock:
 
     @classmethod
     def take(cls, journal: Path) -> Self:
-        """JournalError: another process holds it."""
+        """JournalError: another process holds it, or nothing can be written there."""
         path = _lock_file(journal)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+        except OSError as error:
+            what = f"cannot be written ({why(error)}: {path.name})"
+            raise JournalError(journal, what, remedy=ANOTHER) from error
         give_up = time.monotonic() + PATIENCE_S
         while not _locked(handle, alone=True):
             if time.monotonic() > give_up:
@@ -49,7 +56,7 @@ class WriterLock:
 def writer_lives(journal: Path) -> bool:
     """Whether some process writes this journal now."""
     try:
-        handle = os.open(_lock_file(journal), os.O_RDONLY)
+        handle = os.open(_lock_file(journal), os.O_RDONLY | _PLAIN)
     except OSError:
         return False
     try:

@@ -131,4 +131,4 @@ class JournalQueue:
 
 
 def _bytes(page: PageRecord) -> int:
-    return sum(array.nbytes for array in page.evidence.values()) if page.evidence else 0
+    return sum(getattr(array, "nbytes", 0) for array in page.evidence.values()) if page.evidence else 0

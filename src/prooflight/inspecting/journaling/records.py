@@ -105,9 +105,22 @@ class Retention:
 
     def __post_init__(self) -> None:
         for name in ("days", "megabytes"):
-            if not getattr(self, name) > 0:
+            if not getattr(self, name) > 0:  # nor NaN
                 message = f"{name} must be above 0, got {getattr(self, name)}"
                 raise ValueError(message)
+
+
+@dataclass(slots=True, kw_only=True)
+class Tidied:
+    """What tidying did so far."""
+
+    runs: list[int] = field(default_factory=list)
+    """Removed."""
+    packs: int = 0
+    """Files of evidence that were removed."""
+    pack_bytes: int = 0
+    refused: list[str] = field(default_factory=list)
+    """One line each: rows that cannot be believed and files that are not what a journal puts there; these stay."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,4 +132,13 @@ class JournalHealth:
     waiting: int
     """Pages recorded but not yet durable."""
     dropped_pages: int
+    """Given up while it could not write."""
     dropped_evidence: int
+    """Pages whose evidence was given up, then or because no file can hold it."""
+    set_aside: int = 0
+    """Pages that no row can hold, kept in the file beside it."""
+
+    @property
+    def unrecorded(self) -> int:
+        """Pages that were told and are not in the journal, now."""
+        return self.waiting + self.dropped_pages + self.set_aside

@@ -2,149 +2,179 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, fields
+from dataclasses import asdict
+from operator import index
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import case, func, insert, select, update
+from sqlalchemy import case, func, insert, select, true, update
 
-from prooflight.deciding.verdict import Ink, Region, Verdict
+from prooflight.inspecting.journaling.columns import ASKED_ALONE, EndColumns, PageColumns, RunColumns
 from prooflight.inspecting.journaling.records import PageRecord, RunEnd, RunFacts, RunRow
-from prooflight.inspecting.journaling.schema import json_text, packs_table, pages_table, runs_table
+from prooflight.inspecting.journaling.schema import (
+    json_text,
+    plain,
+    stored_packs,
+    stored_pages,
+    stored_runs,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
-    from sqlalchemy import Connection, Row
+    from sqlalchemy import ColumnElement, Connection, Row
 
     from prooflight.inspecting.journaling.queue import Batch
     from prooflight.inspecting.journaling.records import State
 
-ASKED_ALONE = ("page", "verdict", "action", "kind", "probability", "score", "threshold", "p_value")
-"""Of a verdict, as columns, so that a query can ask for them."""
+COUNTED = ("pages", "misprints", "not_inspected", "late", "faulty")
 
 
 def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[str, int]]) -> None:
-    """A batch's rows. packs: file and bytes of the evidence of each run in it that has some."""
+    """A batch's rows. packs: file and bytes of the evidence of each run in it that has some.
+
+    ValueError: a row is none that could be read again.
+    """
     for run_id, facts in batch.begun.items():
+        row = run_row(run_id, facts) | {"dropped_pages": 0, "dropped_evidence": 0}
         # Ignored where a commit that seemed to fail did not.
-        connection.execute(insert(runs_table).prefix_with("OR IGNORE").values(id=run_id, **asdict(facts)))
+        connection.execute(insert(stored_runs).prefix_with("OR IGNORE").values(**row))
     pack_ids = {}
     for run_id, (file, size) in packs.items():
-        added = connection.execute(insert(packs_table).values(run_id=run_id, file=file, bytes=size))
+        added = connection.execute(insert(stored_packs).values(run_id=run_id, file=file, bytes=size))
         pack_ids[run_id] = added.lastrowid
     if batch.pages:
         found = [
             page_row(run_id, page, pack_ids[run_id] if page.evidence else None)
             for run_id, page in batch.pages
         ]
-        connection.execute(insert(pages_table).prefix_with("OR REPLACE"), found)
+        connection.execute(insert(stored_pages).prefix_with("OR REPLACE"), found)
+    run = stored_runs.c
     for run_id, end in batch.ended.items():
-        connection.execute(update(runs_table).where(runs_table.c.id == run_id).values(**asdict(end)))
-    for column, dropped in (
-        (runs_table.c.dropped_pages, batch.dropped_pages),
-        (runs_table.c.dropped_evidence, batch.dropped_evidence),
+        connection.execute(update(stored_runs).where(run.id == run_id).values(**end_row(end)))
+    for name, dropped in (
+        ("dropped_pages", batch.dropped_pages),
+        ("dropped_evidence", batch.dropped_evidence),
     ):
         for run_id, count in dropped.items():
-            more = {column.name: column + count}
-            connection.execute(update(runs_table).where(runs_table.c.id == run_id).values(**more))
+            more = {name: run[name] + count}
+            connection.execute(update(stored_runs).where(run.id == run_id).values(**more))
 
 
-def page_row(run_id: int, page: PageRecord, pack_id: int | None) -> dict[str, Any]:
-    """Record -> columns; numbers of NumPy become plain ones."""
-    whole = json.loads(json_text(asdict(page.verdict)))
-    return {name: whole[name] for name in ASKED_ALONE} | {
+def run_row(run_id: int, facts: RunFacts) -> dict[str, Any]:
+    """Facts -> columns; ValueError: some cannot be kept."""
+    row = plain(asdict(facts) | {"id": run_id})
+    row["settings"] = json_text(row["settings"])
+    RunColumns(**row)
+    return row
+
+
+def end_row(end: RunEnd) -> dict[str, Any]:
+    """How a run ended -> columns; ValueError: some cannot be kept."""
+    row = plain(asdict(end)) | {"counts": json_text(end.counts)}
+    EndColumns(**row)
+    return row
+
+
+def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[str, Any]:
+    """Record -> columns; numbers of NumPy become plain ones. ValueError, TypeError: it cannot be kept."""
+    whole = plain(page.verdict)
+    row = {name: whole[name] for name in ASKED_ALONE} | {
         "run_id": run_id,
-        "sheet": int(page.sheet),
-        "job_page": None if page.job_page is None else int(page.job_page),
-        "late": bool(page.late),
-        "faulty": bool(page.faults),
-        "noted": bool(page.notes),
-        "first_line": int(page.first_line),
+        "sheet": index(page.sheet),
+        "job_page": None if page.job_page is None else index(page.job_page),
+        "late": int(page.late),
+        "faulty": int(bool(page.faults)),
+        "noted": int(bool(page.notes)),
+        "first_line": index(page.first_line),
         "time_s": float(page.time_s),
-        "faults": list(page.faults),
-        "notes": list(page.notes),
-        "nuisance": dict(page.nuisance),
-        "whole_verdict": whole,
+        "faults": json_text(page.faults),
+        "notes": json_text(page.notes),
+        "nuisance": json_text(page.nuisance),
+        "whole_verdict": json_text(whole),
         "pack_id": pack_id,
     }
+    PageColumns(**row)
+    return row
 
 
 def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = None) -> PageRecord:
-    """Columns -> record."""
+    """Columns -> record; ValueError: no page is like that."""
+    found = PageColumns(**row._asdict())
     return PageRecord(
-        sheet=row.sheet,
-        job_page=row.job_page,
-        verdict=_verdict(row.whole_verdict),
-        late=row.late,
-        first_line=row.first_line,
-        time_s=row.time_s,
-        faults=tuple(row.faults),
-        notes=tuple(row.notes),
-        nuisance=row.nuisance,
+        sheet=found.sheet,
+        job_page=found.job_page,
+        verdict=found.whole_verdict,
+        late=bool(found.late),
+        first_line=found.first_line,
+        time_s=found.time_s,
+        faults=found.faults,
+        notes=found.notes,
+        nuisance=found.nuisance,
         evidence=evidence,
     )
 
 
-def _verdict(whole: Mapping[str, Any]) -> Verdict:
-    """What JSON made of a verdict -> the verdict; lists were tuples. What this version does not know is left out."""
-    known = {field.name for field in fields(Verdict)}
-    found = {name: _tupled(value) for name, value in whole.items() if name in known}
-    found["regions"] = tuple(Region(**region) for region in found["regions"])
-    found["inks"] = {letter: Ink(**ink) for letter, ink in found.get("inks", {}).items()}
-    return Verdict(**found)
+def unremarkable() -> ColumnElement[bool]:
+    """Pages that nobody has to look at: good, in time, without fault and note."""
+    page = stored_pages.c
+    good = (page.verdict == "good") & (page.late == 0) & (page.faulty == 0) & (page.noted == 0)
+    return good.is_(true())
 
 
-def _tupled(value: Any) -> Any:
-    if isinstance(value, list):
-        return tuple(_tupled(part) for part in value)
-    if isinstance(value, dict):
-        return {name: _tupled(part) for name, part in value.items()}
-    return value
+def read_runs(
+    connection: Connection,
+    run_id: int | None,
+    *,
+    writer_lives: bool,
+    damaged: Callable[[object, ValueError], None],
+) -> list[RunRow]:
+    """Runs by number, with what their pages come to; of one run, or of all.
 
-
-def read_runs(connection: Connection, run_id: int | None, *, writer_lives: bool) -> list[RunRow]:
-    """Runs by number, with what their pages come to; of one run, or of all."""
+    damaged: told of each that cannot be read, with what stands where its number should, and of what is wrong.
+    """
 
     def count(condition: Any) -> Any:
         return func.sum(case((condition, 1), else_=0))
 
+    page = stored_pages.c
     of_pages = select(
-        pages_table.c.run_id,
+        page.run_id,
         func.count().label("pages"),
-        count(pages_table.c.verdict == "misprint").label("misprints"),
-        count(pages_table.c.verdict == "not-inspected").label("not_inspected"),
-        count(pages_table.c.late).label("late"),
-        count(pages_table.c.faulty).label("faulty"),
-    ).group_by(pages_table.c.run_id)
-    query = select(runs_table).order_by(runs_table.c.id)
+        count(page.verdict == "misprint").label("misprints"),
+        count(page.verdict == "not-inspected").label("not_inspected"),
+        count(page.late == 1).label("late"),
+        count(page.faulty == 1).label("faulty"),
+    ).group_by(page.run_id)
+    query = select(stored_runs).order_by(stored_runs.c.id)
     if run_id is not None:
-        of_pages = of_pages.where(pages_table.c.run_id == run_id)
-        query = query.where(runs_table.c.id == run_id)
+        of_pages = of_pages.where(page.run_id == run_id)
+        query = query.where(stored_runs.c.id == run_id)
     counts = {row.run_id: row._asdict() for row in connection.execute(of_pages)}
-    last = connection.execute(select(func.max(runs_table.c.id))).scalar()
-    return [
-        _run(row, counts.get(row.id, {}), writer_lives=writer_lives and row.id == last)
-        for row in connection.execute(query)
-    ]
+    last = connection.execute(select(func.max(stored_runs.c.id))).scalar()
+    found = []
+    for row in connection.execute(query):
+        try:
+            found.append(_run(row, counts.get(row.id, {}), writer_lives=writer_lives and row.id == last))
+        except ValueError as error:
+            damaged(row.id, error)
+    return found
 
 
-def _run(row: Row[Any], counts: Mapping[str, int], *, writer_lives: bool) -> RunRow:
-    end, state = None, _unended(writer_lives=writer_lives)
-    if row.ended_s is not None:
-        end = RunEnd(ended_s=row.ended_s, ending=row.ending, detail=row.detail, counts=row.counts)
-        state = end.ending
+def _run(row: Row[Any], counts: Mapping[Any, Any], *, writer_lives: bool) -> RunRow:
+    found, end = RunColumns(**row._asdict()), None
+    state: State = "running" if writer_lives else "interrupted"
+    if found.ended_s is not None and found.ending is not None:
+        state = found.ending
+        end = RunEnd(
+            ended_s=found.ended_s, ending=state, detail=found.detail or "", counts=found.counts or {}
+        )
     return RunRow(
-        id=row.id,
-        facts=RunFacts(**{name: getattr(row, name) for name in RunFacts.__slots__}),
+        id=found.id,
+        facts=RunFacts(**{name: getattr(found, name) for name in RunFacts.__slots__}),
         end=end,
         state=state,
-        dropped_pages=row.dropped_pages,
-        dropped_evidence=row.dropped_evidence,
-        **{name: counts.get(name, 0) for name in ("pages", "misprints", "not_inspected", "late", "faulty")},
+        dropped_pages=found.dropped_pages,
+        dropped_evidence=found.dropped_evidence,
+        **{name: counts.get(name, 0) for name in COUNTED},
     )
-
-
-def _unended(*, writer_lives: bool) -> State:
-    return "running" if writer_lives else "interrupted"

@@ -1,0 +1,120 @@
+"""Arrays of one page in a NumPy archive: what may be kept, and reading it again without believing what the file says.
+
+Sizes stand in front of what they are sizes of, and a few damaged bytes can ask for all memory: every size is held
+against what evidence of a page may be before anything is unpacked. Nothing in a file is evaluated.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import struct
+import zipfile
+import zlib
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import IO
+
+    from numpy.typing import NDArray
+
+MOST_PAGE_BYTES: Final = 64_000_000
+"""Of one page's arrays together; of an A4 page it is a quarter of a megabyte."""
+MOST_MEMBERS: Final = 20_000
+MOST_LIST_BYTES: Final = 4_000_000
+"""Of an archive's list of its members."""
+KINDS: Final = "biuf"
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_HEADER: Final = re.compile(
+    r"\{'descr': '([<>|](?:b1|[iu][1248]|f[248]))', 'fortran_order': (True|False), "
+    r"'shape': \((|[0-9]+,|[0-9]+(?:, [0-9]+)+)\), \} *\n"
+)
+"""As NumPy writes it."""
+_MAGIC: Final = b"\x93NUMPY\x01\x00"
+_END: Final = struct.Struct("<4s4H2LH")
+_DAMAGED: Final = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, struct.error),
+    *(NotImplementedError, RuntimeError, OverflowError, ValueError, OSError),
+)
+
+
+def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """ValueError: these cannot be kept as the evidence of one page."""
+    for name, array in arrays.items():
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is no name of an array")
+        dtype = np.asarray(array).dtype
+        if dtype.kind not in KINDS or dtype.itemsize > 8:
+            raise ValueError(f"{name} holds {dtype}, not numbers")
+        if np.ndim(array) > 8:
+            raise ValueError(f"{name} has {np.ndim(array)} axes")
+    if (size := sum(np.asarray(array).nbytes for array in arrays.values())) > MOST_PAGE_BYTES:
+        raise ValueError(f"it takes {size / 1e6:,.0f} MB, a page's may take {MOST_PAGE_BYTES / 1e6:.0f}")
+
+
+def write_arrays(archive: zipfile.ZipFile, sheet: int, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """One page's arrays, named SHEET/NAME."""
+    for name, array in arrays.items():
+        with archive.open(f"{sheet}/{name}.npy", "w") as member:
+            np.lib.format.write_array(member, np.asarray(array), version=(1, 0), allow_pickle=False)
+
+
+def read_arrays(file: IO[bytes], sheet: int) -> dict[str, NDArray[Any]]:
+    """One page's arrays; ValueError: they are damaged, or larger than a page's may be."""
+    begin = f"{sheet}/"
+    try:
+        _check_end(file)
+        with zipfile.ZipFile(file) as archive:
+            members = [each for each in archive.infolist() if each.filename.startswith(begin)]
+            left, found = MOST_PAGE_BYTES, {}
+            for member in members:
+                name = member.filename.removeprefix(begin).removesuffix(".npy")
+                if not _NAME.fullmatch(name) or name in found:
+                    raise ValueError(
+                        f"{member.filename[:80]!r} is no name of an array, or stands there twice"
+                    )
+                found[name] = _read_array(archive, member, most_bytes=left)
+                left -= found[name].nbytes
+    except _DAMAGED as error:
+        raise ValueError(str(error) or type(error).__name__) from error
+    return found
+
+
+def _check_end(file: IO[bytes]) -> None:
+    """That the archive's list is no longer than one of pages can be, as its last bytes tell."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(size - _END.size, 0))
+    magic, _, _, _, members, list_bytes, begin, _ = _END.unpack(file.read(_END.size))
+    if magic != b"PK\x05\x06" or begin + list_bytes + _END.size != size:
+        raise ValueError("it has no end")
+    if members > MOST_MEMBERS or list_bytes > MOST_LIST_BYTES:
+        raise ValueError(f"it lists {members:,} arrays in {list_bytes:,} bytes")
+
+
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, *, most_bytes: int) -> NDArray[Any]:
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
+        raise ValueError(f"{member.filename} is packed in another way")
+    with archive.open(member) as stream:
+        if stream.read(len(_MAGIC)) != _MAGIC:
+            raise ValueError(f"{member.filename} is no array")
+        (length,) = struct.unpack("<H", stream.read(2))
+        header = _HEADER.fullmatch(stream.read(length).decode("latin-1"))
+        if header is None:
+            raise ValueError(f"{member.filename} is no array of numbers")
+        dtype = np.dtype(header[1])
+        shape = tuple(int(part) for part in header[3].replace(",", " ").split())
+        count = math.prod(shape)
+        if (size := count * dtype.itemsize) > most_bytes:
+            raise ValueError(f"{member.filename} would take {size:,} bytes")
+        content = stream.read(size)
+        if len(content) != size or stream.read(1):  # the last read compares the check sum
+            raise ValueError(f"{member.filename} is not as long as it says")
+    return (
+        np.frombuffer(content, dtype)
+        .reshape(shape, order="F" if header[2] == "True" else "C")
+        .copy(order="K")
+    )

@@ -104,7 +104,7 @@ def _by_reader(target: Target, path: Path) -> tuple[str, str]:
     except ProoflightError as error:
         return _refused(target, str(error), path)
     except OSError as error:
-        return _refused(target, f"{error.filename or 'system'}: {error.strerror or error}", path)
+        return _refused(target, f"{str(error.filename)[-200:]!r}: {error.strerror or error}", path)
     return "accepted", ""
 
 

@@ -12,6 +12,7 @@ import typer
 
 from prooflight.cli import camera_tables, show
 from prooflight.errors import RequestError
+from prooflight.given_files import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -229,8 +230,8 @@ def _frequencies(text: str) -> list[float]:
         try:
             number = float(item)
         except ValueError as error:
-            raise RequestError("--freq", f"{item!r} is not a number", remedy=remedy) from error
+            raise RequestError("--freq", f"{shortly(item)!r} is not a number", remedy=remedy) from error
         if not 0 <= number < float("inf"):
-            raise RequestError("--freq", f"{item} is not a frequency", remedy=remedy)
+            raise RequestError("--freq", f"{shortly(item)} is not a frequency", remedy=remedy)
         numbers.append(number)
     return numbers

@@ -34,12 +34,15 @@ class GivenFiles:
             descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except ValueError:  # a NUL or half a surrogate pair
             raise self.error(path, "is no file name", remedy=self.remedy) from None
-        with open(descriptor, "rb") as file:  # noqa: PTH123 - opened without waiting, which Path cannot
+        try:
             mode = os.fstat(descriptor).st_mode
             if not stat.S_ISREG(mode):
-                what = "is a folder" if stat.S_ISDIR(mode) else "is no ordinary file"
-                raise self.error(path, what, remedy=self.remedy)
-            data = file.read(self.most_bytes + 1)
+                kind = "a folder" if stat.S_ISDIR(mode) else "no ordinary file"
+                raise self.error(path, f"cannot be read: it is {kind}", remedy=self.remedy)
+            with open(descriptor, "rb", closefd=False) as file:
+                data = file.read(self.most_bytes + 1)
+        finally:
+            os.close(descriptor)
         return self.bounded(data, where=path)
 
     def bounded(self, data: bytes, *, where: object) -> bytes:

@@ -42,7 +42,7 @@ PRESS_FILES: Final = GivenFiles(
     error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
 )
 CURVE_FILES: Final = GivenFiles(
-    error=PressFileError, remedy="name a file of wavelengths and values", largest_mb=1
+    error=PressFileError, remedy="name a file of wavelengths and values", largest_mb=0.25
 )
 TWO_SENSORS: Final = "two-sensors.toml"
 """The paper's camera with its second sensor, among the presets."""
@@ -187,7 +187,11 @@ class PressFile:
         try:
             text = CURVE_FILES.read_text(path)
         except (OSError, PressFileError) as error:
-            why = f" ({error.what})" if isinstance(error, PressFileError) else ""
+            why = (
+                f" ({error.what.removeprefix('cannot be read: ')})"
+                if isinstance(error, PressFileError)
+                else ""
+            )
             what = f"{where}: {path} cannot be read{why}"
             raise PressFileError(self.path, what, remedy=CURVE_FILES.remedy) from error
         try:
@@ -219,7 +223,7 @@ def _pairs(text: str) -> list[tuple[float, float]]:
             for cell in re.split(r"[;\t]" if re.search(r"[;\t]", line) else r"[,\s]+", line.strip())
         ]
         values = [number(cell) for cell in cells[:2]]
-        if not any(cells) or cells[0].startswith("#") or (not rows and np.isnan(values[0])):
+        if not any(cells) or cells[0].startswith("#") or _is_header(cells[0], rows):
             continue
         if len(values) < 2 or np.isnan(values).any():
             message = f"line {at}: {shortly(line.strip())!r} is no wavelength and finite value"
@@ -239,6 +243,10 @@ def _pairs(text: str) -> list[tuple[float, float]]:
         message = "has no two columns of numbers"
         raise ValueError(message)
     return rows
+
+
+def _is_header(cell: str, rows: list[tuple[float, float]]) -> bool:
+    return not rows and not cell[:1].isdecimal() and np.isnan(number(cell))
 
 
 def _illuminant(path: Path, name: str) -> NDArray[np.float64]:

@@ -26,9 +26,10 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _STRUCTURE: Final = frozenset({"NUMBER_OF_FIELDS", "NUMBER_OF_SETS"})  # written anew, never kept
 _EXPORT: Final = "export the chart again as CGATS text"
-CHART_FILES: Final = GivenFiles(error=ChartError, remedy=_EXPORT, largest_mb=16)
+CHART_FILES: Final = GivenFiles(error=ChartError, remedy=_EXPORT, largest_mb=8)
 MOST_ROWS: Final = 10_000
 """Ten times the largest usual chart; fitting inks takes memory in the square of it."""
+_MOST_TABLES: Final = 100
 _MOST_COLUMNS: Final = 2000
 _MOST_KEYWORDS: Final = 10_000
 _LONGEST_NUMBER: Final = 100
@@ -93,6 +94,8 @@ def parse(text: str, *, where: object) -> tuple[Table, ...]:
         if table is None:
             break
         tables.append(table)
+        if len(tables) > _MOST_TABLES:
+            raise ChartError(where, f"there are more than {_MOST_TABLES} tables", remedy=_EXPORT)
         start, kind = reader.at, table.kind
     if not tables:
         raise ChartError(where, "there is no BEGIN_DATA: this is not CGATS text", remedy=_EXPORT)

@@ -33,7 +33,7 @@ _LENGTH: Final = (
     1.0  # ink fraction; of 0.5, 1 and 2 it makes no difference to the accuracy reached, within 10 %
 )
 RECIPE_FILES: Final = GivenFiles(
-    error=RequestError, remedy="give a CSV file of recipes, header C,M,Y,K, in per cent", largest_mb=16
+    error=RequestError, remedy="give a CSV file of recipes, header C,M,Y,K, in per cent", largest_mb=8
 )
 MOST_RECIPES: Final = 100_000
 """Of a file: their spectra are kept in memory together."""

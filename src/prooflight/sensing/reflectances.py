@@ -21,7 +21,7 @@ MOST_COLOURS: Final = 100_000
 _LONGEST_NM: Final = 1e6
 FORM: Final = '{"wave_nm": [380, ..., 730], "reflectance": [[...], ...]}'
 
-REFLECTANCE_FILES: Final = GivenFiles(error=RequestError, remedy=f"give JSON (UTF-8), {FORM}", largest_mb=16)
+REFLECTANCE_FILES: Final = GivenFiles(error=RequestError, remedy=f"give JSON (UTF-8), {FORM}", largest_mb=8)
 
 
 def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
@@ -33,14 +33,14 @@ def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
     if not isinstance(given, dict) or set(given) != {"wave_nm", "reflectance"}:
         found = shortly(", ".join(given)) if isinstance(given, dict) and given else type(given).__name__
         raise RequestError(where, f"holds {found}", remedy=f"give {FORM} and nothing else")
+    if isinstance(given["reflectance"], list) and len(given["reflectance"]) > MOST_COLOURS:
+        what = f"reflectance: {len(given['reflectance'])} colours"
+        raise RequestError(where, what, remedy=f"give at most {MOST_COLOURS} at a time")
     wave = _numbers(given["wave_nm"], 1, where=f"{where}: wave_nm")
     if wave.min() <= 0 or wave.max() > _LONGEST_NM:
         what = f"wave_nm: {float(wave.min() if wave.min() <= 0 else wave.max()):g} nm is no wavelength"
         raise RequestError(where, what, remedy="give wavelengths in nanometres")
     reflectance = _numbers(given["reflectance"], 2, where=f"{where}: reflectance")
-    if len(reflectance) > MOST_COLOURS:
-        what = f"reflectance: {len(reflectance)} colours"
-        raise RequestError(where, what, remedy=f"give at most {MOST_COLOURS} at a time")
     if reflectance.shape[1] != wave.size:
         what = f"reflectance: {reflectance.shape[1]} values a patch, but {wave.size} wavelengths"
         raise RequestError(where, what, remedy="give one value for each of wave_nm")

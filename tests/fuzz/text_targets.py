@@ -94,7 +94,7 @@ def _press_with(path: Path, old: str, new: str) -> Path:
     """A press file beside the curve that names it."""
     text = _preset(PRESETS[0])
     assert old in text
-    beside = path.with_name("names-the-curve.toml")
+    beside = path.with_name(f"{path.name}.toml")
     beside.write_text(text.replace(old, new.format(path.name)))
     return beside
 

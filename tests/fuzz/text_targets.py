@@ -248,6 +248,36 @@ def reflectance_command(path: Path) -> list[str]:
     return ["camera", "respond", str(press), "--reflectance", str(path), "--json"]
 
 
+# What studies read.
+
+
+def manifest_samples() -> list[bytes]:
+    usual = {"strata": ["dense text"], "chars": 900, "img_frac": 0.0, "w_pt": 595.2, "source": "a b"}
+    return [json.dumps([{"id": f"d{at:03}", **usual} for at in range(5)], indent=1).encode()]
+
+
+def read_manifest_file(path: Path) -> None:
+    from prooflight.studies.edge_study import read_manifest
+
+    entries = read_manifest(path)
+    assert all("/" not in entry.id and np.isfinite([entry.img_frac, entry.w_pt]).all() for entry in entries)
+
+
+def marks_samples() -> list[bytes]:
+    return [b"2 3 30 31 1\n5 6 7 8 4\n\n9 9 39 39 6\n"]
+
+
+def read_marks(path: Path) -> None:
+    from PIL import Image
+
+    from prooflight.studies.golden_pairs import read_pairs
+
+    for which in ("temp", "test"):
+        Image.new("L", (40, 40), 200).save(path.with_name(f"{path.stem}_{which}.jpg"))
+    (pair,) = read_pairs(path.parent)
+    assert all(0 <= left < right <= 40 for left, _, right, _ in pair.marked)
+
+
 # ICC profiles.
 
 
@@ -348,5 +378,13 @@ TARGETS = (
         read=read_reflectance,
         command=reflectance_command,
     ),
+    Target(
+        name="manifest",
+        suffix=".json",
+        samples=manifest_samples,
+        mutate=spoil_text,
+        read=read_manifest_file,
+    ),
+    Target(name="golden-marks", suffix=".txt", samples=marks_samples, mutate=spoil_text, read=read_marks),
     Target(name="icc", suffix=".icc", samples=profile_samples, mutate=spoil_profile, read=read_icc),
 )

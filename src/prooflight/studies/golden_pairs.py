@@ -76,12 +76,12 @@ def _read(path: Path) -> GoldenPair:
 
 def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
     """Left, top, right, bottom and kind of every defect; ScanError: a line is something else, or off the scan."""
-    rows = []
+    rows: list[tuple[int, ...]] = []
     for at, line in enumerate(MARK_FILES.read_text(path).split("\n"), start=1):
         words = line.split()
         if not words:
             continue
-        row = tuple(int(word) if _WHOLE.fullmatch(word) else -1 for word in words)
+        row = tuple(map(int, words)) if all(map(_WHOLE.fullmatch, words)) else ()
         if len(row) != 5 or row[4] not in KINDS:
             what = f"is not a list of marked defects: line {at} is something else"
             raise ScanError(path, what, remedy=MARK_FILES.remedy)

@@ -430,3 +430,110 @@ def test_fringes_are_followed_unless_the_file_says_otherwise(prototype: PressFil
 )
 def test_a_wrong_inspection_is_refused_by_name(text: str, said: str) -> None:
     assert said in refused(f"{CONTRACT}[inspection]\n{text}\n")
+
+
+# --- what no press has ---
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a = " + "9" * 5000, "thousands of digits"),
+        ("a = 0x" + "f" * 5000, "a is a number of more than 18 digits"),
+        (
+            changed("bits = 12", "bits = 99999999999999999999"),
+            "sensor.1.bits is a number of more than 18 digits",
+        ),
+        ("a = " + "[" * 100_000 + "]" * 100_000, "lists in lists"),
+        (changed("wave_nm = [380", "wave_nm = [[[[[[[[380]]]]]]]"), "sensor.1 holds tables in tables"),
+        ("a." * 50_000 + "b = 1", "line 1 has a name of more than 32 parts"),
+        (CONTRACT + '"' + "k" * 100_000 + '" = 1', "is not a known field"),
+        (changed('"D65"', '"' + "[" * 100_000 + '"'), "there is no illuminant"),
+    ],
+)
+def test_what_cannot_even_be_checked(text: str, said: str) -> None:
+    assert said in refused(text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("object_distance_mm = 546.6", "object_distance_mm = 60.0000001", "a pixel would see"),
+        ("object_distance_mm = 546.6", "object_distance_mm = 1e9", "a pixel would see"),
+        ("object_distance_mm = 546.6", "object_distance_mm = 60.0", "object_distance_mm must exceed"),
+        ("pixel_pitch_um = 13.0", "pixel_pitch_um = 1e-300", "sensor.1.pixel_pitch_um"),
+        ("pixels = 2048", "pixels = 1000000000", "sensor.1.pixels"),
+        ("bits = 12", "bits = 60", "sensor.1.bits"),
+        ("tdi_stages = 96", "tdi_stages = 1000000000", "sensor.1.tdi_stages"),
+        ("line_rate_hz = 2770.0", "line_rate_hz = inf", "sensor.1.line_rate_hz"),
+        ("line_rate_hz = 2770.0", "line_rate_hz = 1", "give a sensor.line_rate_hz of about 2770"),
+        ("line_rate_hz = 2770.0", "line_rate_hz = 600", "would be smeared over"),
+        ("line_rate_hz = 2770.0", "line_rate_hz = 1e9", "lines would lie"),
+        ("binning_along = 1", "binning_along = 300", "lines would lie"),
+        (
+            "black_level_dn = 0",
+            "black_level_dn = 5000",
+            "black_level_dn must be below the greatest code, 4095",
+        ),
+        ("luminance_cd_m2 = 100.0", "luminance_cd_m2 = 1e-9", "sees nothing of this light"),
+        ("qe = [0.03, 0.05, 0.37, 0.32]", "qe = [0, 0, 0, 0]", "sees nothing of this light"),
+        ("[transport]", "[transport]\nlead_in_mm = 1e30", "transport.lead_in_mm"),
+        ("_false_alarm = 1000", "_false_alarm = nan", "decision.good_pages_per_false_alarm"),
+        ("_false_alarm = 1000", "_false_alarm = 1e300", "decision.good_pages_per_false_alarm"),
+    ],
+)
+def test_numbers_that_no_camera_can_have(old: str, new: str, said: str) -> None:
+    assert said in refused(changed(old, new))
+
+
+def test_a_scan_that_no_memory_holds() -> None:
+    fine = changed("pixels = 2048", "pixels = 65536").replace("speed_mm_s = 292.0", "speed_mm_s = 3.0")
+    assert "a scan of an A4 page would take" in refused(fine.replace("tdi_stages = 96", "tdi_stages = 1"))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("nm,power\n380,1\n400,x\n730,2\n", "line 3: '400,x' is no wavelength"),
+        ("380,1\n400\n730,2\n", "line 2: '400' is no wavelength"),
+        ("38O,1\n390,1\n730,2\n", "line 1: '38O,1' is no wavelength"),
+        ("380,1\n730,2\nend\n", "line 3: 'end' is no wavelength"),
+        ("380,1\n380,1\n730,2\n", "line 2: 380 nm does not follow 380 nm"),
+        ("380,1\n400,-1\n730,2\n", "line 2: -1 is not in 0.."),
+        ("380,0\n730,0\n", "holds no light"),
+        ("380,1e999\n730,0\n", "line 1"),
+        ("\n" * 1_000_000, "is larger than 0.25 MB"),
+    ],
+)
+def test_no_line_of_a_curve_is_left_out_in_silence(tmp_path: Path, content: str, said: str) -> None:
+    (tmp_path / "lamp.csv").write_text(content, encoding="utf-8")
+    text = refused(changed('illuminant = "D65"', 'file = "lamp.csv"'), tmp_path / "press.toml")
+    assert "lamp.csv" in text
+    assert said in text
+
+
+@pytest.mark.parametrize("content", ["# a lamp\nnm;power\n380;0,5\n\n730;1\n", "380\t0.5\r\n730\t1\r\n"])
+def test_curves_as_spreadsheets_write_them(tmp_path: Path, content: str) -> None:
+    (tmp_path / "lamp.csv").write_bytes(content.encode())
+    camera = camera_of(changed('illuminant = "D65"', 'file = "lamp.csv"'), tmp_path / "press.toml")
+    np.testing.assert_allclose(camera.light.relative_power[[0, -1]], [0.5, 1.0])
+
+
+@pytest.mark.parametrize("name", [".", "none.csv", "a\\u0000b"])
+def test_a_curve_that_is_no_file(tmp_path: Path, name: str) -> None:
+    text = refused(changed('illuminant = "D65"', f'file = "{name}"'), tmp_path / "press.toml")
+    assert "cannot be read" in text
+
+
+def test_a_quantum_efficiency_above_one_names_its_file(tmp_path: Path) -> None:
+    (tmp_path / "qe.csv").write_text("380,30\n730,50\n", encoding="utf-8")
+    start = CONTRACT.index("quantum_efficiency")
+    inline = CONTRACT[start : CONTRACT.index("\n", start)]
+    text = refused(changed(inline, 'quantum_efficiency.file = "qe.csv"'), tmp_path / "press.toml")
+    assert "qe.csv goes up to 50" in text
+
+
+def test_an_unknown_ink_model_names_the_field() -> None:
+    press_file = PressFile(Path("press.toml"), CONTRACT + '[inks]\nchart = "none.txt"\nmodel = "best"')
+    with pytest.raises(PressFileError, match=r"press\.toml: inks\.model: there is no ink model 'best'"):
+        press_file.inks()

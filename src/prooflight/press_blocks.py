@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from prooflight.errors import PressFileError
+from prooflight.given_files import shortly
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 # Strict: text and booleans are no numbers.
-Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(strict=True, gt=0, le=1)]
-Count = Annotated[int, Field(strict=True, gt=0)]
-Range = tuple[Positive, Positive]
+# Nothing about a press is smaller or larger, in any of our units; so products of several stay finite.
+LEAST, GREATEST = 1e-9, 1e12
+Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]
+Share = Annotated[float, Field(strict=True, ge=LEAST, le=1)]
+Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
+"""Of what good prints do: per cent, micrometres, millimetres."""
+Range = tuple[
+    Annotated[float, Field(strict=True, ge=1e-3, le=1000)], Annotated[float, Field(strict=True, le=1000)]
+]
+
+Lead = Annotated[float, Field(strict=True, ge=0, le=10_000)]
+_DEEPEST = 8
+"""Tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
+"""``a.b.c`` and so on: tomllib takes time and memory in the square of its parts."""
 
 
 class _Block(BaseModel):
@@ -67,7 +81,7 @@ class QuantumEfficiencyBlock(_Block):
 class SensorBlock(_Block):
     """One ``[[sensor]]``."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(min_length=1, max_length=100)]
     pixels: Annotated[int, Field(strict=True, ge=16, le=65536)]
     pixel_pitch_um: Positive
     fill_factor: Share
@@ -83,14 +97,21 @@ class SensorBlock(_Block):
     black_level_dn: NotNegative = 0
     quantum_efficiency: QuantumEfficiencyBlock
 
+    @model_validator(mode="after")
+    def _black_is_a_code(self) -> Self:
+        if self.black_level_dn >= 2**self.bits - 1:
+            message = f"black_level_dn must be below the greatest code, {2**self.bits - 1}"
+            raise ValueError(message)
+        return self
+
 
 class TransportBlock(_Block):
     """``[transport]``; lead-in, lead-out and backing are of the simulated drum."""
 
     speed_mm_s: Positive | None = None
     binning_along: Count = 1
-    lead_in_mm: NotNegative = 2.0
-    lead_out_mm: NotNegative = 2.0
+    lead_in_mm: Lead = 2.0
+    lead_out_mm: Lead = 2.0
     backing_reflectance: Share = 0.05
     """assumed: a black anodised or rubber drum."""
 
@@ -105,7 +126,7 @@ class InksBlock(_Block):
 class CostsBlock(_Block):
     """``[costs]``."""
 
-    misprint_rate: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.01
+    misprint_rate: Annotated[float, Field(strict=True, ge=LEAST, lt=1)] = 0.01
     false_alarm_cents: Positive = 0.01
     missed_misprint_cents: Positive = 0.1
 
@@ -113,7 +134,7 @@ class CostsBlock(_Block):
 class DecisionBlock(_Block):
     """``[decision]``."""
 
-    good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, allow_inf_nan=False)] = 100_000.0
+    good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e9)] = 100_000.0
     """assumed: a press of 100 pages a minute then stops for nothing about once in two shifts."""
 
 
@@ -165,10 +186,10 @@ VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
 
 def _variation_block() -> type[_Block]:
     """``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
-    blocks: dict[str, Any] = {"all_times": (NotNegative, 1.0)}
+    blocks: dict[str, Any] = {"all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0)}
     for block, names in VARIATION.items():
         fields: dict[str, Any] = {
-            name: (Range if name in VARIATION_RANGES else NotNegative, None) for name in names
+            name: (Range if name in VARIATION_RANGES else Amount, None) for name in names
         }
         of_block = create_model(f"Variation{block.title()}Block", __base__=_Amounts, **fields)
         # Under another name inside: ``register`` is also a method of every class of pydantic's.
@@ -184,7 +205,7 @@ class Document(_Block):
 
     light: LightBlock
     lens: LensBlock
-    sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1)]
+    sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1, max_length=16)]
     transport: TransportBlock = TransportBlock()
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
@@ -195,12 +216,52 @@ class Document(_Block):
 
 def checked(path: Path, text: str) -> Document:
     """The document that a file's text is; PressFileError names the field that is wrong and what would be right."""
+    tree = _tree(path, text)
+    _refuse_what_no_field_holds(path, tree)
     try:
-        return Document.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise PressFileError(path, f"is not TOML ({error})", remedy="mend that line") from error
+        return Document.model_validate(tree)
     except ValidationError as error:
         raise _first_fault(path, error) from error
+
+
+def _tree(path: Path, text: str) -> dict[str, Any]:
+    key = _LONG_KEY.search(text)
+    if key:
+        line = text.count("\n", 0, key.start()) + 1
+        raise PressFileError(path, f"line {line} has a name of more than 32 parts", remedy="mend that line")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise PressFileError(path, f"is not TOML ({str(error)[:200]})", remedy="mend that line") from error
+    except RecursionError:
+        raise PressFileError(path, "has lists in lists without end", remedy="take them out") from None
+    except ValueError:  # of int(): more digits than it takes
+        what = "has a number of thousands of digits"
+        raise PressFileError(path, what, remedy="give numbers as a press has them") from None
+
+
+def _refuse_what_no_field_holds(path: Path, tree: dict[str, Any]) -> None:
+    """Numbers too long, tables too deep: neither can be checked field by field, or even be shown."""
+    level: list[tuple[str, Any]] = list(tree.items())
+    for _ in range(_DEEPEST):
+        for field, value in level:
+            if isinstance(value, int) and abs(value) >= 2**63:
+                what = f"{shortly(field)} is a number of more than 18 digits"
+                raise PressFileError(path, what, remedy="change that value")
+        level = [inner for field, value in level for inner in _inside(field, value)]
+    if level:
+        field = shortly(".".join(level[0][0].split(".")[:2]))
+        raise PressFileError(path, f"{field} holds tables in tables", remedy="change that value")
+
+
+def _inside(field: str, value: Any) -> list[tuple[str, Any]]:
+    match value:
+        case dict():
+            return [(f"{field}.{name}", inner) for name, inner in value.items()]
+        case list():
+            return [(f"{field}.{at}", inner) for at, inner in enumerate(value, start=1)]
+        case _:
+            return []
 
 
 def _first_fault(path: Path, error: ValidationError) -> PressFileError:
@@ -209,7 +270,7 @@ def _first_fault(path: Path, error: ValidationError) -> PressFileError:
         faults = [fault for fault in faults if fault["type"] != "too_short"]
     # A misspelt field is missing as well: its wrong name says more.
     fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
-    place = [str(part + 1) if isinstance(part, int) else part for part in fault["loc"]]
+    place = [str(part + 1) if isinstance(part, int) else shortly(part) for part in fault["loc"]]
     field = ".".join(place) or "file"
     others = len(faults) - 1
     more = f" (and {others} more)" if others else ""
@@ -218,12 +279,12 @@ def _first_fault(path: Path, error: ValidationError) -> PressFileError:
             return PressFileError(path, f"{field} is missing{more}", remedy="add it")
         case "extra_forbidden":
             names = _names_beside(fault["loc"])
-            near = difflib.get_close_matches(str(fault["loc"][-1]), names, n=1)
+            near = difflib.get_close_matches(place[-1], names, n=1)
             meant = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
             return PressFileError(path, f"{field} is not a known field{more}", remedy=meant)
         case _:
             text = fault["msg"].removeprefix("Value error, ")
-            given = "" if isinstance(fault["input"], dict) else f", got {fault['input']!r}"
+            given = "" if isinstance(fault["input"], dict) else f", got {shortly(repr(fault['input']))}"
             return PressFileError(
                 path, f"{field}: {text[0].lower()}{text[1:]}{given}{more}", remedy="change that value"
             )

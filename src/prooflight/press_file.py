@@ -5,7 +5,7 @@ Units stand in the names; unknown fields are refused.
 
 from __future__ import annotations
 
-import csv
+import re
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -16,10 +16,14 @@ from prooflight import spectra
 from prooflight.acquiring.geometry import ScanGeometry
 from prooflight.deciding.cost import RunningCosts
 from prooflight.errors import PressFileError
-from prooflight.press_blocks import checked
+from prooflight.given_files import GivenFiles, shortly
+from prooflight.press_blocks import GREATEST, LEAST, checked
+from prooflight.press_limits import refuse_unworkable
 from prooflight.printing.built_in import built_in_inks
+from prooflight.printing.cgats import number
 from prooflight.printing.chart import read_chart
 from prooflight.printing.ink_model import InkModel
+from prooflight.printing.selection import AUTO, MODELS
 from prooflight.sensing.camera import Camera
 from prooflight.sensing.light import Light
 from prooflight.sensing.optics import Lens
@@ -34,6 +38,12 @@ if TYPE_CHECKING:
     from prooflight.press_blocks import SensorBlock
     from prooflight.printing.reflectance import ReflectanceModel
 
+PRESS_FILES: Final = GivenFiles(
+    error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
+)
+CURVE_FILES: Final = GivenFiles(
+    error=PressFileError, remedy="name a file of wavelengths and values", largest_mb=0.25
+)
 TWO_SENSORS: Final = "two-sensors.toml"
 """The paper's camera with its second sensor, among the presets."""
 
@@ -51,13 +61,9 @@ class PressFile:
     def read(cls, path: Path) -> Self:
         """Read a file; PressFileError names the field that is wrong and what would be right."""
         try:
-            text = path.read_text(encoding="utf-8")
+            text = PRESS_FILES.read_text(path)
         except OSError as error:
-            raise PressFileError(
-                path, "cannot be read", remedy="give the path of a press file (TOML)"
-            ) from error
-        except UnicodeDecodeError as error:
-            raise PressFileError(path, "is not text", remedy="give a press file (TOML, UTF-8)") from error
+            raise PressFileError(path, "cannot be read", remedy=PRESS_FILES.remedy) from error
         return cls(path, text)
 
     @classmethod
@@ -110,6 +116,10 @@ class PressFile:
             if block.chart is None:
                 self._inks = built_in_inks()
             else:
+                if block.model not in (AUTO, *MODELS):
+                    what = f"inks.model: there is no ink model {shortly(block.model)!r}"
+                    remedy = f"take {AUTO}, {', '.join(MODELS)}"
+                    raise PressFileError(self.path, what, remedy=remedy)
                 chart = read_chart(self.path.parent / block.chart)
                 self._inks = InkModel.fit(chart, block.model, progress=progress)
         return self._inks
@@ -118,7 +128,7 @@ class PressFile:
         """``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""
         document = self._document
         try:
-            return Camera(
+            camera = Camera(
                 light=self._light(),
                 lens=Lens(**document.lens.model_dump()),
                 sensors=tuple(self._sensor(index, block) for index, block in enumerate(document.sensor)),
@@ -129,6 +139,8 @@ class PressFile:
             raise
         except ValueError as error:
             raise PressFileError(self.path, str(error), remedy="change that field") from error
+        refuse_unworkable(self.path, camera)
+        return camera
 
     def geometry(self, camera: Camera) -> ScanGeometry:
         """How ``camera`` samples a page on this transport."""
@@ -145,6 +157,9 @@ class PressFile:
         block = self._document.light
         if block.file is not None:
             power = self._curve("light.file", block.file)
+            if power.max() < LEAST:
+                what = f"light.file: {self.path.parent / block.file} holds no light from 380 to 730 nm"
+                raise PressFileError(self.path, what, remedy="give its relative power")
             name = Path(block.file).stem
         else:
             name = str(block.illuminant)
@@ -156,28 +171,35 @@ class PressFile:
         curve = block.quantum_efficiency
         if curve.file is not None:
             qe = self._curve(where, curve.file)
+            if qe.max() > 1:
+                what = f"{where}: {self.path.parent / curve.file} goes up to {qe.max():g}"
+                raise PressFileError(self.path, what, remedy="give electrons per photon, 0..1")
         else:
             qe = self._on_grid(where, np.array(curve.wave_nm), np.array(curve.qe))
         return LineSensor(**block.model_dump(exclude={"quantum_efficiency"}), quantum_efficiency=qe)
 
     def _curve(self, where: str, name: str) -> NDArray[np.float64]:
-        """A two-column file (wavelength nm, value), comma, tab or blank between, header lines allowed."""
+        """A two-column file (wavelength nm, value), comma, semicolon, tab or blank between, header lines allowed.
+
+        PressFileError names the line that is neither.
+        """
         path = self.path.parent / name
         try:
-            text = path.read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            what = f"{where}: {path} cannot be read"
-            raise PressFileError(self.path, what, remedy="name a file of wavelengths and values") from error
-        rows = []
-        for row in csv.reader(" ".join(line.replace(",", " ").split()) for line in text.splitlines()):
-            try:
-                wave, value = (float(cell) for cell in row[0].split()[:2])
-            except (ValueError, IndexError):
-                continue
-            rows.append((wave, value))
-        if len(rows) < 2:
-            what = f"{where}: {path} has no two columns of numbers"
-            raise PressFileError(self.path, what, remedy="give lines of wavelength [nm] and value")
+            text = CURVE_FILES.read_text(path)
+        except (OSError, PressFileError) as error:
+            why = (
+                f" ({error.what.removeprefix('cannot be read: ')})"
+                if isinstance(error, PressFileError)
+                else ""
+            )
+            what = f"{where}: {path} cannot be read{why}"
+            raise PressFileError(self.path, what, remedy=CURVE_FILES.remedy) from error
+        try:
+            rows = _pairs(text)
+        except ValueError as error:
+            raise PressFileError(
+                self.path, f"{where}: {path} {error}", remedy="give lines of wavelength [nm] and value"
+            ) from None
         table = np.array(rows)
         return self._on_grid(f"{where}: {path}", table[:, 0], table[:, 1])
 
@@ -192,10 +214,45 @@ class PressFile:
             ) from error
 
 
+def _pairs(text: str) -> list[tuple[float, float]]:
+    """Rows of a curve's file; lines before the first number are its header. ValueError names the line at fault."""
+    rows: list[tuple[float, float]] = []
+    for at, line in enumerate(text.split("\n"), start=1):
+        cells = [
+            cell.strip()
+            for cell in re.split(r"[;\t]" if re.search(r"[;\t]", line) else r"[,\s]+", line.strip())
+        ]
+        values = [number(cell) for cell in cells[:2]]
+        if not any(cells) or cells[0].startswith("#") or _is_header(cells[0], rows):
+            continue
+        if len(values) < 2 or np.isnan(values).any():
+            message = f"line {at}: {shortly(line.strip())!r} is no wavelength and finite value"
+            raise ValueError(message)
+        wave, value = values
+        if rows and wave <= rows[-1][0]:
+            message = f"line {at}: {wave:g} nm does not follow {rows[-1][0]:g} nm, wavelengths must increase"
+            raise ValueError(message)
+        if not 0 < wave <= GREATEST:
+            message = f"line {at}: {wave:g} nm is no wavelength"
+            raise ValueError(message)
+        if not 0 <= value <= GREATEST:
+            message = f"line {at}: {value:g} is not in 0..{GREATEST:g}"
+            raise ValueError(message)
+        rows.append((wave, value))
+    if len(rows) < 2:
+        message = "has no two columns of numbers"
+        raise ValueError(message)
+    return rows
+
+
+def _is_header(cell: str, rows: list[tuple[float, float]]) -> bool:
+    return not rows and not cell[:1].isdecimal() and np.isnan(number(cell))
+
+
 def _illuminant(path: Path, name: str) -> NDArray[np.float64]:
     known = {"A": "A", "C": "C", "E": "E", "D50": "D50", "D55": "D55", "D65": "D65", "D75": "D75"}
     known |= {f"F{number}": f"FL{number}" for number in range(1, 13)}
     if name not in known:
-        what = f"light.illuminant: there is no illuminant {name!r}"
+        what = f"light.illuminant: there is no illuminant {shortly(name)!r}"
         raise PressFileError(path, what, remedy=f"choose one of {', '.join(known)}, or give file")
     return spectra.illuminant(known[name])

@@ -89,6 +89,18 @@ def test_several_tables_each_with_its_own_columns() -> None:
         (SMALL.replace("SETS 2", "SETS 3"), "NUMBER_OF_SETS says 3, the table has 2"),
         (SMALL.replace("FIELDS 3", "FIELDS 4"), "NUMBER_OF_FIELDS says 4, the table has 3"),
         (SMALL.replace("NAME VALUE", "name NAME"), "the column NAME stands there twice"),
+        (
+            SMALL.replace("SETS 2", "SETS " + "[" * 100_000),
+            r"NUMBER_OF_SETS says \[\[.*\.\.\., the table has 2",
+        ),
+        (SMALL.replace("SETS 2", "SETS 1e999"), "NUMBER_OF_SETS says 1e999"),
+        (
+            SMALL.replace("BEGIN_DATA\n", "BEGIN_DATA\n" + "1 2 3\n" * 10_001),
+            "DATA has more than 10000 lines",
+        ),
+        (SMALL.replace("NAME VALUE", " ".join(map(str, range(2001)))), "there are 2002 columns"),
+        ("A 1\n" * 10_001 + SMALL, "more than 10000 keywords"),
+        (SMALL * 101, "more than 100 tables"),
     ],
 )
 def test_what_is_wrong_is_one_line_that_names_the_file(text: str, message: str) -> None:
@@ -106,7 +118,9 @@ def test_files_that_are_no_text(tmp_path: Path, data: bytes, message: str) -> No
         read_tables(path)
 
 
-@pytest.mark.parametrize("cell", ["nan", "inf", "", "-", "N/A", "1.2.3", "0x10", "1,000.5"])
+@pytest.mark.parametrize(
+    "cell", ["nan", "inf", "", "-", "N/A", "1.2.3", "0x10", "1,000.5", "1e999", "9" * 200]
+)
 def test_cells_that_are_no_numbers(cell: str) -> None:
     assert number(cell) != number(cell)
 

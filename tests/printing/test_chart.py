@@ -63,6 +63,12 @@ def test_spectral_norm_counts_even_where_the_size_would_say_otherwise(
     np.testing.assert_allclose(chart.reflectance, dim, rtol=1e-14)
 
 
+@pytest.mark.parametrize("norm", ["0", "-100", "1e-300", "1e999", "many"])
+def test_a_norm_that_says_nothing(tmp_path: Path, chart_text: Text, norm: str) -> None:
+    with pytest.raises(ChartError, match=f"SPECTRAL_NORM says {norm}"):
+        read(tmp_path, chart_text(PERCENT, SPECTRA, keywords=[f"SPECTRAL_NORM {norm}"]))
+
+
 def test_columns_in_falling_order_and_other_columns_between(tmp_path: Path, chart_text: Text) -> None:
     text = chart_text(PERCENT, SPECTRA[:, ::-1], wave_nm=WAVE_NM[::-1])
     text = text.replace("SAMPLE_ID", "SAMPLE_NAME")

@@ -168,6 +168,17 @@ def test_recipe_files_of_others_are_refused(tmp_path: Path, files: ChartFiles) -
         ('PROOFLIGHT_GAP_MM\t"0.5"', 'PROOFLIGHT_GAP_MM\t"wide"', "do not say where patches lie"),
         ("COLUMN\t", "COLUMNS\t", "the column COLUMN is missing"),
         ("\n1\t1\t1\t1\t", "\n1\tA\t1\t1\t", "no numbers"),
+        ('PROOFLIGHT_GAP_MM\t"0.5"', 'PROOFLIGHT_GAP_MM\t"0.25"', "recipes.txt: chart layout: gap_mm = 0.25"),
+        (
+            'PROOFLIGHT_GAP_MM\t"0.5"',
+            'PROOFLIGHT_GAP_MM\t"1e300"',
+            "recipes.txt: chart layout: gap_mm = 1e.300",
+        ),
+        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1e9\t", "there is no row 1, column 1e.09 on a page 1"),
+        ("\n1\t1\t1\t1\t", "\n1\t0\t1\t1\t", "there is no row 1, column 1 on a page 0"),
+        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1.5\t", "there is no row 1, column 1.5 on a page 1"),
+        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t2\t", "another patch lies on the same place"),
+        ("\n1\t1\t1\t1\t", "\n1\t1\t1\t1\t-", "C is -"),
     ):
         assert before in text
         path = tmp_path / "recipes.txt"

@@ -96,6 +96,15 @@ def test_recipes_from_csv(tmp_path: Path, text: str) -> None:
         ("C,M,Y,K\n0,0,0,255\n", "line 2: K is 255"),
         ("C,M,Y,K\n0,-1,0,5\n", "line 2: M is -1"),
         ("C,M,Y,K\n0,1,0,0.5\n", "no ink goes beyond 1 %; the recipes look like 0..1"),
+        ('C,M,Y,K\n1,2,3,"4\n5,6,7,8\n', "line 2 cannot be read (unexpected end of data)"),
+        ("C,M,Y,K\n0,5,20,30,40\n", "line 2 has 5 values for 4 columns"),
+        ("C,M,Y,K\n1,2,3,1e999\n", "line 2: K is 1e999"),
+        ("C,M,Y,K\n1,2,3," + "[" * 100_000, "line 2: K is [[["),
+        ("C,M,Y,K\n1,2,3," + "4" * 200_000, "line 2 cannot be read (field larger than field limit"),
+        ("x" * 100_000 + "\n1\n", "the first line is 'xxx"),
+        ("C,M,Y,K\n" + "1,2,3,4\n" * 100_001, "there are 100001 recipes"),
+        ("C,M,Y,K\n" + "\n" * 8_000_001, "is larger than 8 MB"),
+        ("C,M,Y,K\n1,2,3,4\x00\n", "is binary, not text"),
     ],
 )
 def test_csv_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
@@ -105,3 +114,11 @@ def test_csv_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> Non
         read_recipes(path)
     assert str(caught.value).startswith(f"{path}: {message}")
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+def test_recipes_in_utf_16_and_latin_1(tmp_path: Path) -> None:
+    path = tmp_path / "q.csv"
+    for encoding in ("utf-16", "latin-1"):
+        path.write_bytes("name\tC\tM\tY\tK\nGrün\t100\t0\t50\t0\n".encode(encoding))
+        np.testing.assert_allclose(read_recipes(path), [[1, 0, 0.5, 0]])

@@ -182,6 +182,25 @@ def test_pages_are_chosen_by_the_criterion(tmp_path: Path) -> None:
         edge_study.choose_pages(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "EOF"),
+        ("[" * 100_000, "recursion limit"),
+        ('{"id": "a"}', "valid array"),
+        ('[{"id": "a"}]', r"1\.strata: Field required"),
+        ('[{"id": "../x", "strata": [], "chars": 1, "img_frac": 0, "w_pt": 1}]', r"1\.id: .* match pattern"),
+        ('[{"id": "x", "strata": [], "chars": 1, "img_frac": NaN, "w_pt": 1}]', "img_frac"),
+    ],
+)
+def test_manifests_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "pages_manifest.json").write_text(text)
+    with pytest.raises(RequestError, match=said) as refusal:
+        edge_study.choose_pages(tmp_path / "pages")
+    assert "pages_manifest.json: " in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
 def test_a_small_study_writes_its_page(
     rig: Rig, pdf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -97,6 +97,12 @@ def test_a_list_that_is_none(tmp_path: Path, marks: str) -> None:
         read_pairs(pair_files(tmp_path, marks))
 
 
+@pytest.mark.parametrize("marks", ["3 2 1 4 1\n", "1 2 30 4 1\n", "1 2 3 " + "9" * 5000 + " 1\n"])
+def test_marks_off_their_scan(tmp_path: Path, marks: str) -> None:
+    with pytest.raises(ScanError, match="line 1"):
+        read_pairs(pair_files(tmp_path, marks))
+
+
 def test_scans_of_different_sizes(tmp_path: Path) -> None:
     with pytest.raises(ScanError, match="give scans of one size"):
         read_pairs(pair_files(tmp_path, "1 2 3 4 1\n", width=24))

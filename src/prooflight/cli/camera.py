@@ -12,6 +12,7 @@ import typer
 
 from prooflight.cli import camera_tables, show
 from prooflight.errors import RequestError
+from prooflight.given_files import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -203,11 +204,16 @@ def _reading(requests: Sequence[ExposureRequest]) -> Iterator[ExposureRequest]:
 
 def _text_of(name: str) -> tuple[str, str]:
     """A file's text, or standard input's, and what to call it in errors."""
-    where = "standard input" if name == "-" else name
+    from prooflight.sensing.reflectances import REFLECTANCE_FILES as FILES
+
+    if name != "-":
+        return FILES.read_text(Path(name)), name
+    where = "standard input"
     try:
-        return sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8"), where
+        data = sys.stdin.read(FILES.most_bytes + 1).encode(errors="surrogateescape")
     except UnicodeDecodeError as error:
-        raise RequestError(where, "is not text", remedy="give JSON (UTF-8)") from error
+        raise RequestError(where, "is not text", remedy=FILES.remedy) from error
+    return FILES.text(FILES.bounded(data, where=where), where=where), where
 
 
 def _sensor(camera: Camera, number: int) -> LineSensor:
@@ -224,8 +230,8 @@ def _frequencies(text: str) -> list[float]:
         try:
             number = float(item)
         except ValueError as error:
-            raise RequestError("--freq", f"{item!r} is not a number", remedy=remedy) from error
+            raise RequestError("--freq", f"{shortly(item)!r} is not a number", remedy=remedy) from error
         if not 0 <= number < float("inf"):
-            raise RequestError("--freq", f"{item} is not a frequency", remedy=remedy)
+            raise RequestError("--freq", f"{shortly(item)} is not a frequency", remedy=remedy)
         numbers.append(number)
     return numbers

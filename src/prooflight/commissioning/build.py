@@ -35,6 +35,8 @@ SUPERSAMPLING = 2
 CALIBRATION_LINES = 4096
 WHITE_TILE = 0.85
 """assumed: a ceramic white tile."""
+LEAST_TILE_DN = 0.1
+"""Below, digital numbers say nothing of a page."""
 
 
 def build_press(
@@ -53,6 +55,7 @@ def build_press(
     if pixels is not None:
         camera = with_pixels(camera, pixels)
     inks = press_file.inks(progress=lambda model: progress(f"trying ink model {model}"))
+    refuse_light(press_file, camera)
     rng = np.random.default_rng(seed)
     patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
     progress("calibrating columns")
@@ -66,9 +69,8 @@ def build_press(
         _sensor_model(camera, sensor, calibration, of_colours, backing_reflectance=backing)
         for sensor, calibration, of_colours in zip(camera.sensors, columns, tables(camera, inks), strict=True)
     ]
-    tile = camera.irradiance_photons(white)
-    for sensor, model in zip(camera.sensors, sensors, strict=True):
-        _refuse_saturation(press_file, model, tile_dn=float(signal_dn(sensor, sensor.electrons(tile))))
+    for model in sensors:
+        _refuse_saturation(press_file, model)
     progress("picturing colours")
     ink_arrays, ink_facts = packed(inks)
     return Press(
@@ -124,11 +126,32 @@ def _sensor_model(
     )
 
 
-def _refuse_saturation(press_file: PressFile, model: SensorModel, *, tile_dn: float) -> None:
-    """PressFileError if the white tile (5 % above its mean, for bright columns) or any column on paper saturates."""
-    paper_dn = float((model.column_offset_dn + model.column_gain * model.mean_dn.max()).max())
-    for what, level in (("the white tile", 1.05 * tile_dn), ("white paper", paper_dn)):
-        if level > model.top_code_dn:
-            fault = f"sensor {model.name}: {what} would reach {level:.0f} DN of {model.top_code_dn}"
-            remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
+def refuse_light(press_file: PressFile, camera: Camera) -> None:
+    """PressFileError if the white tile (5 % above its mean, for bright columns) saturates, or reads next to nothing."""
+    tile = camera.irradiance_photons(np.full(BANDS, WHITE_TILE))
+    for sensor in camera.sensors:
+        level = float(signal_dn(sensor, sensor.electrons(tile)))
+        dark = sensor.dark_e * sensor.dn_per_e + sensor.black_level_dn
+        if dark >= sensor.top_code_dn:
+            fault = f"sensor {sensor.name}: without light it would read {dark:.0f} DN of {sensor.top_code_dn}"
+            remedy = "lower dark_current_e_per_s or black_level_dn, or raise the line rate"
             raise PressFileError(press_file.path, fault, remedy=remedy)
+        if 1.05 * level > sensor.top_code_dn:
+            raise _saturates(press_file, sensor.name, "the white tile", 1.05 * level, sensor.top_code_dn)
+        if level < LEAST_TILE_DN:
+            fault = f"sensor {sensor.name}: the white tile would read {level:.2g} DN above dark"
+            remedy = "raise light.luminance_cd_m2, the conversion gain or bits, or lower the line rate"
+            raise PressFileError(press_file.path, fault, remedy=remedy)
+
+
+def _refuse_saturation(press_file: PressFile, model: SensorModel) -> None:
+    """PressFileError if any column saturates on paper."""
+    paper_dn = float((model.column_offset_dn + model.column_gain * model.mean_dn.max()).max())
+    if paper_dn > model.top_code_dn:
+        raise _saturates(press_file, model.name, "white paper", paper_dn, model.top_code_dn)
+
+
+def _saturates(press_file: PressFile, name: str, what: str, level_dn: float, top_dn: int) -> PressFileError:
+    fault = f"sensor {name}: {what} would reach {level_dn:.0f} DN of {top_dn}"
+    remedy = "lower light.luminance_cd_m2 or the conversion gain, or raise the line rate"
+    return PressFileError(press_file.path, fault, remedy=remedy)

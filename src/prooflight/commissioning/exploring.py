@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import numpy as np
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
+from prooflight.given_files import shortly
 from prooflight.predicting.tables import node_fractions
 from prooflight.press_file import PressFile
 from prooflight.sensing.sharpness import nyquist_per_mm, sharpness
@@ -30,6 +32,9 @@ PATCHES = np.array([[0, 0, 0, 0], [0, 0, 0, 0.5], [0, 0, 0, 1]], dtype=np.float6
 TABLE_STRIDE = 4
 """Every fourth node of the tables along each ink: few enough to explore with, and inks are darkest and lightest at the
 ends, which are among them."""
+MOST_DESIGNS = 1000
+"""Of one command; all are checked before the first is computed."""
+_DEEPEST_FIELD = 5
 SATURATION_SIGMAS = 4.0
 """assumed: one column in some ten thousand lies further out, and `press build` refuses if a single one saturates."""
 
@@ -48,7 +53,9 @@ class Variation:
         items = [item.strip() for item in values.split(",")]
         if not equals or not field.strip() or not all(items):
             remedy = "give FIELD=a,b,c, e.g. lens.f_number=2.8,4"
-            raise RequestError("--vary", f"{text!r} does not name a field and its values", remedy=remedy)
+            raise RequestError(
+                "--vary", f"{shortly(text)!r} does not name a field and its values", remedy=remedy
+            )
         return cls(field=field.strip(), values=tuple(_number_or_text(item) for item in items))
 
 
@@ -116,6 +123,7 @@ def designs(press_file: PressFile, variations: Sequence[Variation]) -> Iterator[
     fields = [variation.field for variation in variations]
     if len(set(fields)) < len(fields):
         raise RequestError("--vary", "names a field twice", remedy="give all values of a field at once")
+    refuse_many(math.prod(len(variation.values) for variation in variations))
     combinations = [
         dict(zip(fields, values, strict=True))
         for values in itertools.product(*(variation.values for variation in variations))
@@ -123,6 +131,15 @@ def designs(press_file: PressFile, variations: Sequence[Variation]) -> Iterator[
     candidates = [varied(press_file, values) for values in combinations]
     cameras = [candidate.camera() for candidate in candidates]
     return _designs(combinations, candidates, cameras)
+
+
+def refuse_many(designs: int) -> None:
+    """RequestError if there are more than one command can compute."""
+    if designs > MOST_DESIGNS:
+        what = f"{designs} designs" if designs < 10**9 else "more than a thousand million designs"
+        raise RequestError(
+            "--vary", what, remedy=f"give at most {MOST_DESIGNS}: fewer values, or fewer fields at once"
+        )
 
 
 def _designs(
@@ -196,19 +213,22 @@ def _number_or_text(item: str) -> int | float | str:
 def _set(press_file: PressFile, tree: dict[str, Any], field: str, value: int | float | str) -> None:
     """Put ``value`` where ``field`` points; blocks that are not there yet are made, and checked with the rest."""
     names = field.split(".")
+    if len(names) > _DEEPEST_FIELD:
+        what = f"{shortly(field)} is no field"
+        raise PressFileError(press_file.path, what, remedy="name one field, e.g. lens.f_number")
     places: list[dict[str, Any]] = [tree]
     if names[0] == "sensor":
         places, names = tree["sensor"], names[1:]
-        if names and names[0].isdigit():
-            number = int(names[0])
+        if names and names[0].isdecimal():
+            number = int(names[0][:9])
             if not 1 <= number <= len(places):
-                what = f"{field}: there is no sensor {number}"
+                what = f"{shortly(field)}: there is no sensor {shortly(names[0])}"
                 raise PressFileError(press_file.path, what, remedy=f"choose 1 to {len(places)}")
             places, names = [places[number - 1]], names[1:]
     for place in places:
         for name in names[:-1]:
             place = place.setdefault(name, {}) if isinstance(place, dict) else place
         if not names or not isinstance(place, dict) or isinstance(place.get(names[-1]), dict | list):
-            what = f"{field} is not a single value"
+            what = f"{shortly(field)} is not a single value"
             raise PressFileError(press_file.path, what, remedy="name one field, e.g. lens.f_number")
         place[names[-1]] = value

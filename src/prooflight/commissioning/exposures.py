@@ -10,6 +10,7 @@ import numpy as np
 
 from prooflight.acquiring.replay import recorded_scans
 from prooflight.errors import RequestError, ScanError
+from prooflight.given_files import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -78,7 +79,11 @@ class ExposureRequest:
         except ValueError:
             return cls(path=path)
         if not (np.isfinite(line_rate_hz) and line_rate_hz > 0):
-            raise RequestError(text, f"{rate} is not a line rate", remedy="give FILE@HZ with a rate above 0")
+            raise RequestError(
+                shortly(text),
+                f"{shortly(rate)} is not a line rate",
+                remedy="give FILE@HZ with a rate above 0",
+            )
         return cls(path=Path(stem), line_rate_hz=line_rate_hz)
 
 

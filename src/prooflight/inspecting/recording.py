@@ -49,7 +49,7 @@ class Recorder:
 
     @property
     def unrecorded(self) -> int:
-        """Pages that are not in the journal, once it is closed for good: they wait, were dropped, or no row can hold them."""
+        """Pages not in the journal, once it is closed for good: they wait, were dropped, or no row can hold them."""
         return self.journal.health.unrecorded
 
     def record(self, page: PageRecord) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from prooflight.errors import JobError, RequestError
+from prooflight.given_files import shortly
 from prooflight.pages import files
 from prooflight.pages.raster import Page
 from prooflight.pages.rip import PdfJob
@@ -169,10 +170,14 @@ def parse_pages(text: str, count: int) -> tuple[int, ...]:
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
         if not match:
-            raise RequestError(where, f"{part.strip()!r} is not a page or a range", remedy="write 1,4-6")
+            raise RequestError(
+                where, f"{shortly(part.strip())!r} is not a page or a range", remedy="write 1,4-6"
+            )
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
-            raise RequestError(where, f"{part.strip()!r} runs backwards", remedy=f"write {last}-{first}")
+            raise RequestError(
+                where, f"{shortly(part.strip())!r} runs backwards", remedy=f"write {last}-{first}"
+            )
         if first < 1 or last > count:
             what = f"there is no page {first if first < 1 or first > count else last}"
             raise RequestError(where, what, remedy=f"the job has pages 1 to {count}")

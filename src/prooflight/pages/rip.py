@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from prooflight.errors import JobError, ProfileError, RequestError
+from prooflight.given_files import GivenFiles
 from prooflight.pages.files import page_name, refuse_oversize
 from prooflight.pages.raster import MM_PER_INCH, Page
 
@@ -26,14 +27,15 @@ POINTS_PER_INCH = 72
 BYTES_PER_PIXEL = 40  # while drawing; measured: 8 for most pages, 36 with transparency groups five deep
 PIXELS_MAX = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES = 128  # ICC.1:2022, 7.2
+PROFILE_FILES = GivenFiles(error=ProfileError, remedy="give a CMYK output profile (.icc)", largest_mb=64)
 
 
 def read_profile(path: Path) -> bytes:
     """An ICC profile of CMYK output as its bytes; ProfileError if it is broken or of other colours."""
     from prooflight.pages import plates
 
-    data = path.read_bytes()
-    remedy = "give a CMYK output profile (.icc)"
+    data = PROFILE_FILES.read(path)
+    remedy = PROFILE_FILES.remedy
     if len(data) < ICC_HEADER_BYTES or data[36:40] != b"acsp":
         raise ProfileError(path, "not an ICC profile", remedy=remedy)
     if data[16:20] != b"CMYK":

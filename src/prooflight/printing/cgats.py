@@ -8,23 +8,31 @@ comments, any line end, UTF-8, UTF-16 and Latin-1, names and data on the line of
 
 from __future__ import annotations
 
-import codecs
+import math
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from prooflight.atomic import whole_file
 from prooflight.errors import ChartError
+from prooflight.given_files import GivenFiles, shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-_TOKEN: Final = re.compile(r'"(?:[^"]|"")*"|[^\s"]\S*|"\S*')
+_TOKEN: Final = re.compile(r'"[^"]*(?:""[^"]*)*"|[^\s"]\S*|"\S*')
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _STRUCTURE: Final = frozenset({"NUMBER_OF_FIELDS", "NUMBER_OF_SETS"})  # written anew, never kept
-_EXPORT = "export the chart again as CGATS text"
+_EXPORT: Final = "export the chart again as CGATS text"
+CHART_FILES: Final = GivenFiles(error=ChartError, remedy=_EXPORT, largest_mb=8)
+MOST_ROWS: Final = 10_000
+"""Ten times the largest usual chart; fitting inks takes memory in the square of it."""
+_MOST_TABLES: Final = 100
+_MOST_COLUMNS: Final = 2000
+_MOST_KEYWORDS: Final = 10_000
+_LONGEST_NUMBER: Final = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +66,15 @@ def number(cell: str) -> float:
     >>> number("0,25"), number("1e2"), number("1,000.5")
     (0.25, 100.0, nan)
     """
-    return float(cell.replace(",", ".")) if _NUMBER.fullmatch(cell) else float("nan")
+    if len(cell) > _LONGEST_NUMBER or not _NUMBER.fullmatch(cell):
+        return math.nan
+    value = float(cell.replace(",", "."))
+    return value if math.isfinite(value) else math.nan
 
 
 def read_tables(path: Path) -> tuple[Table, ...]:
     """Every table of a CGATS file; ChartError if it is none, is cut off, or contradicts itself."""
-    return parse(_decoded(path, path.read_bytes()), where=path)
+    return parse(_decoded(path), where=path)
 
 
 def write_tables(path: Path, tables: Sequence[Table]) -> None:
@@ -83,6 +94,8 @@ def parse(text: str, *, where: object) -> tuple[Table, ...]:
         if table is None:
             break
         tables.append(table)
+        if len(tables) > _MOST_TABLES:
+            raise ChartError(where, f"there are more than {_MOST_TABLES} tables", remedy=_EXPORT)
         start, kind = reader.at, table.kind
     if not tables:
         raise ChartError(where, "there is no BEGIN_DATA: this is not CGATS text", remedy=_EXPORT)
@@ -118,6 +131,9 @@ class _TableReader:
                 self.keywords.append((tokens[0], _value(line)))
             else:
                 self.keywords.append((head, _value(line)))
+            if len(self.keywords) > _MOST_KEYWORDS:
+                what = f"there are more than {_MOST_KEYWORDS} keywords before line {self.at}"
+                raise ChartError(self.where, what, remedy=_EXPORT)
         return None
 
     def _block(self, name: str, tokens: list[str]) -> list[tuple[int, list[str]]]:
@@ -133,6 +149,9 @@ class _TableReader:
                 cells = _tab_separated(line, len(self.fields))
             if cells:
                 block.append((self.at, cells))
+            if len(block) > MOST_ROWS:
+                what = f"{name} has more than {MOST_ROWS} lines"
+                raise ChartError(self.where, what, remedy="give a smaller chart")
         what = f"the file ends without END_{name}: it is cut off"
         raise ChartError(self.where, what, remedy="export or copy it again")
 
@@ -141,6 +160,9 @@ class _TableReader:
             raise ChartError(
                 self.where, f"BEGIN_DATA on line {self.at} without BEGIN_DATA_FORMAT before", remedy=_EXPORT
             )
+        if len(self.fields) > _MOST_COLUMNS:
+            what = f"there are {len(self.fields)} columns"
+            raise ChartError(self.where, what, remedy=f"export at most {_MOST_COLUMNS}")
         block = self._block("DATA", tokens)
         for line, cells in block:
             if len(cells) != len(self.fields):
@@ -163,28 +185,22 @@ class _TableReader:
         for name in table.fields:
             if name.upper() in seen:
                 raise ChartError(
-                    self.where, f"the column {name} stands there twice", remedy="keep one of the two"
+                    self.where, f"the column {shortly(name)} stands there twice", remedy="keep one of the two"
                 )
             seen.add(name.upper())
         for name, count in (("NUMBER_OF_FIELDS", len(table.fields)), ("NUMBER_OF_SETS", len(table.rows))):
             for key, value in self.keywords:
                 if key == name and number(value) != count:
-                    what = f"{name} says {value}, the table has {count}"
+                    what = f"{name} says {shortly(value)}, the table has {count}"
                     raise ChartError(self.where, what, remedy="complete the file or correct that number")
 
 
-def _decoded(where: object, data: bytes) -> str:
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        text = data.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("latin-1")  # what older instruments write; any byte is a character
+def _decoded(path: Path) -> str:
+    text = CHART_FILES.read_text(path, any_encoding=True)
     if not text.strip():
-        raise ChartError(where, "the file is empty", remedy=_EXPORT)
+        raise ChartError(path, "the file is empty", remedy=_EXPORT)
     if _CONTROL.search(text[:4096]):
-        raise ChartError(where, "the file is binary, not CGATS text", remedy=_EXPORT)
+        raise ChartError(path, "the file is binary, not CGATS text", remedy=_EXPORT)
     return text
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.errors import ChartError
+from prooflight.given_files import shortly
 from prooflight.printing.cgats import Table, number, read_tables, write_tables
 from prooflight.printing.reflectance import INKS
 from prooflight.printing.wavelengths import to_grid
@@ -32,6 +33,7 @@ _MUST_COVER_NM = (
     420.0,
     680.0,
 )  # beyond, D50 and the observer leave 0.1 CIEDE2000 to be lost on a coated board
+_LEAST_NORM, _GREATEST_NORM = 0.01, 1e6
 _EXPORT_SPECTRA = (
     "export the measurement with spectral reflectance, e.g. columns SPECTRAL_NM380 to SPECTRAL_NM730"
 )
@@ -164,7 +166,7 @@ def read_chart(path: Path) -> Chart:
             path, "the chart has no patches", remedy="export the measurement, not the empty form"
         )
     if not _ink_columns(fullest):
-        names = ", ".join(fullest.fields[:6])
+        names = ", ".join(map(shortly, fullest.fields[:6]))
         what = f"columns CMYK_C, CMYK_M, CMYK_Y, CMYK_K are missing (it has {names}, ...)"
         raise ChartError(path, what, remedy="export recipes and measurement together")
     colours = [
@@ -250,7 +252,7 @@ def _numbers(path: Path, table: Table, names: tuple[str, ...]) -> NDArray[np.flo
         row, column = bad[0]
         cell = table.rows[row][places[column]] or "empty"
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        what = f"{table.line(row)}, column {names[column]}: {cell} is no number{more}"
+        what = f"{table.line(row)}, column {shortly(names[column])}: {shortly(cell)} is no number{more}"
         raise ChartError(path, what, remedy="measure that patch again or take it out")
     return values
 
@@ -275,7 +277,10 @@ def _scale(path: Path, table: Table, measured: NDArray[np.float64]) -> float:
     it.
     """
     norm = table.keyword("SPECTRAL_NORM")
-    if norm is not None and number(norm) > 0:
+    if norm is not None:
+        if not _LEAST_NORM <= number(norm) <= _GREATEST_NORM:
+            what = f"SPECTRAL_NORM says {shortly(norm) or 'nothing'}"
+            raise ChartError(path, what, remedy="it is what a perfect white has: 1, or 100 for per cent")
         return number(norm)
     if measured.max() > 150.0:
         what = f"reflectance goes up to {measured.max():g}; it looks like 0..255"

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 STEPS_PER_MM: Final = 10  # every edge lies on this raster
 SMALLEST_PATCH_MM: Final = 5.0  # the aperture of a hand-held spectrophotometer, or some 50 camera pixels
+LARGEST_MM: Final = 3000.0  # the widest digital presses; a page's TIFF then takes 3.6 GB
 _BITS: Final = 8
 _LAYOUT: Final = "1"  # version of the keywords
 _FIELDS: Final = ("width_mm", "height_mm", "margin_mm", "mark_mm", "patch_mm", "gap_mm")
@@ -60,9 +61,11 @@ class Layout:
     def __post_init__(self) -> None:
         for name in _FIELDS:
             value = getattr(self, name)
-            if value <= 0 or abs(value * STEPS_PER_MM - round(value * STEPS_PER_MM)) > 1e-6:
+            if not 0 < value <= LARGEST_MM or abs(value * STEPS_PER_MM - round(value * STEPS_PER_MM)) > 1e-6:
                 raise RequestError(
-                    "chart layout", f"{name} = {value:g}", remedy="give a multiple of 0.1 above 0"
+                    "chart layout",
+                    f"{name} = {value:g}",
+                    remedy=f"give a multiple of 0.1 above 0, at most {LARGEST_MM:g}",
                 )
         if self.patch_mm < SMALLEST_PATCH_MM:
             what = f"patches of {self.patch_mm:g} mm"
@@ -150,7 +153,10 @@ class Layout:
             raise ChartError(
                 where, what, remedy="give the recipe file that `chart make` wrote beside the chart"
             )
-        return cls(**values)
+        try:
+            return cls(**values)
+        except RequestError as error:
+            raise ChartError(where, f"{error.where}: {error.what}", remedy=error.remedy) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -215,5 +221,26 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
         raise ChartError(
             path, "places or recipes are no numbers", remedy="give the file that `chart make` wrote"
         )
+    _refuse_places(path, table, layout, values[:, :3])
+    outside = (values[:, 3:] < 0) | (values[:, 3:] > 100)
+    if outside.any():
+        row, ink = np.argwhere(outside)[0]
+        what = f"{table.line(row)}: {INKS[ink]} is {values[row, 3 + ink]:g}"
+        raise ChartError(path, what, remedy="recipes go from 0 to 100 per cent")
     cmyk = np.round(values[:, 3:] * 2.55) / 255.0
     return PlacedRecipes(layout=layout, cmyk=cmyk, place=values[:, :3].astype(np.int64))
+
+
+def _refuse_places(path: Path, table: Table, layout: Layout, places: NDArray[np.float64]) -> None:
+    """ChartError if a patch (n, 3) lies on no place of the layout, or two on the same."""
+    most = (2**_BITS - 1, layout.rows, layout.columns)
+    wrong = ((places != np.floor(places)) | (places < 1) | (places > most)).any(axis=1)
+    if wrong.any():
+        row = int(wrong.argmax())
+        page, line, column = places[row]
+        what = f"{table.line(row)}: there is no row {line:g}, column {column:g} on a page {page:g}"
+        raise ChartError(path, what, remedy="give the file that `chart make` wrote")
+    _, first, patches = np.unique(places, axis=0, return_index=True, return_counts=True)
+    if patches.max() > 1:
+        what = f"{table.line(int(first[patches.argmax()]))}: another patch lies on the same place"
+        raise ChartError(path, what, remedy="give the file that `chart make` wrote")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.errors import RequestError
+from prooflight.given_files import GivenFiles, shortly
 from prooflight.printing.cgats import number
 from prooflight.printing.reflectance import INKS
 
@@ -31,6 +32,11 @@ _RAMP: Final = (2, 3, 5, 7, 15, 25, 50, 60, 75, 80, 90, 95, 98)
 _LENGTH: Final = (
     1.0  # ink fraction; of 0.5, 1 and 2 it makes no difference to the accuracy reached, within 10 %
 )
+RECIPE_FILES: Final = GivenFiles(
+    error=RequestError, remedy="give a CSV file of recipes, header C,M,Y,K, in per cent", largest_mb=8
+)
+MOST_RECIPES: Final = 100_000
+"""Of a file: their spectra are kept in memory together."""
 _NUGGET: Final = 1e-6  # variance of a measured recipe; only keeps divisions safe
 
 
@@ -108,17 +114,17 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
     RequestError: no such header, no rows, a cell that is no number from 0 to 100, or nothing above 1 %
     (recipes as fractions).
     """
-    text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    lines = [(at, line) for at, line in enumerate(text.splitlines(), start=1) if line.strip(" ,;\t")]
+    text = RECIPE_FILES.read_text(path, any_encoding=True)
+    lines = [(at, line) for at, line in enumerate(text.split("\n"), start=1) if line.strip(" ,;\t")]
+    if len(lines) > MOST_RECIPES + 1:
+        what = f"there are {len(lines) - 1} recipes"
+        raise RequestError(path, what, remedy=f"give at most {MOST_RECIPES} in a file")
     header = lines[0][1] if lines else ""
     separator = next((mark for mark in (";", "\t") if mark in header), ",")
-    rows = [
-        (at, [cell.strip() for cell in cells])
-        for (at, _), cells in zip(lines, _cells(lines, separator), strict=True)
-    ]
+    rows = [(at, _cells(path, at, line, separator)) for at, line in lines]
     names = [name.upper().removeprefix("CMYK_") for name in rows[0][1]] if rows else []
     if sorted(name for name in names if name in INKS) != sorted(INKS):
-        what = f"the first line is {header!r}" if header else "the file is empty"
+        what = f"the first line is {shortly(header)!r}" if header else "the file is empty"
         raise RequestError(path, what, remedy="the first line must be C,M,Y,K, then recipes in per cent")
     if len(rows) == 1:
         raise RequestError(
@@ -131,12 +137,18 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
     return percent / 100.0
 
 
-def _cells(lines: list[tuple[int, str]], separator: str) -> list[list[str]]:
-    return list(csv.reader((line for _, line in lines), delimiter=separator))
+def _cells(path: Path, at: int, line: str, separator: str) -> list[str]:
+    """Cells of one line; quotes do not go on over lines."""
+    try:
+        (cells,) = csv.reader([line], delimiter=separator, strict=True)
+    except csv.Error as error:
+        what = f"line {at} cannot be read ({error})"
+        raise RequestError(path, what, remedy="close every quote on its line") from None
+    return [cell.strip() for cell in cells]
 
 
 def _recipe(path: Path, line: int, cells: list[str], names: list[str]) -> list[float]:
-    if len(cells) < len(names):
+    if len(cells) < len(names) or any(cells[len(names) :]):
         what = f"line {line} has {len(cells)} values for {len(names)} columns"
         raise RequestError(path, what, remedy="give one number each for C, M, Y and K")
     values = []
@@ -145,7 +157,9 @@ def _recipe(path: Path, line: int, cells: list[str], names: list[str]) -> list[f
         value = number(cell)
         if not 0 <= value <= 100:
             raise RequestError(
-                path, f"line {line}: {ink} is {cell or 'empty'}", remedy="give a number from 0 to 100"
+                path,
+                f"line {line}: {ink} is {shortly(cell) or 'empty'}",
+                remedy="give a number from 0 to 100",
             )
         values.append(value)
     return values

@@ -10,6 +10,7 @@ import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
 from prooflight.errors import RequestError
+from prooflight.given_files import shortly
 from prooflight.predicting.predict import predict
 from prooflight.simulating.fast import fast_scan
 from prooflight.simulating.misprints import KINDS, draw_misprint
@@ -43,7 +44,7 @@ class MisprintRequest:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise RequestError(
-                "misprint", f"there is no kind {self.kind!r}", remedy=f"choose of {', '.join(KINDS)}"
+                "misprint", f"there is no kind {shortly(self.kind)!r}", remedy=f"choose of {', '.join(KINDS)}"
             )
         if self.severity is not None and not 0 <= self.severity <= 1:
             what = f"severity {self.severity} of {self.kind} is out of range"
@@ -58,7 +59,7 @@ class MisprintRequest:
         except ValueError as error:
             if isinstance(error, RequestError):
                 raise
-            what = f"severity {severity!r} is not a number"
+            what = f"severity {shortly(severity)!r} is not a number"
             raise RequestError("misprint", what, remedy="write KIND:SEVERITY, e.g. streak:0.8") from error
 
 

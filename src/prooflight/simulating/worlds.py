@@ -14,6 +14,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any, Self
 
 from prooflight.errors import RequestError
+from prooflight.given_files import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,7 +45,7 @@ def worlds() -> dict[str, Any]:
 def known_world(name: str) -> str:
     """``name``, if there is such a world; RequestError otherwise."""
     if name not in WORLDS:
-        raise RequestError("world", f"there is no {name!r}", remedy=f"choose {' or '.join(WORLDS)}")
+        raise RequestError("world", f"there is no {shortly(name)!r}", remedy=f"choose {' or '.join(WORLDS)}")
     return name
 
 

@@ -8,9 +8,10 @@ import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from prooflight.commissioning.exploring import Variation, varied
+from prooflight.commissioning.exploring import Variation, refuse_many, varied
 from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
+from prooflight.given_files import shortly
 from prooflight.press_file import PressFile
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ Value = int | float | str
 SENSORS: Final = "sensors"
 """Not a field of press files: how many of its sensors, first to last, a design has."""
 EFFICIENCY_FILE: Final = "quantum_efficiency.file"
+MOST_CENTS: Final = 1e15
 AS_IT_IS: Final = "as it is"
 _REMEDY: Final = "give FIELD=a,b,c, or FIELD+FIELD=a+b,c+d for values that go together"
 
@@ -56,7 +58,9 @@ def choices(texts: Sequence[str], *, each_alone: bool = False) -> tuple[Choice, 
     if len(set(fields)) < len(fields):
         raise RequestError("--vary", "names a field twice", remedy="give all values of a field at once")
     if each_alone:
+        refuse_many(1 + sum(map(len, steps)))
         return (Choice(), *itertools.chain.from_iterable(steps))
+    refuse_many(math.prod(len(step) for step in steps))
     return tuple(
         Choice(values=tuple(itertools.chain.from_iterable(step.values for step in combination)))
         for combination in itertools.product(*steps)
@@ -68,12 +72,12 @@ def _steps(text: str) -> list[Choice]:
     names, equals, rows = text.partition("=")
     fields = names.split("+")
     if not equals or not all(field.strip() for field in fields):
-        raise RequestError("--vary", f"{text!r} does not name a field and its values", remedy=_REMEDY)
+        raise RequestError(
+            "--vary", f"{shortly(text)!r} does not name a field and its values", remedy=_REMEDY
+        )
     cells = [row.split("+") if len(fields) > 1 else [row] for row in rows.split(",")]
     if any(len(row) != len(fields) or not all(cell.strip() for cell in row) for row in cells):
-        what = (
-            f"{text!r} does not give {'a value' if len(fields) == 1 else f'{len(fields)} values'} each time"
-        )
+        what = f"{shortly(text)!r} does not give {'a value' if len(fields) == 1 else f'{len(fields)} values'} each time"
         raise RequestError("--vary", what, remedy=_REMEDY)
     columns = [
         Variation.parse(f"{field}={','.join(column)}")
@@ -89,7 +93,7 @@ def _with_sensors(base: PressFile, count: Value) -> PressFile:
     tree = tomllib.loads(base.text)
     have = len(tree["sensor"])
     if not isinstance(count, int) or not 1 <= count <= have:
-        what = f"sensors: {count} of {have}"
+        what = f"sensors: {shortly(str(count))} of {have}"
         remedy = f"choose 1 to {have}, or add a [[sensor]] block to the press file (two-sensors.toml has two)"
         raise PressFileError(base.path, what, remedy=remedy)
     tree["sensor"] = tree["sensor"][:count]
@@ -101,7 +105,7 @@ def _without_curve(base: PressFile, field: str) -> PressFile:
     tree = tomllib.loads(base.text)
     number = field.split(".")[1]
     for place, sensor in enumerate(tree["sensor"]):
-        if not number.isdigit() or int(number) == place + 1:
+        if not number.isdecimal() or int(number[:9]) == place + 1:
             curve = {"file": str(sensor["quantum_efficiency"].get("file", "to-be-replaced.csv"))}
             sensor["quantum_efficiency"] = curve
     return PressFile(base.path, toml_text(tree))
@@ -122,9 +126,9 @@ class Prices:
 
     def __post_init__(self) -> None:
         for name, value in (("--sensor-cost", self.sensor_cents), ("--computing-cost", self.computing_cents)):
-            if not value >= 0:
-                raise RequestError(name, f"{value} is not a cost", remedy="give cents, 0 or more")
-        if not self.life_pages > 0:
+            if not 0 <= value <= MOST_CENTS:
+                raise RequestError(name, f"{value} is not a cost", remedy=f"give cents, 0 to {MOST_CENTS:g}")
+        if not 1 <= self.life_pages <= MOST_CENTS:
             raise RequestError("--life-pages", f"{self.life_pages} is no life", remedy="give pages above 0")
 
     def hardware_cents(self, choice: Choice, sensors: int) -> float:
@@ -149,12 +153,12 @@ def _price(text: str, of: Sequence[Choice]) -> tuple[str, str, float]:
         amount = float(cents)
     except ValueError:
         amount = float("nan")
-    if not equals or not math.isfinite(amount):
+    if not equals or not abs(amount) <= MOST_CENTS:
         remedy = "give FIELD=VALUE:CENTS, e.g. light.luminance_cd_m2=200:50000"
-        raise RequestError("--price", f"{text!r} does not say what costs how much", remedy=remedy)
+        raise RequestError("--price", f"{shortly(text)!r} does not say what costs how much", remedy=remedy)
     if (field, value) not in {(name, _as_text(given)) for name, given in _given(of)}:
         remedy = "price a field and value that --vary gives, written alike"
-        raise RequestError("--price", f"no design has {field}={value}", remedy=remedy)
+        raise RequestError("--price", f"no design has {shortly(what)}", remedy=remedy)
     return field, value, amount
 
 

@@ -6,11 +6,13 @@ uses, and once more on the very raster that prediction is given; the prediction 
 
 from __future__ import annotations
 
-import json
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from prooflight.errors import RequestError
+from prooflight.given_files import GivenFiles
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.rip import POINTS_PER_INCH, PdfJob
 from prooflight.press_file import PressFile
@@ -48,6 +50,19 @@ MOST_PICTURE: Final = 0.01
 FEWEST_LETTERS: Final = 100
 WIDEST_MM: Final = 215.95
 """Of the prototype's field, letter paper (215.9 mm) just fits."""
+MANIFEST_FILES: Final = GivenFiles(
+    error=RequestError, remedy="give the manifest of the pages, a JSON list", largest_mb=8
+)
+
+
+class ManifestEntry(BaseModel):
+    """What the choice of pages asks of one in the manifest; what else stands there is of no interest."""
+
+    id: Annotated[str, Field(pattern=r"^[\w-]{1,100}$")]
+    strata: list[str]
+    chars: int
+    img_frac: Annotated[float, Field(ge=0, le=1e6)]
+    w_pt: Annotated[float, Field(gt=0, le=1e6)]
 
 
 def run_edge_study(
@@ -154,18 +169,31 @@ def choose_pages(folder: Path, a_stratum: int = PAGES_A_STRATUM) -> list[Path]:
     manifest = folder.resolve().parent / "pages_manifest.json"
     if not manifest.is_file():
         raise RequestError(manifest, "is not there", remedy="give the folder of pages that it lies beside")
+    entries = read_manifest(manifest)
     chosen = []
     for stratum in STRATA:
         fitting = [
-            folder / f"{entry['id']}.pdf"
-            for entry in json.loads(manifest.read_text(encoding="utf-8"))
-            if entry["strata"] == [stratum]
-            and entry["chars"] >= FEWEST_LETTERS
-            and entry["img_frac"] <= MOST_PICTURE
-            and entry["w_pt"] * MM_PER_INCH / POINTS_PER_INCH <= WIDEST_MM
+            folder / f"{entry.id}.pdf"
+            for entry in entries
+            if entry.strata == [stratum]
+            and entry.chars >= FEWEST_LETTERS
+            and entry.img_frac <= MOST_PICTURE
+            and entry.w_pt * MM_PER_INCH / POINTS_PER_INCH <= WIDEST_MM
         ]
         chosen += fitting[:a_stratum]
     return chosen
+
+
+def read_manifest(path: Path) -> list[ManifestEntry]:
+    """All pages of a manifest; RequestError: it is no JSON, or an entry lacks what is asked of it."""
+    text = MANIFEST_FILES.read_text(path)
+    try:
+        return TypeAdapter(list[ManifestEntry]).validate_json(text)
+    except ValidationError as error:
+        fault = error.errors(include_input=False, include_url=False)[0]
+        place = ".".join(str(part + 1) if isinstance(part, int) else part for part in fault["loc"])
+        what = f"{place}: {fault['msg']}" if place else fault["msg"]
+        raise RequestError(path, what, remedy=MANIFEST_FILES.remedy) from None
 
 
 def _criterion() -> str:

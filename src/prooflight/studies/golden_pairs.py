@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from prooflight.acquiring.pictures import PictureFile
 from prooflight.errors import RequestError, ScanError
+from prooflight.given_files import GivenFiles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,11 +18,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_WHOLE: Final = re.compile(r"[0-9]{1,9}")
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom. [pixels]"""
 
 KINDS: Final = {1: "open", 2: "short", 3: "mousebite", 4: "spur", 5: "spurious copper", 6: "pin-hole"}
 """As the data set DeepPCB numbers them."""
+MARK_FILES: Final = GivenFiles(
+    error=ScanError,
+    remedy="write left top right bottom kind, whole numbers, a line for each defect",
+    largest_mb=0.25,
+)
 LEAST_OVERLAP: Final = 0.33
 """Intersection over union above which a place found is the one marked (DeepPCB's own measure)."""
 
@@ -59,21 +67,29 @@ def _read(path: Path) -> GoldenPair:
         raise ScanError(
             path, f"belongs to scans of {golden.shape} and {scan.shape}", remedy="give scans of one size"
         )
-    try:
-        rows = [
-            tuple(int(word) for word in line.split())
-            for line in path.read_text().splitlines()
-            if line.strip()
-        ]
-    except ValueError:
-        rows = [()]
-    if any(len(row) != 5 or row[4] not in KINDS for row in rows):
-        remedy = "write left top right bottom kind, whole numbers, a line for each defect"
-        raise ScanError(path, "is not a list of marked defects", remedy=remedy)
+    rows = _marks(path, lines=golden.shape[-2], pixels=golden.shape[-1])
     marked = tuple((row[0], row[1], row[2], row[3]) for row in rows)
     return GoldenPair(
         name=path.stem, golden=golden, scan=scan, marked=marked, kinds=tuple(row[4] for row in rows)
     )
+
+
+def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
+    """Left, top, right, bottom and kind of every defect; ScanError: a line is something else, or off the scan."""
+    rows: list[tuple[int, ...]] = []
+    for at, line in enumerate(MARK_FILES.read_text(path).split("\n"), start=1):
+        words = line.split()
+        if not words:
+            continue
+        row = tuple(map(int, words)) if all(map(_WHOLE.fullmatch, words)) else ()
+        if len(row) != 5 or row[4] not in KINDS:
+            what = f"is not a list of marked defects: line {at} is something else"
+            raise ScanError(path, what, remedy=MARK_FILES.remedy)
+        if not (0 <= row[0] < row[2] <= pixels and 0 <= row[1] < row[3] <= lines):
+            what = f"line {at}: the defect lies off the scan of {pixels} x {lines} pixels"
+            raise ScanError(path, what, remedy=MARK_FILES.remedy)
+        rows.append(row)
+    return rows
 
 
 def halves(pairs: Sequence[GoldenPair]) -> tuple[list[GoldenPair], list[GoldenPair]]:

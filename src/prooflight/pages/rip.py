@@ -158,7 +158,7 @@ class PdfJob:
             page = self._load(number)
             box, scale = self._printed_box(page), dpi / POINTS_PER_INCH
             shape = (max(1, round((box.y1 - box.y0) * scale)), max(1, round((box.x1 - box.x0) * scale)))
-            refuse_oversize(f"{self.path}, page {number}", *shape, bytes_per_pixel=BYTES_PER_PIXEL)
+            refuse_oversize(f"{self.path}, page {number}", *shape)
             if shape[0] * shape[1] > PIXELS_MAX:
                 what = f"page {number} at {dpi:g} dpi has {shape[0] * shape[1] / 1e6:.0f} megapixels"
                 remedy = f"lower the resolution: at most {PIXELS_MAX / 1e6:.0f} can be ripped"

@@ -17,7 +17,7 @@ import tifffile
 
 from prooflight.atomic import whole_file
 from prooflight.errors import JobError, RequestError
-from prooflight.pages.memory import file_size
+from prooflight.pages.memory import file_size, refuse_oversize
 from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL.ImageFile import ImageFile
 
-MEGAPIXELS_MAX = 400  # assumed: A0 at 482 dpi has 360
 PAGE_BYTES_PER_PIXEL = 4
 DPI_MAX = 100_000.0
 """Above, and below 1, a resolution is a slip: a hair is some 60 micrometres across, a pixel at the limit a quarter."""
@@ -55,14 +54,6 @@ def page_name(number: int) -> str:
     'p0007'
     """
     return f"p{number:04d}"
-
-
-def refuse_oversize(where: object, rows: int, columns: int) -> None:
-    """JobError, before anything is allocated, if a page has more than 400 megapixels."""
-    megapixels = rows * columns / 1e6
-    if megapixels > MEGAPIXELS_MAX:
-        what = f"{columns} x {rows} pixels are {megapixels:.0f} megapixels"
-        raise JobError(where, what, remedy=f"at most {MEGAPIXELS_MAX}: lower the resolution or cut the page")
 
 
 def check_dpi(where: object, dpi: float) -> None:

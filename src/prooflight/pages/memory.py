@@ -7,11 +7,15 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from prooflight.errors import JobError
+
 if TYPE_CHECKING:
     from prooflight.errors import InputError
 
 MODEST_BYTES: Final = 2 * 2**30
 """What any file may take to be read."""
+MEGAPIXELS_MAX: Final = 400
+"""Of a page; assumed: A0 at 482 dpi has 360."""
 BYTES_PER_FILE_BYTE: Final = 64
 """What a larger file may take: a strong JPEG holds four pixels in a byte, and reading takes up to 16 bytes for each.
 Files that promise more are made to exhaust memory."""
@@ -24,6 +28,14 @@ def available_bytes() -> float:
             if line.startswith("MemAvailable:"):
                 return float(line.split()[1]) * 1024
     return float("inf")
+
+
+def refuse_oversize(where: object, rows: int, columns: int) -> None:
+    """JobError, before anything is allocated, if a page has more than 400 megapixels."""
+    megapixels = rows * columns / 1e6
+    if megapixels > MEGAPIXELS_MAX:
+        what = f"{columns} x {rows} pixels are {megapixels:.0f} megapixels"
+        raise JobError(where, what, remedy=f"at most {MEGAPIXELS_MAX}: lower the resolution or cut the page")
 
 
 def refuse_unaffordable(

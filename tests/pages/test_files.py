@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from prooflight.errors import JobError, RequestError
-from prooflight.pages import files
+from prooflight.pages import files, memory
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
@@ -268,7 +268,7 @@ def test_a_page_too_large_is_refused_before_it_is_read(
     huge.write_bytes(data)
     with pytest.raises(JobError, match=r"65535 x 65535 pixels are 4295 megapixels; at most 400"):
         files.read_page(huge)
-    monkeypatch.setattr(files, "available_bytes", lambda: 1000.0)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1000.0)
     with pytest.raises(JobError, match="memory are free"):
         files.read_page(write(tmp_path / "a.tif", noise()))
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import tifffile
 
 from prooflight.errors import ScanError
+from prooflight.pages.files import DPI_MAX
 from prooflight.pages.job import natural_order
+from prooflight.pages.picture_files import bands, opened_picture
+from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -23,6 +27,9 @@ PLAIN: Final = {"P": "RGB", "RGBA": "RGB", "1": "L", "LA": "L"}
 REMEDY: Final = "give grey or RGB, as TIFF of any depth, JPEG or PNG"
 INCHES: Final = {2: 1.0, 3: 2.54}
 """TIFF 6.0, ResolutionUnit: 2 inch, 3 centimetre; what one of them multiplies to inches."""
+BYTES_PER_SAMPLE: Final = 8.0
+"""While a picture is read: 4 of the light, and of Pillow's own picture 1, or 4 where it has 16 bits."""
+_AGAIN: Final = "scan the page again"
 _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2  # TIFF 6.0, PhotometricInterpretation
 
 
@@ -87,12 +94,11 @@ def _pictures_of(path: Path, images: int | None, *, one_of_many: bool = False) -
     if path.suffix.lower() not in TIFF_SUFFIXES:
         return [PictureFile(path=path, first_image=0, images=1)]
     try:
-        with tifffile.TiffFile(path) as file:
-            count = len(file.pages)
-    except Exception as error:  # decoders raise whatever damage leads them to
+        count = image_count(path, ScanError, remedy=_AGAIN)
+    except ScanError:
         if one_of_many:
             return [PictureFile(path=path, first_image=0, images=images or 1)]
-        raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
+        raise
     each = images or count
     if not count or count % each:
         raise ScanError(path, f"holds {count} images", remedy=f"give {each} images for each page")
@@ -101,65 +107,71 @@ def _pictures_of(path: Path, images: int | None, *, one_of_many: bool = False) -
 
 def _read_tiff(file: PictureFile) -> Picture:
     path = file.path
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            pages = [tiff.pages[index] for index in range(file.first_image, file.first_image + file.images)]
-            sheets = [_channels(path, page, page.asarray(maxworkers=1)) for page in pages]
-            tags = {code: pages[0].tags.valueof(code) for code in (282, 283, 296, 274)}  # TIFF 6.0
-    except ScanError:
-        raise
-    except Exception as error:  # as above
-        raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
-    if tags[274] not in (None, 1):
-        raise ScanError(path, "is stored turned", remedy="save it with its first line on top")
-    if len({sheet.shape[1:] for sheet in sheets}) > 1:
-        raise ScanError(
-            path, "holds images of different sizes", remedy="give images of one size for each page"
-        )
-    unit = INCHES.get(tags[296] or 0)
-    x, y = (_ratio(tags[code]) for code in (282, 283))
-    dpi = None if unit is None or min(x, y) <= 0 else (x * unit, y * unit)
-    return Picture(light=_checked(path, np.concatenate(sheets)), dpi=dpi)
+    with opened_tiff(path, ScanError, remedy=_AGAIN) as images:
+        pages = [images[place] for place in range(file.first_image, file.first_image + file.images)]
+        for page in pages:
+            _check_colours(path, page)
+        if pages[0].tags.valueof(274) not in (None, 1):
+            raise ScanError(path, "is stored turned", remedy="save it with its first line on top")
+        if len({(page.imagelength, page.imagewidth) for page in pages}) > 1:
+            raise ScanError(
+                path, "holds images of different sizes", remedy="give images of one size for each page"
+            )
+        shape = (sum(map(_channels, pages)), pages[0].imagelength, pages[0].imagewidth)
+        for page in pages:
+            images.check(path, page, kept_bytes=BYTES_PER_SAMPLE * prod(shape))
+        light = np.empty(shape, np.float32)
+        start = 0
+        for page in pages:
+            part = light[start : start + _channels(page)]
+            decode_into(page, np.moveaxis(part, 0, -1))
+            if page.photometric == _MIN_IS_WHITE:
+                np.subtract(part.max(initial=0), part, out=part)
+            start += len(part)
+        dpi = _dpi({code: pages[0].tags.valueof(code) for code in (282, 283, 296)})  # TIFF 6.0
+    return Picture(light=_checked(path, light), dpi=dpi)
 
 
-def _channels(path: Path, page: Any, pixels: NDArray[Any]) -> NDArray[np.float32]:
-    """(channels, lines, pixels) of one TIFF image."""
+def _channels(page: Any) -> int:
+    """Channels of light of one image: what follows red, green and blue is none."""
+    return int(min(page.samplesperpixel, 3))
+
+
+def _check_colours(path: Path, page: Any) -> None:
     if page.photometric not in (_MIN_IS_WHITE, _MIN_IS_BLACK, _RGB, 6):  # 6: YCbCr, decoded to RGB
         what = f"is {getattr(page.photometric, 'name', 'of unknown colours').lower()}"
         raise ScanError(path, what, remedy=REMEDY)
-    if pixels.ndim == 3 and page.planarconfig == 1:
-        pixels = np.moveaxis(pixels, -1, 0)
-    pixels = pixels[None] if pixels.ndim == 2 else pixels[:3]
-    light = pixels.astype(np.float32)
-    if page.photometric == _MIN_IS_WHITE:
-        light = np.float32(light.max(initial=0)) - light
-    return light
+
+
+def _dpi(tags: Mapping[int, Any]) -> tuple[float, float] | None:
+    unit = INCHES.get(tags[296] or 0)
+    x, y = (_ratio(tags[code]) for code in (282, 283))
+    return None if unit is None else _sane((x * unit, y * unit))
+
+
+def _sane(dpi: Sequence[float]) -> tuple[float, float] | None:
+    """A resolution that a file may mean; programs write 0 or 1 where they know none."""
+    return (dpi[0], dpi[1]) if all(1 < value <= DPI_MAX for value in dpi) else None
 
 
 def _read_other(path: Path) -> Picture:
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            plain = PLAIN.get(image.mode)
-            mode, dpi = image.mode, image.info.get("dpi")
-            pixels = np.asarray(image.convert(plain) if plain else image, np.float32)
-    except Exception as error:  # Pillow raises OSError, SyntaxError, struct.error, ...
-        raise ScanError(path, "is damaged or not a picture", remedy=REMEDY) from error
-    if mode == "CMYK" or pixels.ndim not in (2, 3):
-        raise ScanError(path, f"is {mode}", remedy=REMEDY)
-    light = pixels[None] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
+    with opened_picture(path, ScanError, bytes_per_sample=BYTES_PER_SAMPLE, remedy=REMEDY) as image:
+        if image.mode not in (*PLAIN, *PLAIN.values()) and not image.mode.startswith("I"):
+            raise ScanError(path, f"is {image.mode}", remedy=REMEDY)
+        plain = PLAIN.get(image.mode)
+        light = np.empty((3 if (plain or image.mode) == "RGB" else 1, image.height, image.width), np.float32)
+        for rows, samples in bands(image, mode=plain):
+            light[:, rows] = np.moveaxis(samples, -1, 0)
+        dpi = image.info.get("dpi")
     return Picture(
-        light=_checked(path, np.ascontiguousarray(light)),
-        dpi=None if not dpi or min(dpi) <= 1 else (float(dpi[0]), float(dpi[1])),
+        light=_checked(path, light), dpi=None if not dpi else _sane([float(value) for value in dpi])
     )
 
 
 def _checked(path: Path, light: NDArray[np.float32]) -> NDArray[np.float32]:
-    if not light.size or not np.isfinite(light).all():
-        what = "is empty" if not light.size else "holds values that are not finite"
-        raise ScanError(path, what, remedy="scan the page again")
-    return np.ascontiguousarray(light)
+    if not all(np.isfinite(rows).all() for rows in light.reshape(-1, light.shape[-1])):
+        raise ScanError(path, "holds values that are not finite", remedy=_AGAIN)
+    return light
 
 
 def _ratio(value: Any) -> float:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +14,7 @@ from prooflight.acquiring.pacing import Pacer
 from prooflight.atomic import whole_file
 from prooflight.errors import ScanError
 from prooflight.pages.job import natural_order
+from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SUFFIXES = (".tif", ".tiff")
+_REMEDY = "scan the page again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,20 +40,29 @@ class RecordedScan:
         """The file's stem, which names the page in a folder of scans."""
         return self.path.stem
 
-    def read(self) -> NDArray[np.uint16]:
-        """The scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or of another form."""
-        try:
-            with _opened(self.path) as file:
-                wanted = range(self.first_image, self.first_image + self.sensors)
-                images = [file.pages[index].asarray() for index in wanted]
-        except Exception as error:  # decoders raise whatever damage leads them to, MemoryError included
-            raise ScanError(self.path, "is damaged or not a TIFF", remedy="scan the page again") from error
-        shapes = {(image.dtype.name, image.shape) for image in images}
-        if len(shapes) > 1 or images[0].dtype != np.uint16 or images[0].ndim != 2 or not images[0].size:
-            what = f"holds images of {' and '.join(f'{name} {shape}' for name, shape in sorted(shapes))}"
-            remedy = "give raw digital numbers, one uint16 (lines, pixels) image for each sensor"
-            raise ScanError(self.path, what, remedy=remedy)
-        return np.stack(images)
+    def read(self, *, pixels: int | None = None, lines_max: int | None = None) -> NDArray[np.uint16]:
+        """The scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or of another form.
+
+        pixels, lines_max: of a line, and at most of the scan, where the press is known: others are not decoded at all.
+        """
+        with opened_tiff(self.path, ScanError, remedy=_REMEDY) as file:
+            images = [file[self.first_image + sensor] for sensor in range(self.sensors)]
+            shapes = {(str(image.dtype), image.shape) for image in images}
+            if len(shapes) > 1 or images[0].dtype != np.uint16 or len(images[0].shape) != 2:
+                what = f"holds images of {' and '.join(f'{name} {shape}' for name, shape in sorted(shapes))}"
+                remedy = "give raw digital numbers, one uint16 (lines, pixels) image for each sensor"
+                raise ScanError(self.path, what, remedy=remedy)
+            lines, wide = images[0].shape
+            if (pixels or wide) != wide or lines > (lines_max or lines):
+                what = f"is of {self.sensors} sensors x {lines} lines x {wide} pixels"
+                limit = "" if lines_max is None else f", at most {lines_max} lines for this page"
+                raise ScanError(self.path, what, remedy=f"the press has {pixels or wide} pixels{limit}")
+            for image in images:
+                file.check(self.path, image, kept_bytes=2.0 * self.sensors * lines * wide)
+            dn = np.empty((self.sensors, lines, wide), np.uint16)
+            for image, out in zip(images, dn, strict=True):
+                decode_into(image, out[..., None])
+        return dn
 
 
 def write_scan(path: Path, dn: NDArray[np.uint16], *, facts: Mapping[str, object]) -> None:
@@ -117,11 +126,7 @@ class Replay:
         """All lines of all scans. ScanError: one is damaged or of another camera."""
         first = 0
         for scan in self._scans:
-            lines = scan.read()
-            if lines.shape[::2] != (self.sensors, self.pixels):
-                what = f"is of {lines.shape[0]} sensors x {lines.shape[2]} pixels"
-                remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
-                raise ScanError(scan.path, what, remedy=remedy)
+            lines = scan.read(pixels=self.pixels)
             for start in range(0, lines.shape[1], self._block_lines):
                 block = lines[:, start : start + self._block_lines]
                 time_s = self._pacer.read(block.shape[1])
@@ -136,40 +141,13 @@ class Replay:
         self._pacer.stop()
 
 
-class _Complaints(logging.Handler):
-    """What tifffile would only log: tags or images that lie beyond the end of the file."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.ERROR)
-        self.first: str | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.first = self.first or record.getMessage()
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
-    """A TIFF file; what tifffile complains of is an error, for a scan that is damaged is not to be judged."""
-    complaints = _Complaints()
-    tifffile.logger().addHandler(complaints)
-    try:
-        with tifffile.TiffFile(path) as file:
-            yield file
-            list(file.pages)
-    finally:
-        tifffile.logger().removeHandler(complaints)
-    if complaints.first:
-        raise ValueError(complaints.first)
-
-
 def _scans_of(path: Path, sensors: int, *, damaged: bool = False) -> list[RecordedScan]:
     try:
-        with _opened(path) as file:
-            count = len(file.pages)
-    except Exception as error:  # as above
+        count = image_count(path, ScanError, remedy=_REMEDY)
+    except ScanError:
         if damaged:
             return [RecordedScan(path=path, first_image=0, sensors=sensors)]
-        raise ScanError(path, "is damaged or not a TIFF", remedy="scan the page again") from error
+        raise
     if not count or count % sensors:
         what = f"holds {count} images where the press has {sensors} sensors"
         raise ScanError(path, what, remedy="give one image for each sensor of each page")

@@ -10,14 +10,16 @@ from __future__ import annotations
 import io
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from math import prod
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import tifffile
-from PIL import Image, ImageCms
+from PIL import ImageCms
 
 from prooflight.acquiring.replay import RecordedScan
 from prooflight.errors import RequestError, ScanError
+from prooflight.pages.picture_files import opened_picture
+from prooflight.pages.tiff_images import BAND_ROWS, TiffImages, decode_into, opened_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +37,9 @@ _USUAL_BITS: Final = (8, 10, 12, 14, 16)
 _REMEDY: Final = (
     "give TIFF, PNG or JPEG: raw numbers (sensors, lines, pixels), or grey or RGB of 8 or 16 bits"
 )
-_SCALES: Final = {"inch": 1.0, "centimetre": 2.54}
+_BYTES_PER_SAMPLE: Final = 8.0
+"""While a picture is read: 4 of its light, 2 of its numbers, and as many of the decoder's."""
+_ICC_PROFILE: Final = 34675
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,7 +85,10 @@ def read_chart_scan(path: Path, *, encoding: str = AUTO) -> ChartScan:
     else:
         codes = np.arange(top + 1) / top
         light = [np.float32(TOP_16_BITS) * curve(codes).astype(np.float32) for curve in curves]
-        dn = np.stack([table[plane] for table, plane in zip(light, planes, strict=True)])
+        dn = np.empty(planes.shape, np.float32)
+        for table, plane, out in zip(light, planes, dn, strict=True):
+            for start in range(0, len(plane), BAND_ROWS):  # indices are widened to eight bytes
+                out[start : start + BAND_ROWS] = table[plane[start : start + BAND_ROWS]]
         scale = TOP_16_BITS
     names = ("red", "green", "blue") if len(planes) == 3 else ("grey",)
     return ChartScan(path=path, dn=dn, names=names, top_code_dn=scale, dpi=dpi, encoding=named)
@@ -91,20 +98,17 @@ def _raw_lines(path: Path) -> ChartScan | None:
     """A line camera's scan, one uint16 image for each sensor; None if the file is something else."""
     if path.suffix.lower() not in TIFF:
         return None
-    try:
-        with tifffile.TiffFile(path) as file:
-            pages = [(page.dtype, page.ndim) for page in file.pages]
-            planar = len(pages) == 1 and pages[0] == (np.dtype(np.uint16), 3)
-            shape: tuple[int, ...] = file.pages[0].shape if pages else ()
-            dpi = _tiff_dpi(file)
-    except Exception as error:  # decoders raise whatever damage leads them to
-        raise ScanError(path, "is damaged or not a TIFF", remedy=_REMEDY) from error
-    if planar and shape[0] < min(shape[1:]):  # one image with the sensors as its planes
-        dn = np.asarray(tifffile.imread(path))
-    elif pages and all(page == (np.dtype(np.uint16), 2) for page in pages):
-        dn = RecordedScan(path=path, first_image=0, sensors=len(pages)).read()
-    else:
-        return None
+    with opened_tiff(path, ScanError, remedy=_REMEDY) as images:
+        count = len(images)
+        pages = [(page.dtype, page.shape) for page in (images[place] for place in range(count))]
+        planar = count == 1 and pages[0][0] == np.uint16 and len(pages[0][1]) == 3
+        dpi = _tiff_dpi(images[0]) if count else None
+        if planar and pages[0][1][0] < min(pages[0][1][1:]):  # one image with the sensors as its planes
+            dn = np.moveaxis(_decoded(images, path), -1, 0)
+        elif pages and all(dtype == np.uint16 and len(shape) == 2 for dtype, shape in pages):
+            dn = RecordedScan(path=path, first_image=0, sensors=count).read()
+        else:
+            return None
     names = {1: ("mono",), 3: ("red", "green", "blue")}.get(
         len(dn), tuple(f"s{n + 1}" for n in range(len(dn)))
     )
@@ -124,43 +128,45 @@ def _top_code(greatest: int) -> int:
 
 
 def _picture(path: Path) -> tuple[NDArray[np.generic], tuple[float, float] | None, bytes | None]:
-    """Samples (lines, pixels[, channels]), resolution and ICC profile of a picture."""
-    try:
-        if path.suffix.lower() in TIFF:
-            with tifffile.TiffFile(path) as file:
-                page = file.pages[0]
-                samples = np.asarray(page.asarray())
-                if samples.ndim == 3 and samples.shape[0] in (3, 4) and samples.shape[2] > 4:
-                    samples = np.moveaxis(samples, 0, 2)
-                tag = page.tags.get("InterColorProfile")
-                return samples, _tiff_dpi(file), None if tag is None else bytes(tag.value)
-        if path.suffix.lower() == ".png":
+    """Samples (lines, pixels, channels), resolution and ICC profile of a picture."""
+    if path.suffix.lower() in TIFF:
+        with opened_tiff(path, ScanError, remedy=_REMEDY) as images:
+            if not len(images):
+                raise ScanError(path, "holds no image", remedy=_REMEDY)
+            profile = images[0].tags.valueof(_ICC_PROFILE)
+            return _decoded(images, path), _tiff_dpi(images[0]), None if profile is None else bytes(profile)
+    with opened_picture(path, ScanError, bytes_per_sample=_BYTES_PER_SAMPLE, remedy=_REMEDY) as image:
+        dpi, profile = image.info.get("dpi"), image.info.get("icc_profile")
+        if image.format == "PNG":
             import imagecodecs  # Pillow makes 8 bits of 16
 
-            with Image.open(path) as image:
-                dpi, profile = image.info.get("dpi"), image.info.get("icc_profile")
             samples = np.asarray(imagecodecs.png_decode(path.read_bytes()))
+        elif image.mode in ("L", "RGB"):
+            samples = np.asarray(image)
         else:
-            with Image.open(path) as image:
-                dpi, profile, mode = image.info.get("dpi"), image.info.get("icc_profile"), image.mode
-                samples = np.asarray(image)
-            if mode not in ("L", "RGB", "RGBA"):
-                samples = np.empty(0)  # refused for its shape
-    except Exception as error:  # as above
-        raise ScanError(path, "is damaged or no picture", remedy=_REMEDY) from error
+            raise ScanError(path, f"is {image.mode}", remedy=_REMEDY)
     return samples, _sane(dpi), profile
 
 
-def _tiff_dpi(file: tifffile.TiffFile) -> tuple[float, float] | None:
-    """Resolution in a TIFF's tags."""
-    tags = file.pages[0].tags if len(file.pages) else {}
-    unit = {2: "inch", 3: "centimetre"}.get(
-        int(tags["ResolutionUnit"].value) if "ResolutionUnit" in tags else 0
-    )
-    if unit is None or "XResolution" not in tags or "YResolution" not in tags:
+def _decoded(images: TiffImages, path: Path) -> NDArray[np.generic]:
+    """The first image of a TIFF, (lines, pixels, channels)."""
+    page = images[0]
+    shape = page.imagelength, page.imagewidth, page.samplesperpixel
+    if page.dtype is None:
+        raise ScanError(path, f"holds {page.bitspersample} bits", remedy=_REMEDY)
+    images.check(path, page, kept_bytes=_BYTES_PER_SAMPLE * prod(shape))
+    samples = np.empty(shape, page.dtype)
+    decode_into(page, samples)
+    return samples
+
+
+def _tiff_dpi(page: Any) -> tuple[float, float] | None:
+    """Resolution in a TIFF's tags (TIFF 6.0)."""
+    unit = {2: 1.0, 3: 2.54}.get(int(page.tags.valueof(296) or 0))
+    pair = [page.tags.valueof(code) for code in (282, 283)]
+    if unit is None or None in pair:
         return None
-    pair = [tags[name].value for name in ("XResolution", "YResolution")]
-    return _sane(tuple(_SCALES[unit] * top / max(bottom, 1) for top, bottom in pair))
+    return _sane(tuple(unit * top / max(bottom, 1) for top, bottom in pair))
 
 
 def _sane(dpi: object) -> tuple[float, float] | None:

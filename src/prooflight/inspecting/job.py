@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from prooflight.acquiring.replay import RecordedScan
     from prooflight.deciding.verdict import Verdict
     from prooflight.inspecting.inspection import Inspection
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 Pair = tuple[int, "RecordedScan | None"]
 Item = TypeVar("Item")
+LONGEST = 4
+"""A recorded scan may be so many times as long as its page's: what lies beyond is not looked at, but is read."""
 DIGEST_DIGITS = 16
 """Of a scan's SHA-256: enough to tell a press's scans apart."""
 MISSING: Final = "its scan is missing"
@@ -143,8 +147,13 @@ class InspectPage:
         return pictured(self._inspection(page, scan), page, self.inspector.press)
 
     def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
-        prepared = self.inspector.prepare(page)
-        return self.inspector.inspect(prepared, scan.read(), scan_name=str(scan.path))
+        dn = self.read(scan, page)
+        return self.inspector.inspect(self.inspector.prepare(page), dn, scan_name=str(scan.path))
+
+    def read(self, scan: RecordedScan, page: Page) -> NDArray[np.uint16]:
+        """The page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
+        geometry = self.inspector.press.geometry
+        return scan.read(pixels=geometry.pixels, lines_max=LONGEST * geometry.lines(page.height_mm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,11 +176,9 @@ class ScoredPage:
         """Inspect one page that has a scan."""
         number, scan = pair
         assert scan is not None
-        dn = scan.read()
-        inspector = self.work.inspector
-        inspection = inspector.inspect(
-            inspector.prepare(self.work.page(number)), dn, scan_name=str(scan.path)
-        )
+        page, inspector = self.work.page(number), self.work.inspector
+        dn = self.work.read(scan, page)
+        inspection = inspector.inspect(inspector.prepare(page), dn, scan_name=str(scan.path))
         score = inspection.verdict.score
         if score is None:
             raise ScanError(scan.path, inspection.verdict.reason, remedy="leave it out")

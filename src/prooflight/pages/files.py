@@ -7,30 +7,33 @@ tifffile does not, and must not: inside a TIFF the values stand as they are (TIF
 from __future__ import annotations
 
 import contextlib
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tifffile
-from PIL.JpegImagePlugin import JpegImageFile
 
 from prooflight.atomic import whole_file
 from prooflight.errors import JobError, RequestError
+from prooflight.pages.memory import file_size, refuse_oversize
+from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
+    from PIL.ImageFile import ImageFile
 
-MEGAPIXELS_MAX = 400  # assumed: A0 at 482 dpi has 360
-BYTES_PER_PIXEL = (
-    12  # 4 of the page, as many again while it is decoded or drawn, and as many for a copy by the caller
-)
+PAGE_BYTES_PER_PIXEL = 4
+DPI_MAX = 100_000.0
+"""Above, and below 1, a resolution is a slip: a hair is some 60 micrometres across, a pixel at the limit a quarter."""
 ANISOTROPY_MAX = 0.01  # x against y resolution; above, the file is not a page raster but a fax
 SUFFIXES = (".tif", ".tiff", ".jpg", ".jpeg")
 _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # classic and BigTIFF
-_JPEG_MAGIC = b"\xff\xd8\xff"
 _XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT, _ORIENTATION = (
     282,
     283,
@@ -39,7 +42,9 @@ _XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT, _ORIENTATION = (
 )  # TIFF 6.0; EXIF uses the same
 _UNITS_PER_INCH = {2: 1.0, 3: MM_PER_INCH / 10}  # TIFF 6.0: 2 inch, 3 centimetre
 _PHOTOSHOP_RESOLUTION = 0x03ED  # Adobe Photoshop file formats: ResolutionInfo, in pixels per inch
+_JPEG_BYTES_PER_SAMPLE = 2.1  # measured: Pillow's own, the page's, and a band of rows
 _REMEDY = "give CMYK TIFF or JPEG, 8 or 16 bits a channel"
+_COPY = "export or copy it again"
 
 
 def page_name(number: int) -> str:
@@ -51,27 +56,11 @@ def page_name(number: int) -> str:
     return f"p{number:04d}"
 
 
-def refuse_oversize(
-    where: object, rows: int, columns: int, *, bytes_per_pixel: int = BYTES_PER_PIXEL
-) -> None:
-    """JobError, before anything is allocated, if a page is larger than memory or 400 megapixels allow."""
-    megapixels = rows * columns / 1e6
-    if megapixels > MEGAPIXELS_MAX:
-        what = f"{columns} x {rows} pixels are {megapixels:.0f} megapixels"
-        raise JobError(where, what, remedy=f"at most {MEGAPIXELS_MAX}: lower the resolution or cut the page")
-    needed, free = rows * columns * bytes_per_pixel, available_bytes()
-    if needed > free:
-        what = f"{columns} x {rows} pixels need {needed / 1e9:.1f} GB"
-        raise JobError(where, what, remedy=f"{free / 1e9:.1f} GB of memory are free: lower the resolution")
-
-
-def available_bytes() -> float:
-    """Memory that can still be taken without swapping; infinite where the system does not say."""
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return float(line.split()[1]) * 1024
-    return float("inf")
+def check_dpi(where: object, dpi: float) -> None:
+    """RequestError if a resolution that was asked for is none. [pixels/inch]"""
+    if not 1 <= dpi <= DPI_MAX:
+        remedy = f"give a dpi above 0: from 1 to {DPI_MAX:.0f}"
+        raise RequestError(where, f"a resolution of {dpi:g} dpi", remedy=remedy)
 
 
 def read_image(path: Path, *, dpi: float | None = None) -> list[Page]:
@@ -87,107 +76,112 @@ def page_count(path: Path) -> int:
     path = Path(path)
     if _is_jpeg(path):
         return 1
-    with _opened_tiff(path) as pages:
-        count = len(pages)
+    count = image_count(path, JobError)
     if not count:
         raise JobError(path, "the TIFF has no pages", remedy="export or copy it again")
     return count
 
 
+def page_size_mm(path: Path, number: int) -> tuple[float, float]:
+    """Width and height of page ``number`` (from 1), without decoding it; errors as ``read_page``."""
+    path = Path(path)
+    with (_jpeg if _is_jpeg(path) else _tiff_page)(path, number) as stored:
+        dpi = _one_resolution(stored.where, *stored.dpi)
+    return stored.columns * MM_PER_INCH / dpi, stored.rows * MM_PER_INCH / dpi
+
+
 def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
     """Page ``number`` (from 1) of a CMYK TIFF or JPEG; RequestError if there is none, else as ``read_image``."""
     path = Path(path)
-    if dpi is not None and not dpi > 0:
-        raise RequestError(path, f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
-    read = _read_jpeg if _is_jpeg(path) else _read_tiff
-    cmyk, resolution = read(path, number, dpi)
+    if dpi is not None:
+        check_dpi(path, dpi)
+    with (_jpeg if _is_jpeg(path) else _tiff_page)(path, number) as stored:
+        resolution = dpi or _one_resolution(stored.where, *stored.dpi)
+        cmyk = np.empty((stored.rows, stored.columns, 4), np.uint8)
+        stored.decode(cmyk)
     return Page(cmyk=cmyk, dpi=resolution, name=page_name(number), number=number)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Stored:
+    """A page in an open file that has been checked, and is not decoded yet."""
+
+    where: object
+    rows: int
+    columns: int
+    dpi: tuple[float, float]
+    """Across and along, as the file states it; 0 where it does not. [pixels/inch]"""
+    decode: Callable[[NDArray[np.uint8]], None]
+    """Into (rows, columns, 4)."""
+
+
 def _is_jpeg(path: Path) -> bool:
+    file_size(path, JobError)
     with path.open("rb") as file:  # OSError for what the system cannot open
         head = file.read(4)
     if not head:
         raise JobError(path, "the file is empty", remedy=_REMEDY)
-    if not head.startswith((_JPEG_MAGIC, *_TIFF_MAGICS)):
+    if not head.startswith((JPEG_MAGIC, *_TIFF_MAGICS)):
         raise JobError(path, "neither TIFF nor JPEG", remedy=_REMEDY)
-    return head.startswith(_JPEG_MAGIC)
+    return head.startswith(JPEG_MAGIC)
 
 
 @contextlib.contextmanager
-def _opened_tiff(path: Path) -> Iterator[list[Any]]:
-    """The full-size pages of a TIFF."""
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            pages = [page for page in tiff.pages if not page.is_reduced]
-            yield pages
-    except (JobError, RequestError):
-        raise
-    except Exception as error:  # the codecs raise errors of their own classes, none of them documented
-        raise JobError(path, f"the TIFF cannot be read ({error})", remedy="export or copy it again") from None
-
-
-def _read_tiff(path: Path, number: int, dpi: float | None) -> tuple[NDArray[np.uint8], float]:
-    with _opened_tiff(path) as pages:
-        if not 1 <= number <= len(pages):
-            raise RequestError(path, f"there is no page {number}", remedy=f"it has pages 1 to {len(pages)}")
-        page = pages[number - 1]
-        where = path if len(pages) == 1 else f"{path}, page {number}"
-        _check_tiff(where, page, path.stat().st_size)
+def _tiff_page(path: Path, number: int) -> Iterator[_Stored]:
+    with opened_tiff(path, JobError) as images:
+        if not 1 <= number <= len(images):
+            raise RequestError(path, f"there is no page {number}", remedy=f"it has pages 1 to {len(images)}")
+        page = images[number - 1]
+        where = path if len(images) == 1 else f"{path}, page {number}"
+        _check_tiff(where, page)
+        refuse_oversize(where, page.imagelength, page.imagewidth)
+        images.check(where, page, kept_bytes=PAGE_BYTES_PER_PIXEL * page.imagelength * page.imagewidth)
         tags = {code: page.tags.valueof(code) for code in (_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT)}
-        resolution = dpi or _one_resolution(where, *_tag_dpi(tags))
-        pixels = np.asarray(page.asarray(maxworkers=1))
-    if page.planarconfig == 2:
-        pixels = np.moveaxis(pixels, 0, -1)
-    if pixels.dtype == np.uint16:
-        pixels = ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)  # 65535 / 255 = 257
-    return np.ascontiguousarray(pixels.reshape(page.imagelength, page.imagewidth, 4)), resolution
+        yield _Stored(
+            where=where,
+            rows=page.imagelength,
+            columns=page.imagewidth,
+            dpi=_tag_dpi(tags),
+            decode=partial(decode_into, page, convert=_eight_bits if page.dtype == np.uint16 else None),
+        )
 
 
-def _check_tiff(where: object, page: Any, file_bytes: int) -> None:
+def _eight_bits(samples: NDArray[np.uint16]) -> NDArray[np.uint32]:
+    """The nearest of 8 bits: 65535 / 255 = 257."""
+    return (samples.astype(np.uint32) + 128) // 257
+
+
+def _check_tiff(where: object, page: Any) -> None:
     if page.photometric != 5 or page.tags.valueof(332, 1) != 1:  # 5 separated; 332 InkSet, 1 CMYK
         colours = getattr(page.photometric, "name", "other colours").lower()
         raise JobError(where, f"the image is {colours}, not CMYK", remedy=_REMEDY)
     if page.samplesperpixel != 4:
         raise JobError(where, f"{page.samplesperpixel} channels where CMYK has 4", remedy=_REMEDY)
-    if page.dtype not in (np.uint8, np.uint16):
+    if page.dtype not in (np.uint8, np.uint16) or page.bitspersample not in (8, 16):
         raise JobError(where, f"{page.bitspersample} bits a channel ({page.dtype})", remedy=_REMEDY)
     if page.tags.valueof(_ORIENTATION, 1) != 1:
         raise JobError(where, "the image is stored turned", remedy="export it with its first row on top")
-    refuse_oversize(where, page.imagelength, page.imagewidth)
-    for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
-        if not size or offset + size > file_bytes:
-            raise JobError(where, "the TIFF is truncated", remedy="export or copy it again")
 
 
-def _read_jpeg(path: Path, number: int, dpi: float | None) -> tuple[NDArray[np.uint8], float]:
+@contextlib.contextmanager
+def _jpeg(path: Path, number: int) -> Iterator[_Stored]:
     if number != 1:
         raise RequestError(path, f"there is no page {number}", remedy="a JPEG has one page")
-    # Not Image.open: its guard against large images is below what an A3 page at 1200 dpi needs; ours follows.
-    with path.open("rb") as file:
-        try:
-            image = JpegImageFile(file)
-            mode, size = image.mode, image.size
-        except Exception as error:  # Pillow raises SyntaxError, OSError, struct.error, ...
-            raise JobError(
-                path, f"the JPEG cannot be read ({error})", remedy="export or copy it again"
-            ) from None
-        if mode != "CMYK":
-            raise JobError(path, f"the image is {mode}, not CMYK", remedy=_REMEDY)
+    with opened_picture(path, JobError, bytes_per_sample=_JPEG_BYTES_PER_SAMPLE, remedy=_COPY) as image:
+        if image.mode != "CMYK":
+            raise JobError(path, f"the image is {image.mode}, not CMYK", remedy=_REMEDY)
         if image.getexif().get(_ORIENTATION, 1) != 1:
             raise JobError(path, "the image is stored turned", remedy="export it with its first row on top")
-        refuse_oversize(path, size[1], size[0])
-        resolution = dpi or _one_resolution(path, *_jpeg_dpi(image))
-        try:
-            pixels = np.array(image)
-        except Exception:
-            raise JobError(
-                path, "the JPEG is truncated or damaged", remedy="export or copy it again"
-            ) from None
-    return pixels, resolution
+        refuse_oversize(path, image.height, image.width)
+
+        def decode(cmyk: NDArray[np.uint8]) -> None:
+            for rows, samples in bands(image):
+                cmyk[rows] = samples
+
+        yield _Stored(where=path, rows=image.height, columns=image.width, dpi=_jpeg_dpi(image), decode=decode)
 
 
-def _jpeg_dpi(image: JpegImageFile) -> tuple[float, float]:
+def _jpeg_dpi(image: ImageFile) -> tuple[float, float]:
     """Resolution by JFIF, else EXIF, else Photoshop's own record; 0 where there is none [pixels/inch]."""
     # Not info["dpi"]: Pillow makes it 72 when the EXIF record is broken.
     unit = image.info.get("jfif_unit", 0)
@@ -220,6 +214,9 @@ def _ratio(value: Any) -> float:
 def _one_resolution(where: object, x_dpi: float, y_dpi: float) -> float:
     if not (0 < x_dpi < np.inf and 0 < y_dpi < np.inf):
         raise JobError(where, "the image states no resolution", remedy="save it with its resolution")
+    if not (1 <= x_dpi <= DPI_MAX and 1 <= y_dpi <= DPI_MAX):
+        what = f"the image states a resolution of {x_dpi:g} x {y_dpi:g} dpi"
+        raise JobError(where, what, remedy="save it with its resolution")
     if abs(x_dpi / y_dpi - 1) > ANISOTROPY_MAX:
         what = f"{x_dpi:g} dpi across and {y_dpi:g} along"
         raise JobError(where, what, remedy="give an image of the same resolution both ways")

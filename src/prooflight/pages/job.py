@@ -35,6 +35,7 @@ class Job:
 
     def __init__(self, source: JobSource) -> None:
         """Errors as ``open_job``."""
+        files.check_dpi(source.path, source.dpi)
         self.source = source
         self._pdfs: dict[Path, PdfJob] = {}
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
@@ -78,8 +79,7 @@ class Job:
             if path in of_pdfs:
                 sizes.append(of_pdfs[path][place - 1])
             else:
-                page = files.read_page(path, place)
-                sizes.append((page.width_mm, page.height_mm))
+                sizes.append(files.page_size_mm(path, place))
         return tuple(sizes)
 
     def page_size_mm(self, number: int) -> tuple[float, float]:
@@ -111,8 +111,6 @@ def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:
 
     JobError: a file cannot be used, or a folder holds none. ProfileError: the profile cannot be used.
     """
-    if not dpi > 0:
-        raise RequestError(path, f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
     return JobSource(path=Path(path), dpi=dpi, profile=None if profile is None else Path(profile)).open()
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import ImageCms
-from pymupdf import mupdf
+from pymupdf import _mupdf, mupdf
 
 from prooflight.pages.colour_management import Inks, fine_link
 from prooflight.pages.images import Raster
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 
 SPOTS_MAX = INKS_MAX - 4  # beside the process inks
 BAND_ROWS = 64  # plates are merged in bands: that of an A4 page at 600 dpi stays in the processor's cache
+
+
+class PlateError(ValueError):
+    """A broken output profile, or more spot colours than MuPDF holds."""
 
 
 def output_intent(page: Any) -> bytes:
@@ -43,7 +47,7 @@ def output_intent(page: Any) -> bytes:
 
 
 def icc_space(profile: bytes) -> Any:
-    """A MuPDF colour space of an RGB or CMYK profile; ValueError if the profile cannot be used."""
+    """A MuPDF colour space of an RGB or CMYK profile; PlateError if the profile cannot be used."""
     is_ink = profile[16:20] == b"CMYK"
     kind = mupdf.fz_device_cmyk() if is_ink else mupdf.fz_device_rgb()
     try:
@@ -52,8 +56,7 @@ def icc_space(profile: bytes) -> Any:
         data = mupdf.fz_new_buffer_from_copied_data(profile)
         return mupdf.fz_new_icc_colorspace(kind.m_internal.type, 0, "output", data)
     except (mupdf.FzErrorBase, ImageCms.PyCMSError):
-        message = "the profile of its output intent is damaged"
-        raise ValueError(message) from None
+        raise PlateError("the profile of its output intent is damaged") from None
 
 
 def tint_curves(page: Any, names: list[str], separations: Any, inks: Inks) -> NDArray[np.uint8]:
@@ -61,14 +64,14 @@ def tint_curves(page: Any, names: list[str], separations: Any, inks: Inks) -> ND
 
     A colorant of a DeviceN space without a Separation of its own gets that space's transform with the others at 0.
     """
-    curves = np.zeros((len(names), 256, 4), dtype=np.uint8)
     found: dict[str, tuple[Any, Any, int]] = {}
-    for array in _tint_spaces(page.obj(), set()):
-        space = mupdf.pdf_load_colorspace(array)
-        for i in range(mupdf.fz_colorspace_n(space)):
+    for array in _tint_spaces(page.obj()):
+        space = _loaded(array)
+        for i in range(0 if space is None else mupdf.fz_colorspace_n(space)):
             name = mupdf.fz_colorspace_colorant(space, i)
             if name not in found or mupdf.fz_colorspace_n(space) < mupdf.fz_colorspace_n(found[name][0]):
-                found[name] = space, mupdf.pdf_load_colorspace(mupdf.pdf_array_get(array, 2)), i
+                found[name] = space, array, i
+    curves = np.zeros((len(names), 256, 4), dtype=np.uint8)
     for spot, name in enumerate(names):
         if name in found:
             amounts = _tint_curve(*found[name], inks)
@@ -80,71 +83,86 @@ def tint_curves(page: Any, names: list[str], separations: Any, inks: Inks) -> ND
     return curves
 
 
-def _tint_curve(space: Any, alternate: Any, colorant: int, inks: Inks) -> NDArray[np.float64]:
-    """Ink amounts (256, 4) of the tints of one colorant of a Separation or DeviceN space."""
-    colour, parameters = mupdf.new_floats(INKS_MAX), mupdf.FzColorParams()
-    for i in range(mupdf.fz_colorspace_n(space)):
+def _loaded(array: Any) -> Any:
+    """The colour space of an array; None if it is broken: then nothing is painted in it."""
+    try:
+        return mupdf.pdf_load_colorspace(array)
+    except Exception:  # beside MuPDF's errors, UnicodeDecodeError or TypeError, where their text is not UTF-8
+        return None
+
+
+def _tint_curve(space: Any, array: Any, colorant: int, inks: Inks) -> NDArray[np.float64]:
+    """Ink amounts (256, 4) of the tints of one colorant of a Separation or DeviceN space, and the array that it is."""
+    # In two steps: MuPDF alone would convert native CMYK of the alternate space to the profile. The tint transform is
+    # evaluated here, because MuPDF converts to no Lab.
+    alternate = mupdf.pdf_load_colorspace(mupdf.pdf_array_get(array, 2))
+    inputs, outputs = mupdf.fz_colorspace_n(space), mupdf.fz_colorspace_n(alternate)
+    transform = mupdf.pdf_load_function(mupdf.pdf_array_get(array, 3), inputs, outputs)
+    colour, out, parameters = mupdf.new_floats(INKS_MAX), mupdf.new_floats(INKS_MAX), mupdf.FzColorParams()
+    for i in range(inputs):
         mupdf.floats_setitem(colour, i, 0.0)
-
-    def curve(target: Any) -> NDArray[np.float64]:
-        amounts = []
-        for tint in range(256):
-            mupdf.floats_setitem(colour, colorant, tint / 255)
-            amounts.append(mupdf.fz_convert_color(space, colour, target, mupdf.FzColorspace(), parameters))
-        return np.asarray(amounts)
-
-    # In two steps: MuPDF alone would convert native CMYK of the alternate space to the profile.
-    alternates = curve(alternate)[:, : mupdf.fz_colorspace_n(alternate)]
-    converted = inks.convert(alternate.m_internal, alternates.tolist(), parameters.internal())
-    if converted is None:
-        converted = curve(inks.space)
+    alternates, converted = [], []
+    for tint in range(256):
+        mupdf.floats_setitem(colour, colorant, tint / 255)
+        # Not mupdf's: there, the result has room for one number.
+        _mupdf.ll_pdf_eval_function(transform.m_internal, colour, inputs, out, outputs)
+        alternates.append([mupdf.floats_getitem(out, i) for i in range(outputs)])
+        converted.append(mupdf.fz_convert_color(space, colour, inks.space, mupdf.FzColorspace(), parameters))
     mupdf.delete_floats(colour)
-    return converted
+    mupdf.delete_floats(out)
+    own = inks.convert(alternate.m_internal, alternates, parameters.internal())
+    return np.asarray(converted) if own is None else own
 
 
-def _tint_spaces(thing: Any, seen: set[int]) -> Iterator[Any]:
+def _tint_spaces(thing: Any) -> Iterator[Any]:
     """Every Separation and DeviceN array that can be reached from a page, its parents left out."""
-    number = mupdf.pdf_to_num(thing)
-    if number in seen:
-        return
-    if number:
-        seen.add(number)
-    if mupdf.pdf_is_array(thing):
-        if mupdf.pdf_to_name(mupdf.pdf_array_get(thing, 0)) in ("Separation", "DeviceN"):
-            yield thing
-        for i in range(mupdf.pdf_array_len(thing)):
-            yield from _tint_spaces(mupdf.pdf_array_get(thing, i), seen)
-    elif mupdf.pdf_is_dict(thing):
-        for i in range(mupdf.pdf_dict_len(thing)):
-            if mupdf.pdf_to_name(mupdf.pdf_dict_get_key(thing, i)) not in ("Parent", "P", "Dest", "A"):
-                yield from _tint_spaces(mupdf.pdf_dict_get_val(thing, i), seen)
+    seen, waiting = set[int](), [thing]
+    while waiting:
+        thing = waiting.pop()
+        number = mupdf.pdf_to_num(thing)
+        if number in seen:
+            continue
+        if number:
+            seen.add(number)
+        if mupdf.pdf_is_array(thing):
+            if _name(mupdf.pdf_array_get(thing, 0)) in (b"Separation", b"DeviceN"):
+                yield thing
+            waiting += [mupdf.pdf_array_get(thing, i) for i in reversed(range(mupdf.pdf_array_len(thing)))]
+        elif mupdf.pdf_is_dict(thing):
+            waiting += [
+                mupdf.pdf_dict_get_val(thing, i)
+                for i in reversed(range(mupdf.pdf_dict_len(thing)))
+                if _name(mupdf.pdf_dict_get_key(thing, i)) not in (b"Parent", b"P", b"Dest", b"A")
+            ]
 
 
-def merge_plates(plates: NDArray[np.uint8], curves: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """CMYK (rows, columns, 4) of process and spot plates (rows, columns, 4 + spots): the sum, at most full ink.
+def _name(thing: Any) -> bytes:
+    """A PDF name, which is of bytes."""
+    return str(mupdf.pdf_to_name(thing)).encode("utf-8", "surrogateescape")
+
+
+def merge_plates(plates: NDArray[np.uint8], curves: NDArray[np.uint8], cmyk: NDArray[np.uint8]) -> None:
+    """Process and spot plates (rows, columns, 4 + spots) added up, at most full ink, into ``cmyk`` (rows, columns, 4).
 
     curves: (spots, 256, 4) as from ``tint_curves``.
     """
-    cmyk = np.ascontiguousarray(plates[:, :, :4])
     for top in range(0, len(plates), BAND_ROWS):
         band = cmyk[top : top + BAND_ROWS]
+        band[:] = plates[top : top + BAND_ROWS, :, :4]
         for spot, curve in enumerate(curves):
             tint = plates[top : top + BAND_ROWS, :, 4 + spot]
             printed = tint > 0
             if printed.any():
                 sums = band[printed].astype(np.uint16) + curve[tint[printed]]
                 band[printed] = np.minimum(sums, 255)
-    return cmyk
 
 
-def draw(
-    page: Any, ctm: Any, shape: tuple[int, int], profile: bytes | None
-) -> tuple[NDArray[np.uint8], list[str]]:
-    """Draw a page (``mupdf.PdfPage``) without anti-aliasing: (rows, columns, 4) CMYK, and what could not be drawn.
+def draw(page: Any, ctm: Any, cmyk: NDArray[np.uint8], profile: bytes | None) -> list[str]:
+    """Draw a page (``mupdf.PdfPage``) without anti-aliasing into ``cmyk``, (rows, columns, 4) without ink yet.
 
-    ctm: page space to pixels. profile: the CMYK profile to convert RGB, ICC grey and Lab with, before the output
-    intent; native CMYK is not touched. ValueError: a broken output intent, or more spot colours than MuPDF holds.
-    mupdf.FzErrorBase: MuPDF cannot go on.
+    Returns what could not be drawn. ctm: page space to pixels. profile: the CMYK profile to convert RGB, ICC grey and
+    Lab with, before the output intent; native CMYK is not touched. PlateError: see there. mupdf.FzErrorBase: MuPDF
+    cannot go on.
     """
     mupdf.fz_enable_icc()
     intent = output_intent(page)
@@ -153,8 +171,8 @@ def draw(
     inks = Inks(icc_space(profile) if profile else mupdf.fz_device_cmyk())
     rgb = icc_space(intent) if intent[16:20] == b"RGB " else mupdf.fz_device_rgb()
     separations, names = _spots(page)
-    rows, columns = shape
-    plates = np.zeros((rows, columns, 4 + len(names)), dtype=np.uint8)
+    rows, columns = cmyk.shape[:2]
+    plates = np.zeros((rows, columns, 4 + len(names)), dtype=np.uint8) if names else cmyk
     pixmap = mupdf.fz_new_pixmap_with_data(
         inks.space, columns, rows, separations, 0, plates.strides[0], mupdf.python_mutable_buffer_data(plates)
     )
@@ -171,8 +189,8 @@ def draw(
         mupdf.fz_set_graphics_aa_level(levels[0])
         mupdf.fz_set_text_aa_level(levels[1])
     if names:
-        plates = merge_plates(plates, tint_curves(page, names, separations, inks))
-    return plates, device.troubles + inks.troubles
+        merge_plates(plates, tint_curves(page, names, separations, inks), cmyk)
+    return device.troubles + inks.troubles
 
 
 def _spots(page: Any) -> tuple[Any, list[str]]:
@@ -182,8 +200,7 @@ def _spots(page: Any) -> tuple[Any, list[str]]:
         return mupdf.fz_new_separations(0), []  # an empty one still switches overprint on
     names = [mupdf.fz_separation_name(separations, i) for i in range(mupdf.fz_count_separations(separations))]
     if len(names) > SPOTS_MAX:
-        message = f"it has {len(names)} spot colours, at most {SPOTS_MAX} can be ripped"
-        raise ValueError(message)
+        raise PlateError(f"it has {len(names)} spot colours, at most {SPOTS_MAX} can be ripped")
     for i in range(len(names)):
         mupdf.fz_set_separation_behavior(separations, i, mupdf.FZ_SEPARATION_SPOT)
     return separations, names

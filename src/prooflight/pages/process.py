@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 import threading
@@ -13,11 +12,10 @@ import numpy as np
 import scipy.linalg  # noqa: F401  before its threads can be limited, a library of linear algebra must be there
 from threadpoolctl import threadpool_limits
 
-TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
-"""Names of glibc's mallopt(3)."""
-KEPT_BYTES: Final = 2**31 - 1
+from prooflight.pages.heap import keep_memory
+
 TOUCHED_BYTES: Final = 1_500_000_000
-"""Well below ``KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
+"""Well below ``heap.KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
 MODEST: Final = 5
 """Of nice(2): a third of the weight of a thread that inspects."""
 
@@ -32,10 +30,7 @@ def settle_process() -> None:
     """
     cv2.setNumThreads(1)
     threadpool_limits(limits=1)
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
-            mallopt(name, value)
+    keep_memory()
 
 
 def touch(size_bytes: int) -> None:

@@ -1,0 +1,62 @@
+"""How much memory there is, and how much a file may ask for before anything of it is decoded."""
+
+from __future__ import annotations
+
+import contextlib
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from prooflight.errors import JobError
+
+if TYPE_CHECKING:
+    from prooflight.errors import InputError
+
+MODEST_BYTES: Final = 2 * 2**30
+"""What any file may take to be read."""
+MEGAPIXELS_MAX: Final = 400
+"""Of a page; assumed: A0 at 482 dpi has 360."""
+BYTES_PER_FILE_BYTE: Final = 64
+"""What a larger file may take: a strong JPEG holds four pixels in a byte, and reading takes up to 16 bytes for each.
+Files that promise more are made to exhaust memory."""
+
+
+def available_bytes() -> float:
+    """Memory that can still be taken without swapping; infinite where the system does not say."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return float(line.split()[1]) * 1024
+    return float("inf")
+
+
+def refuse_oversize(where: object, rows: int, columns: int) -> None:
+    """JobError, before anything is allocated, if a page has more than 400 megapixels."""
+    megapixels = rows * columns / 1e6
+    if megapixels > MEGAPIXELS_MAX:
+        what = f"{columns} x {rows} pixels are {megapixels:.0f} megapixels"
+        raise JobError(where, what, remedy=f"at most {MEGAPIXELS_MAX}: lower the resolution or cut the page")
+
+
+def refuse_unaffordable(
+    refused: type[InputError], where: object, pixels: str, *, needed_bytes: float, file_bytes: int
+) -> None:
+    """Raise ``refused``, before anything is allocated, if an image asks for more than its file or memory allow.
+
+    pixels: its size, for people.
+    """
+    allowed, free = max(MODEST_BYTES, BYTES_PER_FILE_BYTE * file_bytes), available_bytes()
+    if needed_bytes > allowed:
+        what = f"{pixels} need {needed_bytes / 1e9:.1f} GB, in a file of {file_bytes / 1e6:.3g} MB"
+        raise refused(where, what, remedy="export or copy it again: no image of this kind is so large")
+    if needed_bytes > free:
+        what = f"{pixels} need {needed_bytes / 1e9:.1f} GB"
+        raise refused(where, what, remedy=f"{free / 1e9:.1f} GB of memory are free: lower the resolution")
+
+
+def file_size(path: Path, refused: type[InputError]) -> int:
+    """Size of a file [bytes]; ``refused`` if it is a pipe, a device or a folder, which could not be read to its end."""
+    facts = path.stat()  # OSError for what the system cannot open
+    if not stat.S_ISREG(facts.st_mode):
+        raise refused(path, "is no file", remedy="give a file, not a folder, pipe or device")
+    return facts.st_size

@@ -1,0 +1,74 @@
+"""What of a PDF page is printed (ISO 32000-2, 14.11.2): its boxes, turn and unit, refused where they make no sense.
+
+MuPDF takes 612 x 792 points where a MediaBox is none: a page of another size would be inspected as if it were sound.
+Imported late, by ``pdf_file`` only: it needs PyMuPDF at import.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from pymupdf import mupdf
+
+EXTENT_MAX: Final = 1e6
+"""Of coordinates; beyond, MuPDF's single precision is off by a sixteenth of a point. [points]"""
+Box = tuple[float, float, float, float]
+
+
+class BoxError(ValueError):
+    """A page does not say what of it is printed; its text says why."""
+
+
+def printed_box(page: Any) -> Any:
+    """What is printed of a page (``mupdf.PdfPage``) as a ``mupdf.FzRect``: TrimBox, else CropBox, else MediaBox.
+
+    BoxError: one of them, or the page's turn or unit, makes no sense.
+    """
+    media = _box(page, "MediaBox", inherited=True)
+    if media is None:
+        raise BoxError("has no MediaBox")
+    crop, trim = _box(page, "CropBox", inherited=True), _box(page, "TrimBox", inherited=False)
+    for name, box in (("CropBox", crop), ("TrimBox", trim)):
+        if box is not None and not _overlap(box, media):
+            raise BoxError(f"has a {name} beside its MediaBox")
+    turn = mupdf.pdf_dict_gets_inheritable(page.obj(), "Rotate")
+    degrees = 0.0 if mupdf.pdf_is_null(turn) else _number(turn, "Rotate")
+    if degrees % 90:
+        raise BoxError(f"is to be turned by {degrees:g} degrees: Rotate is a multiple of 90")
+    unit = mupdf.pdf_dict_gets(page.obj(), "UserUnit")
+    scale = 1.0 if mupdf.pdf_is_null(unit) else _number(unit, "UserUnit")
+    if not 0 < scale <= EXTENT_MAX:
+        raise BoxError(f"has a UserUnit of {scale:g}")
+    found = mupdf.pdf_bound_page(page, mupdf.FZ_TRIM_BOX)
+    if not (0 < found.x1 - found.x0 <= EXTENT_MAX and 0 < found.y1 - found.y0 <= EXTENT_MAX):
+        raise BoxError(f"is {found.x1 - found.x0:g} x {found.y1 - found.y0:g} points large")
+    return found
+
+
+def _box(page: Any, name: str, *, inherited: bool) -> Box | None:
+    """A box with its corners in order; None if the page has none."""
+    get = mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets
+    array = get(page.obj(), name)
+    if mupdf.pdf_is_null(array):
+        return None
+    if not mupdf.pdf_is_array(array) or mupdf.pdf_array_len(array) != 4:
+        raise BoxError(f"has a {name} that is not of four numbers")
+    x0, y0, x1, y1 = (_number(mupdf.pdf_array_get(array, i), name) for i in range(4))
+    box = min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
+    if not (box[0] < box[2] and box[1] < box[3]):
+        raise BoxError(f"has a {name} of {box[2] - box[0]:g} x {box[3] - box[1]:g} points")
+    return box
+
+
+def _number(thing: Any, name: str) -> float:
+    if not mupdf.pdf_is_number(thing):
+        raise BoxError(f"has a {name} that is not of numbers")
+    value = float(mupdf.pdf_to_real(thing))
+    if not math.isfinite(value) or abs(value) > EXTENT_MAX:
+        raise BoxError(f"has a {name} of {value:g}: at most {EXTENT_MAX:g}")
+    return value
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return all(max(one[i], other[i]) < min(one[i + 2], other[i + 2]) for i in (0, 1))

@@ -87,7 +87,7 @@ def weigh(
         inks=inks,
         expected_cost=costs.expected_cents(judgement.probability),
     )
-    area = inside(page, press, placement)
+    area = inside(page, press, placement, lines=scan.shape[1])
     return Inspection(
         verdict=verdict,
         placement=placement,

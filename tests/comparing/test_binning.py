@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +49,17 @@ def test_fine_pixels_are_binned_and_coarse_ones_are_not(press: Press) -> None:
     assert bins_of(at) == 1
     assert at.field_mm == pytest.approx(press.geometry.field_mm)
     assert at.lines(100.0) == -(-press.geometry.lines(100.0) // BINS)
+
+
+@pytest.mark.parametrize("bins", [2, 3, 5])
+def test_a_binned_scan_has_the_lines_that_its_geometry_says(press: Press, bins: int) -> None:
+    """Also where the page's height is a whole number of lines, but for rounding."""
+    for pitch_mm in (0.1, 0.05, 25.4 / 400, 0.0847):
+        geometry = replace(press.geometry, pixels=60, pixel_pitch_mm=pitch_mm, line_pitch_mm=pitch_mm)
+        at = binned_geometry(geometry, bins)
+        for lines in range(1, 400):
+            image = np.zeros((1, geometry.lines(lines * pitch_mm), 60), np.uint16)
+            assert at.lines(lines * pitch_mm) == binned(image, bins).shape[1]
 
 
 def test_a_shared_prediction_moves_as_each_would_be_predicted(press: Press) -> None:

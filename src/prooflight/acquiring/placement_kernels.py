@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from numba import njit
+from prooflight.compiled import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "nodes (R, C, 2), pitch, first_x, first_y, x (N), y (N), out_x (N), out_y (N)",
+    where="0 < R, 0 < C",
+    error_model="numpy",
+)
 def between_nodes(nodes, pitch, first_x, first_y, x, y, out_x, out_y):  # type: ignore[no-untyped-def]
     """Bilinear between nodes (rows, columns, 2) ``pitch`` apart, level beyond; at x, y (n,) -> out_x, out_y."""
     last_row, last_column = nodes.shape[0] - 1, nodes.shape[1] - 1

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
     """Of so many columns drawn, each cut at a place drawn evenly between its least and greatest: which, and where.
 
@@ -38,7 +39,12 @@ def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rn
     return best, at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "columns (K, N), bad (N), weight (N), tries, least, rng, column (M), cut (M), left (M), "
+    "right (M), share (M)",
+    where="0 < N, tries <= K, 2 * N <= M",
+    error_model="numpy",
+)
 def grow(columns, bad, weight, tries, least, rng, column, cut, left, right, share):  # type: ignore[no-untyped-def]
     """Nodes of a tree into (2 pages,) arrays as ``deciding.ranking.Forest`` has them; returns how many there are."""
     pages = bad.size

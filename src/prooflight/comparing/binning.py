@@ -5,12 +5,13 @@ Registration sees the camera's own pixels.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.acquiring.geometry import ScanGeometry
 from prooflight.comparing.summing.binning_kernels import binned_rows, running_means, take_turns
 from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.predicting.predict import Prediction
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.acquiring.geometry import ScanGeometry
     from prooflight.pages.raster import Page
     from prooflight.predicting.tables import SensorModel
 
@@ -34,15 +34,30 @@ def bins_of(geometry: ScanGeometry) -> int:
     return next(n for n in range(max(int(MOST_MM / pitch_mm), 1), 0, -1) if geometry.pixels % n == 0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BinnedGeometry(ScanGeometry):
+    """Where binned pixels lie."""
+
+    camera: ScanGeometry
+    bins: int
+
+    def lines(self, page_height_mm: float) -> int:
+        """As many as ``binned`` makes of a scan: millimetres over the longer pitch may round to another number."""
+        return -(-self.camera.lines(page_height_mm) // self.bins)
+
+
 def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
     """Where binned pixels lie."""
     if bins == 1:
         return geometry
-    return replace(
-        geometry,
+    return BinnedGeometry(
         pixels=geometry.pixels // bins,
         pixel_pitch_mm=geometry.pixel_pitch_mm * bins,
         line_pitch_mm=geometry.line_pitch_mm * bins,
+        lead_in_mm=geometry.lead_in_mm,
+        lead_out_mm=geometry.lead_out_mm,
+        camera=geometry,
+        bins=bins,
     )
 
 
@@ -110,6 +125,12 @@ def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
 def binned_scan(scan: NDArray[np.uint16], bins: int) -> NDArray[np.generic]:
     """A scan (sensors, lines, pixels) in binned pixels."""
     return scan if bins == 1 else binned(scan, bins)
+
+
+def lengthened(scan: NDArray[np.generic], lines: int) -> NDArray[np.generic]:
+    """A scan (sensors, lines, pixels) with so many lines: 0 in those that it lacks."""
+    lacking = lines - scan.shape[1]
+    return np.pad(scan, ((0, 0), (0, lacking), (0, 0))) if lacking > 0 else scan
 
 
 def binned_prediction(seen: Prediction, bins: int) -> Prediction:

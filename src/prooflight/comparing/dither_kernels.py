@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.words import add, high, left, right, right_unsigned, sub
+from prooflight.compiled import inner_kernel
 from prooflight.predicting.compact import ROUNDING_VARIANCE_DN2
 
 TILE = 64
@@ -20,7 +20,7 @@ HALVES = 22
 """What rounding down costs in ``dither_row``, in the mean over pixels, measured. [sigma / 32768]"""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def dither_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyped-def]
     """Z as before the converter rounded, drawn given what it rounded to, in steps of sigma / 64, cut off at 2: int8.
 
@@ -59,7 +59,7 @@ def dither_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyp
         codes[i] = np.int8(min(max(right(y, 6), np.int16(-128)), np.int16(127)))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def dither_soft_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyped-def]
     """The same to r^2, which is enough where sigma is 4 DN or more."""
     one = np.int16(np.int16(right_unsigned(inverse_drop, 15)) + np.int16(1))
@@ -72,14 +72,14 @@ def dither_soft_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-
         codes[i] = np.int8(min(max(right(y, 6), np.int16(-128)), np.int16(127)))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def plain_row(z, codes):  # type: ignore[no-untyped-def]
     """Z itself in steps of sigma / 64, cut off at 2, as if digital numbers were not integers: int8."""
     for i in range(z.size):
         codes[i] = np.int8(min(max(right(z[i], 4), np.int16(-128)), np.int16(127)))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def settle_row(measured, mean, inverse, camera, noise, edges, reach, codes):  # type: ignore[no-untyped-def]
     """Codes of those pixels for which the series of ``dither_row`` does not hold, one by one.
 

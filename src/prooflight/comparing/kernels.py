@@ -7,7 +7,6 @@ Every loop runs over a short piece of one line and does little, so that it becom
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.dither_kernels import (
     LOWEST_CODE,
@@ -18,6 +17,7 @@ from prooflight.comparing.dither_kernels import (
     settle_row,
 )
 from prooflight.comparing.words import add, left_unsigned, right, right_unsigned
+from prooflight.compiled import inner_kernel, kernel
 
 Z_STEPS = 128
 """z is summed in steps of sigma / 128, to the nearest, ..."""
@@ -30,7 +30,7 @@ LINES = 8
 """Lines that are folded at once, and the side of a block."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # type: ignore[no-untyped-def]
     """Z of a piece of a line in steps of sigma / 1024, rounded down, cut off at 32 sigma: (pixels,) int16.
 
@@ -55,7 +55,7 @@ def normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # typ
     return farthest >= np.uint16(top_code - np.uint16(1)), surest
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sum_row(z):  # type: ignore[no-untyped-def]
     """Sum of a piece of a line's z, each to the nearest 128th. [sigma / 128]"""
     total = np.int32(0)
@@ -64,7 +64,7 @@ def sum_row(z):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def fold_lines(z, sums, extremes, energy):  # type: ignore[no-untyped-def]
     """Eight lines' z, each to the nearest 128th, column by column: sums are set, extremes and energy grow.
 
@@ -86,7 +86,7 @@ def fold_lines(z, sums, extremes, energy):  # type: ignore[no-untyped-def]
         energy[i] += np.int32(squares + np.int32(g) * np.int32(g) + np.int32(h) * np.int32(h))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def count_lines(codes, edges, counts):  # type: ignore[no-untyped-def]
     """How many of eight lines' codes, STRIP apart, reach each edge, column by column: counts (edges, pixels) grow."""
     for j in range(edges.size):
@@ -105,7 +105,7 @@ def count_lines(codes, edges, counts):  # type: ignore[no-untyped-def]
             )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def total(counts):  # type: ignore[no-untyped-def]
     """Sum of (n,) counts."""
     result = np.int32(0)
@@ -114,7 +114,7 @@ def total(counts):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def large_total(values):  # type: ignore[no-untyped-def]
     """Sum of (n,) int32 that may go beyond them."""
     result = np.int64(0)
@@ -123,7 +123,7 @@ def large_total(values):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def least(values):  # type: ignore[no-untyped-def]
     """The least of (n,) int16 and 0."""
     result = np.int16(0)
@@ -132,7 +132,7 @@ def least(values):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def greatest(values):  # type: ignore[no-untyped-def]
     """The greatest of (n,) int16 and 0."""
     result = np.int16(0)
@@ -141,7 +141,7 @@ def greatest(values):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def add_blocks(sums, blocks):  # type: ignore[no-untyped-def]
     """Column sums of eight lines (pixels,) -> sums over 8 x 8 pixels (pixels // 8,)."""
     for block in range(blocks.size):
@@ -156,7 +156,7 @@ def add_blocks(sums, blocks):  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def code_piece(z, seen, expected, sure, camera, random, edges, reach, dither, codes):  # type: ignore[no-untyped-def]
     """Z and codes of a piece of a line, (pixels,) each. Returns the sum of z."""
     clipped, surest = normalise_row(seen, expected, sure, camera.top_code, camera.mean_bits, camera.drop, z)
@@ -171,7 +171,7 @@ def code_piece(z, seen, expected, sure, camera, random, edges, reach, dither, co
     return sum_row(z)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def close_strip(first, extremes, energy, counts, columns, row, out):  # type: ignore[no-untyped-def]
     """Column statistics (.., pixels) of a strip that begins at pixel ``first`` into its tiles of row ``row``."""
     size = columns.size
@@ -188,7 +188,7 @@ def close_strip(first, extremes, energy, counts, columns, row, out):  # type: ig
             out.reached[row, tile, j] += total(counts[j, start:end])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def compare_row(measured, mean, inverse, top, bottom, camera, noise, starts, edges, reach, dither, row, out):  # type: ignore[no-untyped-def]
     """Lines top .. bottom - 1, at most 127, of a row of tiles; the rest as in ``compare_lines``."""
     pixels = out.column_sum.shape[1]
@@ -236,7 +236,13 @@ def compare_row(measured, mean, inverse, top, bottom, camera, noise, starts, edg
         close_strip(begin, extremes[strip], energy[strip], of_counts, of_columns, row, out)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "measured.values (_), mean.values (_), inverse.values (_), camera, noise (_), starts (L), "
+    "edges (E), reach (E), dither, out.reached (R, C, E), out.energy (R, C), "
+    "out.extremes (R, C, 2), out.block_sum (L // LINES, P // LINES), out.line_sum (L), "
+    "out.column_sum (R, P)",
+    where="R == max(L // TILE, 1), C == max(P // TILE, 1)",
+)
 def compare_lines(measured, mean, inverse, camera, noise, starts, edges, reach, dither, out):  # type: ignore[no-untyped-def]
     """Everything of some rows of tiles of one sensor; ``Lines`` of uint16 each, read line by line, as they lie.
 

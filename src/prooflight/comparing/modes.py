@@ -194,6 +194,12 @@ class Sight:
         by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
         return np.asarray(by_line - by_line[lines // 2])
 
+    def of_first(self, lines: int) -> Sight:
+        """The same of a scan that has only so many lines: nothing is known of those that would follow."""
+        inside = self.inside.copy()
+        inside[lines:] = False
+        return replace(self, inside=inside)
+
 
 def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> Sight:
     """What the camera looks at where ``placement`` puts the page; linear between nodes."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 INKS = 4
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untyped-def]
     """N' and D' of one mode along a row of tiles, added to push and power (w,)."""
     own, whole, shared = tiles[0, mode, y], tiles[1, mode, y], tiles[2, mode, y]
@@ -19,7 +20,12 @@ def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untype
         power[x] += max(whole[x] - shared[x] * shared[x] / (power0[x] + known), np.float32(0))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "tiles (4, M, H, W), cover (4, H, W), pairs (N, 2), known, side, out (2, N, H // side, W // side)",
+    where="M > 2 * INKS",
+    fastmath=True,
+    error_model="numpy",
+)
 def exchange_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
     """Pushes and powers of exchanging each of pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
 

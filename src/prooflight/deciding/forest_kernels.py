@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from numba import njit
+from prooflight.compiled import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel("columns (N, _), column (M), cut (M), left (M), right (M), share (M), root (_), out (N)")
 def shares_of(columns, column, cut, left, right, share, root, out):  # type: ignore[no-untyped-def]
     """Mean over trees of what each row's end holds: columns (rows, columns) float32 -> out (rows,)."""
     for row in range(columns.shape[0]):

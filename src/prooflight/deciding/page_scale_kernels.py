@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.summing.box_kernels import box_row, take_box_row
+from prooflight.compiled import inner_kernel, kernel
 
 SHARES = 4
 """Classes of the edges' share of the information, times as many of the information itself."""
@@ -26,7 +26,7 @@ _EIGHTHS = tuple(int(np.float32(2 ** (j / 8)).view(np.int32)) & 0x7FFFFF for j i
 """Mantissas at which eighths of an octave begin."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def quantile_of(histogram, count):  # type: ignore[no-untyped-def]
     """|T| below which ``ONE_SIGMA`` of so many lie."""
     wanted = ONE_SIGMA * count
@@ -38,7 +38,7 @@ def quantile_of(histogram, count):  # type: ignore[no-untyped-def]
     return 2.0 ** (BINS / 8 - 4)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def row_of_t(own, power, edges, noise, at_edges, tolerance, least, t):  # type: ignore[no-untyped-def]
     """T of a row of places into t, 0 where nothing is known; returns the sum of T^2, each at most 100."""
     squares = np.float32(0)
@@ -53,7 +53,7 @@ def row_of_t(own, power, edges, noise, at_edges, tolerance, least, t):  # type: 
     return squares
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def row_of_classes(power, edges, most, least, kinds):  # type: ignore[no-untyped-def]
     """Of which sort each place of a row is: by the edges' share of its information, and by how much it has of it."""
     for x in range(kinds.size):
@@ -66,7 +66,7 @@ def row_of_classes(power, edges, most, least, kinds):  # type: ignore[no-untyped
         kinds[x] = share * np.int32(SHARES) + level if d > least else np.int32(NO_CLASS)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
     """In which eighth of an octave each |T| of a row lies, from its bits; shifted (w,) float32 is working space."""
     for x in range(t.size):
@@ -81,7 +81,7 @@ def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
         bins[x] = min(max(place, np.int32(0)), np.int32(BINS - 1))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no-untyped-def]
     """Count a row of T (w,) by class and size, and keep each class's greatest and least with their places.
 
@@ -99,7 +99,7 @@ def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no
                 bounds[kind] = min(ends[kind, 0], -ends[kind, 1])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def greatest_of(power):  # type: ignore[no-untyped-def]
     """The greatest of a map, at least 0."""
     most = np.float32(0)
@@ -110,7 +110,7 @@ def greatest_of(power):  # type: ignore[no-untyped-def]
     return most
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def against_own(own, power, edges, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """Extremes of T, and of T over the scatter of T at places of the same class on the same page.
 
@@ -154,7 +154,7 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
                     places[place] = at[k, end]
 
 
-@njit(cache=True, nogil=True)
+@kernel("maps (3, M, H, W), scatter (M, 3), least, overlap, values (M, 5), places (M, 4, 2)")
 def each_against_own(maps, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """``against_own`` of every mode: maps (3, modes, h, w), scatter (modes, 3); written (modes, ...)."""
     for mode in range(maps.shape[1]):
@@ -170,7 +170,7 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
         )
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-untyped-def]
     """N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), once what is common to all is taken out.
 
@@ -198,7 +198,7 @@ def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-u
             of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def says_something(power):  # type: ignore[no-untyped-def]
     """Whether any place of a map has information; most that do are seen to at once."""
     y = 0
@@ -207,7 +207,11 @@ def says_something(power):  # type: ignore[no-untyped-def]
     return y < power.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "cells (4, N, H, W), gains (H), level (H, W), known, scatter (M, 3), least, overlap, "
+    "values (M, 5), places (M, 4, 2)",
+    where="M <= N",
+)
 def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """``against_own`` of all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
 

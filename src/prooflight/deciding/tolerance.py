@@ -17,6 +17,7 @@ from prooflight.comparing.binning import (
     binned_scan,
     binned_sensors,
     bins_of,
+    lengthened,
     thinned,
 )
 from prooflight.comparing.local_evidence import summed
@@ -126,6 +127,7 @@ def look(
 ) -> Looked:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
 
+    A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page.
     Where good prints are exact (``Spread.exact``) that is nothing: what registration and fit find is evidence alone.
     """
     page, spread, tolerance = prepared.page, spread or Spread(), tolerance or Tolerance()
@@ -137,6 +139,8 @@ def look(
     else:
         placement, planes_mm = _followed(prepared, scan, found)
     where = sight(page, at, placement)
+    if scan.shape[1] < geometry.lines(page.height_mm):
+        where = where.of_first(scan.shape[1] // bins)
     if prepared.shared is None:
         printed, planes_mm = in_register(page, planes_mm, good_mm=tolerance.most_plane_mm)
         fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
@@ -145,7 +149,7 @@ def look(
         taken_mm, planes_mm = planes_taken(planes_mm, good_mm=tolerance.most_plane_mm)
         seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
     modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
-    measured = binned_scan(scan, bins)
+    measured = lengthened(binned_scan(scan, bins), where.inside.shape[0])
     fit = fit_nuisances(
         measured,
         seen,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import kernel
 
 LINES = 8
 """Added in single precision at most: the sum is then good to 1e-7 of itself."""
 
 
-@njit(cache=True, nogil=True)
+@kernel("measured (L, P), expected (L, P), first, last, seen (P), due (P)", where="0 <= first, last <= L")
 def column_sums(measured, expected, first, last, seen, due):  # type: ignore[no-untyped-def]
     """Add lines first to last - 1 of measured uint16 and expected float32 (lines, pixels) [DN] to seen and due.
 

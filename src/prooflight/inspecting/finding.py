@@ -41,7 +41,7 @@ class FoundPage:
     prediction: Prediction
     """Of the page as it lies."""
     area: tuple[slice, slice]
-    """Lines and columns of the scan that are judged."""
+    """Lines and columns that are judged; the scan has them all."""
     wrong_page: bool
     """The scan shows another page, or this one where no good print lies."""
     shift_mm: tuple[float, float] | None
@@ -97,7 +97,7 @@ def find(
 ) -> FoundPage:
     """Look for a page in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies.
 
-    threads: see ``predict``.
+    scan: as ``inspector.judged_lines`` leaves it. threads: see ``predict``.
     """
     page = sought.page
     where = register(sought.landmarks, scan, threads=threads or os.cpu_count() or 1)
@@ -112,7 +112,7 @@ def find(
     return FoundPage(
         placement=placement,
         prediction=prediction,
-        area=inside(page, press, placement) if moved else sought.area,
+        area=inside(page, press, placement, lines=scan.shape[1]) if moved else sought.area,
         wrong_page=shows_another(where),
         shift_mm=shift_mm,
     )
@@ -130,11 +130,11 @@ def _moved(where: Registration, page: Page, press: Press) -> bool:
     return bool(told.any() or turned.any())
 
 
-def inside(page: Page, press: Press, placement: Placement) -> tuple[slice, slice]:
-    """Lines and columns whose pixels all lie on the page as it lies, a pixel away from its edges."""
+def inside(page: Page, press: Press, placement: Placement, *, lines: int) -> tuple[slice, slice]:
+    """Of so many lines, those whose pixels all lie on the page as it lies, one away from its edges; and columns."""
     geometry = press.geometry
     across_mm = geometry.centres_x_mm(page.width_mm)
-    down_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    down_mm = geometry.centres_y_mm(lines)
     seen = partial(placement.seen_mm, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
     margin_x, margin_y = EDGE_PIXELS * geometry.pixel_pitch_mm, EDGE_PIXELS * geometry.line_pitch_mm
     on_columns, on_lines = np.ones(across_mm.size, bool), np.ones(down_mm.size, bool)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import kernel
 
 INKS = 4
 
 
-@njit(cache=True, nogil=True)
+@kernel("words (_, _), lines (R, _), columns (C, _), ink (R, C, INKS)")
 def block_inks(words, lines, columns, ink):  # type: ignore[no-untyped-def]
     """Add to ink (rows, across, 4) the mean ink fractions of the raster, words (lines, columns) uint32, in blocks.
 

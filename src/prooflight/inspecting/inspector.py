@@ -117,7 +117,7 @@ class Inspector:
         of the paper's detectors. ScanError: the scan does not fit press or page.
         """
         started = time.perf_counter()
-        check_scan(scan_name, scan, prepared.page, self.press)
+        scan = judged_lines(scan_name, scan, prepared.page, self.press)
         if isinstance(self.judge, CalibratedDetector):
             done = weigh(prepared, scan, press=self.press, ours=self.judge)
         else:
@@ -142,12 +142,17 @@ def inspect_page(
 
 def paper_evidence(page: Page, scan: NDArray[np.uint16], press: Press) -> Evidence:
     """What the paper's detectors look at in one scan of a page."""
+    scan = judged_lines("scan", scan, page, press)
     found_page = find(SoughtPage.of(page, press), scan, press)
     return _gathered(scan, found_page, page, press, seed=0, threads=None)[1]
 
 
-def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> None:
-    """ScanError if a scan is not of this press's camera or ends before its page does."""
+def judged_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
+    """The lines of a scan (sensors, lines, pixels) that are looked at: no more than scans of such a page have.
+
+    It may have fewer if it holds the page in its place; what it lacks is unknown to all that follows. ScanError: it is
+    not of this press's camera, or ends before its page does.
+    """
     sensors, lines, pixels = scan.shape
     if sensors != len(press.sensors) or pixels != press.geometry.pixels:
         what = f"is of {sensors} sensors x {pixels} pixels"
@@ -157,6 +162,7 @@ def check_scan(name: str, scan: NDArray[np.uint16], page: Page, press: Press) ->
     if lines < rows.stop:
         what = f"ends after {lines} lines, {lines * press.geometry.line_pitch_mm:.1f} mm"
         raise ScanError(name, what, remedy=f"page {page.number} needs {rows.stop} lines")
+    return scan[:, : press.geometry.lines(page.height_mm)]
 
 
 def not_inspected(page_name: str, reason: str = "") -> Verdict:

@@ -81,7 +81,7 @@ def weigh(
         reason=reason,
         inks=inks,
     )
-    area = inside(page, press, placement)
+    area = inside(page, press, placement, lines=scan.shape[1])
     return Inspection(
         verdict=verdict,
         placement=placement,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def compose_row(words, row, planes, out):  # type: ignore[no-untyped-def]
     """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane of words displaced.
 
@@ -27,7 +28,7 @@ def compose_row(words, row, planes, out):  # type: ignore[no-untyped-def]
                 target[i] |= source[i] & mask
 
 
-@njit(cache=True, nogil=True)
+@kernel("words (H, W), planes (4, 2), out (H, W)")
 def compose_rows(words, planes, out):  # type: ignore[no-untyped-def]
     """``compose_row`` of all rows, out (rows, columns)."""
     for row in range(out.shape[0]):

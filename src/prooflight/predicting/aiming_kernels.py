@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def place_row(nodes, pitch, row, places):  # type: ignore[no-untyped-def]
     """What one row sees at node columns, linear between rows of nodes (nodes down, nodes across)."""
     cell = min(row // pitch, nodes.shape[0] - 2)
@@ -16,7 +17,7 @@ def place_row(nodes, pitch, row, places):  # type: ignore[no-untyped-def]
         places[k] = above[k] + share * (below[k] - above[k])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def weigh(edge, step, cumulative, weights):  # type: ignore[no-untyped-def]
     """Weights (taps,) of raster pixels in one footprint.
 
@@ -35,7 +36,7 @@ def weigh(edge, step, cumulative, weights):  # type: ignore[no-untyped-def]
         before = upto
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def aim(place, cumulative, step, weights):  # type: ignore[no-untyped-def]
     """Weights (taps,) of raster pixels in a footprint about ``place`` [raster pixels]; returns the first of them."""
     begin = place - (cumulative.size - 1) / (2 * step)
@@ -44,13 +45,13 @@ def aim(place, cumulative, step, weights):  # type: ignore[no-untyped-def]
     return first
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def whole_eights(count):  # type: ignore[no-untyped-def]
     """The least multiple of eight that is no less."""
     return (count + 7) // 8 * 8
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def aim_each(places, segment, cumulative, step, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
     """``aim`` at every camera pixel of a row; returns weights (pixels x taps,), the rest as ``begin_row`` has it."""
     reach = (cumulative.size - 1) / (2 * step)
@@ -65,7 +66,7 @@ def aim_each(places, segment, cumulative, step, taps, beyond, first, weights_at)
     return table
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped-def]
     """Weights of raster pixels in footprints that begin 0, 1 / count, ..., 1 of one in: (count + 1, taps)."""
     table = np.empty((count + 1, taps), np.float32)
@@ -74,7 +75,7 @@ def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped
     return table
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def begin_row(places, reach, bits, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
     """Where the footprint of every camera pixel of a row begins, and where its weights do in ``weights_at_phases``.
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class Lines(NamedTuple):
         return cls(values=np.lib.stride_tricks.as_strided(image, (size,), (each,)), step=step)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
     """One line of one sensor: mean [DN], variance [DN^2] (pixels,) float32 -> codes (pixels,) uint16.
 
@@ -90,7 +91,10 @@ def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse
         inverse_out[i] = np.uint16(np.int32(min(sure + v, np.float32(65535))))
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "mean.values (_), variance.values (_), first_line, mean_bits, inverse_bits, mean_out (L, P), "
+    "inverse_out (L, P)"
+)
 def compact_lines(mean, variance, first_line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
     """``compact_row`` for each line of a band, ``Lines`` -> (lines, pixels); its first is first_line of the page."""
     pixels = mean_out.shape[1]

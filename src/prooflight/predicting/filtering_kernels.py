@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel
 from prooflight.predicting.summing_kernels import (
     EIGHT,
     FEW,
@@ -17,20 +17,20 @@ from prooflight.predicting.summing_kernels import (
 )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def copy_row(source, target):  # type: ignore[no-untyped-def]
     """Target = source, (n,) each: a plain loop, five times faster than what numba makes of ``target[:] = source``."""
     for i in range(target.size):
         target[i] = source[i]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def dealt_count(columns, stride, phase):  # type: ignore[no-untyped-def]
     """How many pixels of one phase a dealt row has."""
     return max((columns - phase + stride - 1) // stride, 0)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
     """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
 
@@ -53,7 +53,7 @@ def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
             target[i] = source[i]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ignore[no-untyped-def]
     """out[i] = sum over t, first <= t < last, of weights[t] source[starts[t] + i], start <= i < stop."""
     while start + MANY <= stop:
@@ -70,7 +70,7 @@ def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ig
             out[i] += weights[t] * source[starts[t] + i]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def filter_across(split, pad, columns, first, weights, starts, out):  # type: ignore[no-untyped-def]
     """One raster row at camera columns: split as ``deal_row`` deals, weights (taps,); out (pixels,).
 
@@ -95,7 +95,7 @@ def filter_across(split, pad, columns, first, weights, starts, out):  # type: ig
     sum_row(split.reshape(-1), starts, weights, 0, taps, start, stop, out)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-untyped-def]
     """One line, out (pixels,), from row ``first`` on of the ring of filtered rows (depth, pixels), row r at r % depth.
 
@@ -113,7 +113,7 @@ def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-un
     sum_row(ring.reshape(-1), starts, weights, t_first, t_last, 0, pixels, out)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def filter_row(source, starts, table, weights_at, taps, out):  # type: ignore[no-untyped-def]
     """out[i] = sum over t < taps of table[weights_at[i] + t] source[starts[i] + t]; out (pixels,)."""
     whole = out.size // EIGHT * EIGHT

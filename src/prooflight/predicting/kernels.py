@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.aiming_kernels import aim, aim_each, place_row, whole_eights
 from prooflight.predicting.filtering_kernels import (
     copy_row,
@@ -23,7 +23,7 @@ FRACTION = NODE_STEP - 1
 COMPARED = 256
 
 
-@njit(cache=True, nogil=True)
+@kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
 def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
     """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
 
@@ -65,7 +65,7 @@ def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
         variance[x] = v
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def same_row(one, other):  # type: ignore[no-untyped-def]
     """Whether two rows (n,) are equal; looked at in pieces, because most that differ do so early."""
     for start in range(0, one.size, COMPARED):
@@ -78,7 +78,7 @@ def same_row(one, other):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
     """``look_up_light`` of a row as ``deal_row`` deals it; what is off the page stays 0."""
     stride = dealt.shape[0]
@@ -90,7 +90,7 @@ def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore
             split[phase, place + count : end] = 0
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untyped-def]
     """``look_up_light`` of a row of words (columns,), however many; few (2, 8): working space; light (columns,)."""
     whole = words.size // AT_ONCE * AT_ONCE
@@ -105,7 +105,7 @@ def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untype
             light[whole + i] = seen[i]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sign_row(row, sign):  # type: ignore[no-untyped-def]
     """What is below 0 becomes 0, and all of it takes a sign; a sign of 0 leaves it as it is."""
     if sign != 0:
@@ -113,7 +113,12 @@ def sign_row(row, sign):  # type: ignore[no-untyped-def]
             row[i] = sign * max(row[i], np.float32(0))
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (_, _), tables[].bricks (N, 65536, 16), tables[].bits (N, 4), backings (N), stride, "
+    "across_places (J), across_segment, across_cumulative (_), along_places (K, 1), along_pitch, "
+    "along_cumulative (_), step, sign, line_from, line_to, lights[] (N, L, P)",
+    where=("0 <= line_from, line_to <= L, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= line_to"),
+)
 def filter_lines(  # type: ignore[no-untyped-def]
     words,
     tables,
@@ -190,7 +195,11 @@ def filter_lines(  # type: ignore[no-untyped-def]
             sign_row(lights[n][line], sign)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "backing, backing_variance, shot_slope, column_offset (P), column_gain (P), dark_variance, "
+    "top_code, line_from, line_to, mean (L, P), variance (L, P)",
+    where="0 <= line_from, line_to <= L",
+)
 def to_columns(  # type: ignore[no-untyped-def]
     backing,
     backing_variance,
@@ -223,7 +232,10 @@ def to_columns(  # type: ignore[no-untyped-def]
             mean_row[i] = min(max(level, np.float32(0)), top_code)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "column_offset (P), gain_ratio (P), dark_variance, top_code, mean (L, P), variance (L, P), "
+    "mean_out (L, P), variance_out (L, P)"
+)
 def relight(column_offset, gain_ratio, dark_variance, top_code, mean, variance, mean_out, variance_out):  # type: ignore[no-untyped-def]
     """Expected DN and variance (lines, pixels) -> what they are once columns' gains are ``gain_ratio`` times theirs.
 

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import binding, ir  # type: ignore[import-untyped]
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
+
+from prooflight.compiled import inner_kernel, kernel
 
 AT_ONCE = 8
 _BYTE, _SHORT, _INT, _LONG, _FLOAT = (
@@ -160,7 +162,7 @@ def eight_alike(context, words, first, word):  # type: ignore[no-untyped-def]
     return types.boolean(words, types.int64, types.uint32), generate
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def masks_of(bits):  # type: ignore[no-untyped-def]
     """Which bits of a word are cells, and which are fractions; bits as in ``Bricks``."""
     cells = np.uint32(0)
@@ -169,7 +171,11 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
     return cells, np.uint32(~cells)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (N), table.bricks (65536, 16), table.inner (_, 4), table.outer (_, 8), table.bits (4), "
+    "level, out (N)",
+    where="N % 8 == 0",
+)
 def look_up_light(words, table, level, out):  # type: ignore[no-untyped-def]
     """Values less ``level`` of recipes, words (n,) uint32 with cyan lowest, in ``Bricks``; n a multiple of 8.
 

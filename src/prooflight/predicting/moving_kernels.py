@@ -7,8 +7,8 @@ pixels do that they are for: a camera pixel is one product of two short vectors,
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.aiming_kernels import begin_row, place_row, weights_at_phases, whole_eights
 from prooflight.predicting.filtering_kernels import filter_row
 from prooflight.predicting.kernels import look_up_words, same_row
@@ -16,7 +16,7 @@ from prooflight.predicting.look_up_kernels import AT_ONCE
 from prooflight.predicting.summing_kernels import EIGHT, transpose_eight
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def keep_block(block, slot, turned):  # type: ignore[no-untyped-def]
     """Rows (8, pixels and more) into slots slot .. slot + 7 of turned (pixels and more, slots); pixels in eights."""
     stride, slots = block.shape[1], turned.shape[1]
@@ -25,7 +25,7 @@ def keep_block(block, slot, turned):  # type: ignore[no-untyped-def]
         transpose_eight(rows, at, stride, to, at * slots + slot, slots)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
     """First rows (pixels,) -> where they lie in memory of (pixels, slots), row r at r % depth; in place."""
     base = first.min() // depth * depth
@@ -34,7 +34,16 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
         first[i] = np.int32(i * slots + (slot - depth if slot >= depth else slot))
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (H, _), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
+    "bricks.bits (4), backing, across_places (I, J), across_pitch, across_segment, "
+    "across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
+    "along_cumulative (_), step, bits, crossed, line_from, line_to, light (L, P)",
+    where=(
+        "0 <= line_from, line_to <= L, (I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, "
+        "(K - 1) * along_pitch >= line_to, (M - 1) * along_segment >= P"
+    ),
+)
 def filter_moved_lines(  # type: ignore[no-untyped-def]
     words,
     bricks,

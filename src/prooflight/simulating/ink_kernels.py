@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel
 from prooflight.pages.plane_kernels import compose_row
 from prooflight.predicting.tables import NODE_STEP
 from prooflight.simulating.session import TRUE_NODES
@@ -18,7 +18,7 @@ RUNS = 128
 """A row of one colour is looked up so often, because inks' gain tilts over the page: to half a per cent of the tilt."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
     """Where in the true tables an ink of a raster's byte value (a float32) lies, given its gain. [nodes]"""
     area = byte * np.float32(1 / 255)
@@ -26,7 +26,7 @@ def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
     return min(max(printed * np.float32(255 / NODE_STEP), np.float32(0)), LAST_PLACE)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
     """Light and texture, a halftone's variance at unit contrast, at four places [nodes]; nodes (37^4, 2).
 
@@ -64,7 +64,7 @@ def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
     return light, light * light * max(texture, np.float32(0))
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def alike(one, two, three, four):  # type: ignore[no-untyped-def]
     """Whether four recipes differ by at most ``ALIKE`` in every ink."""
     for ink in range(4):
@@ -78,7 +78,7 @@ def alike(one, two, three, four):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, texture):  # type: ignore[no-untyped-def]
     """Two printed raster rows looked up in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
 
@@ -133,7 +133,7 @@ def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, 
             texture[row, right] = square_texture
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def add_specks(places, words, top, v, gains, dot_gains, nodes, bends, paper, lights, textures):  # type: ignore[no-untyped-def]
     """Light and texture (2, columns) of the rows from ``top`` on where specks lie: as ``look_up_rows``, a pixel each.
 
@@ -154,7 +154,7 @@ def add_specks(places, words, top, v, gains, dot_gains, nodes, bends, paper, lig
             textures[row, places[n, 1]] = texture * paper * paper
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def look_up_pair(  # type: ignore[no-untyped-def]
     words,
     top,

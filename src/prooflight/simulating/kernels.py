@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.aiming_kernels import place_row, weights_at_phases
 from prooflight.simulating.ink_kernels import look_up_pair
 from prooflight.simulating.session import NOISE_STEPS
@@ -14,7 +14,7 @@ PHASES = 1024
 s = 2, which is less than a thousandth of an edge."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-def]
     """Where every camera pixel's footprint begins: raster pixel and phase, (pixels,) each; nodes: of ``place_row``."""
     for k in range(nodes.size - 1):
@@ -27,7 +27,7 @@ def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-de
             phase[i] = int((at - whole) * PHASES + 0.5)
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@inner_kernel(fastmath={"reassoc", "contract"})
 def sample_across(light, texture, pad, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
     """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps.
 
@@ -48,7 +48,7 @@ def sample_across(light, texture, pad, first, phase, table, light_out, texture_o
         texture_out[i] = texture_sum
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sample_along(  # type: ignore[no-untyped-def]
     light_ring, texture_ring, rows, first, phase, table, weights, light_out, texture_out
 ):
@@ -79,7 +79,16 @@ def sample_along(  # type: ignore[no-untyped-def]
         start = stop
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (H, _), planes (4, 2), gains (4, 3), dot_gains (4), speck_places (N, 2), "
+    "speck_words (N), nodes (_, 2), bends (4, _), paper (2), across_places (I, J), across_pitch, "
+    "across_segment, across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
+    "along_cumulative (_), step, depth, above_backing (L, P), texture_variance (L, P)",
+    where=(
+        "(I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= L, "
+        "(M - 1) * along_segment >= P"
+    ),
+)
 def scan_lines(  # type: ignore[no-untyped-def]
     words,
     planes,
@@ -167,7 +176,11 @@ def scan_lines(  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "mean (L, P), variance (L, P), backing, columns (P), flicker (L), cloud (_, _), "
+    "cloud_down (L), cloud_across (P), column_offset (P), column_gain (P), contrast, "
+    "noise (NOISE_STEPS), noise_top, top_code"
+)
 def light_lines(  # type: ignore[no-untyped-def]
     mean,
     variance,
@@ -218,7 +231,7 @@ def light_lines(  # type: ignore[no-untyped-def]
             mean[i, j] = min(max(column_offset[j] + light, np.float32(0)), top_code)
 
 
-@njit(cache=True, nogil=True)
+@kernel("mean (N), variance (N), top_code, normal (65536), key, dn (N)")
 def add_noise(mean, variance, top_code, normal, key, dn):  # type: ignore[no-untyped-def]
     """Expected DN and its variance, rounding included -> digital numbers; all (n,), dn uint16.
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 from PIL import Image
 from scipy import ndimage
 
+from prooflight.compiled import kernel
 from prooflight.inspecting.inspector import Inspector
 from prooflight.pages.raster import Page
 from prooflight.predicting.bricks import bricks_of
@@ -34,7 +34,11 @@ QUICK_MM, SIDE_MM = 40.0, 190.0
 EVERY_OTHER: Final = slice(None, None, 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (_, W), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
+    "bricks.bits (4), level, out (P)",
+    where="P <= W, P % 8 == 0",
+)
 def look_up_page(words, bricks, level, out):  # type: ignore[no-untyped-def]
     """``look_up_light`` of each row, as far as ``out`` goes."""
     for row in range(words.shape[0]):

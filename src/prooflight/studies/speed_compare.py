@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.error_map import normalised_error
 from prooflight.comparing.evidence import BLOCK_PIXELS, gather, interval_edges
+from prooflight.compiled import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ class CompareRow:
     """Speed of ``OURS`` over this one. [-]"""
 
 
-@njit(cache=True, nogil=True)
+@kernel("words (_)")
 def read(words):  # type: ignore[no-untyped-def]
     """Touch every 8 bytes once."""
     seen = np.uint64(0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import kernel
 
 SHRINK = 8
 """Camera pixels in a coarse pixel, either way: 0.84 mm. Known to the compiler, so that loops run in vectors."""
 
 
-@njit(cache=True, nogil=True)
+@kernel("image (L, P), means (L // SHRINK, P // SHRINK)")
 def square_means(image, means):  # type: ignore[no-untyped-def]
     """Means over squares of 8 x 8 pixels of image (lines, pixels), whole ones: means (rows, columns) float32."""
     share = np.float32(1 / SHRINK**2)

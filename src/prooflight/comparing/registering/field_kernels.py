@@ -7,13 +7,20 @@ over tiles only, not a product of matrices. Plain loops on one core: libraries w
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 ROWS = 4
 """Rows of a Cholesky factor that are made together."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "cosines_x (N, _), cosines_y (N, _), numbers_x (K), numbers_y (K), waves (N, M), "
+    "fixed (2, N, F), precision (N, 2, 2), moves (N, 2), scale (F + 2 * K)",
+    where="0 < K, K <= M",
+    fastmath=True,
+    error_model="numpy",
+)
 def normal_equations(  # type: ignore[no-untyped-def]
     cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale
 ):
@@ -79,7 +86,7 @@ def normal_equations(  # type: ignore[no-untyped-def]
     return normal, asked
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def dot(a, b, count):  # type: ignore[no-untyped-def]
     """Of the first ``count`` numbers of two vectors."""
     total = 0.0
@@ -88,7 +95,7 @@ def dot(a, b, count):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("a (N, N)", fastmath=True, error_model="numpy")
 def cholesky(a):  # type: ignore[no-untyped-def]
     """Lower factor of a positive definite matrix, in place of its lower triangle; the upper one is left as it is."""
     n = a.shape[0]
@@ -120,14 +127,14 @@ def cholesky(a):  # type: ignore[no-untyped-def]
             a[i, i] = np.sqrt(a[i, i] - dot(a[i], a[i], i))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
 def forward(root, b):  # type: ignore[no-untyped-def]
     """root^-1 b, in place of b (n,)."""
     for i in range(b.size):
         b[i] = (b[i] - dot(root[i], b, i)) / root[i, i]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
 def backward(root, b):  # type: ignore[no-untyped-def]
     """root'^-1 b, in place of b (n,)."""
     for i in range(b.size - 1, -1, -1):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.registering.measuring_kernels import render_tile, weigh
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.look_up_kernels import look_up_light
 
 PAIRS = 6
@@ -15,7 +15,11 @@ EDGES = 10
 ROUNDS = 5
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "words (H, W), cell, stride_x, stride_y, light (4, 256), scores (R, C, 2, EDGES)",
+    where="(R * cell - 1) * stride_y < H, (C * cell - 1) * stride_x < W",
+    error_model="numpy",
+)
 def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
     """How strong edges are that planes share, and all of a plane's: adds to scores (rows, columns, 2, EDGES).
 
@@ -36,7 +40,7 @@ def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignor
                     add_strips(here, words[y + stride_y, x], light, scores[row, i // cell, 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
     """What ``shared_edges`` adds of two neighbouring raster pixels, to scores (EDGES,)."""
     one, other = np.float32(1), np.float32(1)
@@ -54,7 +58,7 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
             pair += 1
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def laid(words, margin, right, down, seen):  # type: ignore[no-untyped-def]
     """Planes of words (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height, width)."""
     for row in range(seen.shape[0]):
@@ -73,7 +77,7 @@ def laid(words, margin, right, down, seen):  # type: ignore[no-untyped-def]
             )
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
     """1 / variance of a patch's pixels, base (pixels,), from its image (3, pixels): value and derivatives."""
     dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
@@ -83,7 +87,15 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
         base[i] = np.float32(1) / (flat + by_slope * (gx * gx + gy * gy))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "light (N, S, S), words (N, H, W), margin, right (4), down (4), bricks.bricks (65536, 16), "
+    "bricks.inner (_, 4), bricks.outer (_, 8), bricks.bits (4), origins (N, 2), moves (N, 2), "
+    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), noise (4), "
+    "room.value (V), room.slope (V), room.begins (S // 8), room.weights (B), "
+    "room.by_move (B), room.starts (Y), first, base (N, S, S), sums (N, SUMS)",
+    where="0 <= margin, W - 2 * margin <= V",
+    error_model="numpy",
+)
 def fringe_sums(  # type: ignore[no-untyped-def]
     light,
     words,
@@ -136,7 +148,7 @@ def fringe_sums(  # type: ignore[no-untyped-def]
         weigh(error, flat[0], flat[1], flat[2], weights, zero, zero, zero, zero, False, mean, sums[n])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")
 def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped-def]
     """Sums (sensors, patches, SUMS) with each sensor's level and contrast taken out: left (patches, 6).
 
@@ -161,7 +173,7 @@ def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped
             left[n, 5] += s[9] - s[3] * level_y - s[6] * gain_y
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel("left (N, 6), own_sd, common_sd, most, costs (N)", error_model="numpy")
 def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untyped-def]
     """What patches (n, 6) of ``without_light`` leave together, and the displacement (x, y) common to them. [-, pixels]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 LEAST_GAIN = 0.4
 """A tile with less of its contrast is missing ink, a plane or all; where it lies cannot be told."""
@@ -25,14 +26,14 @@ UNKNOWN_PIXELS = 10.0
 _TINY = 1e-12
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def inverse(xx, xy, yy):  # type: ignore[no-untyped-def]
     """Of a symmetric 2 x 2 matrix, as its three numbers."""
     determinant = xx * yy - xy * xy
     return yy / determinant, -xy / determinant, xx / determinant
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def without_levels(s):  # type: ignore[no-untyped-def]
     """Sums of one tile and sensor with its level and gain taken out.
 
@@ -50,7 +51,11 @@ def without_levels(s):  # type: ignore[no-untyped-def]
     return xx, xy, yy, x, y, level, gain, level_x, level_y, gain_x, gain_y
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "gathered (_, N, 16), beyond (N, 2), step_sd, moves (N, 2), precision (N, 2, 2), "
+    "flags (N, 3), told (N, 3)",
+    error_model="numpy",
+)
 def judge_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # type: ignore[no-untyped-def]
     """Sums of ``weigh`` (sensors, n, 16) -> moves (n, 2), precision (n, 2, 2), as in ``TileMoves``.
 

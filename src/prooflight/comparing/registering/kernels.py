@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.look_up_kernels import look_up_light
 
 EVEN_EDGE = 0.01
 """Squared difference from which edges count alike: a tenth of white from pixel to pixel."""
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (_, _), rows (N), columns (N), bricks.bricks (65536, 16), bricks.inner (_, 4), "
+    "bricks.outer (_, 8), bricks.bits (4), backing, signals (N, _, W)",
+    where="W % 8 == 0",
+)
 def tile_signals(words, rows, columns, bricks, backing, signals):  # type: ignore[no-untyped-def]
     """Mean signal of raster windows (tiles, height, width) float32 whose corners lie at rows, columns of the raster.
 
@@ -36,7 +40,12 @@ def tile_signals(words, rows, columns, bricks, backing, signals):  # type: ignor
             signal[right:] = backing
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "expected (L, P), variance (L, P), offset (P), per_gain (P), gradient_noise, signal_noise2, "
+    "size, margin, information (L // size, P // size, 2)",
+    fastmath=True,
+    error_model="numpy",
+)
 def tile_information(  # type: ignore[no-untyped-def]
     expected, variance, offset, per_gain, gradient_noise, signal_noise2, size, margin, information
 ):
@@ -80,7 +89,7 @@ def tile_information(  # type: ignore[no-untyped-def]
             along[:] = 0
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
     """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
 
@@ -113,7 +122,7 @@ def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # typ
     return beyond
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
     """Parts of the squared differences of a line of ``read_grid``'s and the neighbours so far off, to shares (6,)."""
     s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
@@ -138,7 +147,7 @@ def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
         shares[5] += s
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
     """The same of neighbours of which one lies off the page: roots (pixels,) as ``read_grid`` has them."""
     for i in range(here.size):
@@ -149,7 +158,9 @@ def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
             shares[5] += part
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "words (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
+)
 def edge_shares(words, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
     """How much of each tile's edges, across and along, each plane makes: adds to shares (tiles, 2, 6).
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.registering.rendering_kernels import EIGHT, sum_eight
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.predicting.summing_kernels import FEW, MANY, sum_few, sum_many
 
 HUBER = 3.0
@@ -13,7 +13,7 @@ HUBER = 3.0
 SUMS = 15
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: ignore[no-untyped-def]
     """Weights of raster pixels for each eight columns, as ``sum_eight`` wants them: (blocks x pixels x 8,) each.
 
@@ -38,7 +38,7 @@ def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: igno
     return pixels
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, out):  # type: ignore[no-untyped-def]
     """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
@@ -75,7 +75,7 @@ def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes
             )
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def subtract(scan, offset, per_gain, top, left, part, image, noise, error, base):  # type: ignore[no-untyped-def]
     """Light of a scan above a tile's image, and base = 1 / variance, where the scan has it; returns the image's sum.
 
@@ -99,7 +99,7 @@ def subtract(scan, offset, per_gain, top, left, part, image, noise, error, base)
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, mean, sums):  # type: ignore[no-untyped-def]
     """Normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
 
@@ -144,7 +144,15 @@ def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, m
         sums[k] = s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "scan (_, P), offset (P), per_gain (P), windows (A, _, W), x_origin (A), y_origin (A), "
+    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), lines (A), "
+    "columns (A), tiles (N), moves (N, 2), size, noise (4), room.value (V), room.slope (V), "
+    "room.begins (size // EIGHT), room.weights (B), room.by_move (B), room.starts (Y), "
+    "sums (N, SUMS + 1)",
+    where="W <= V",
+    error_model="numpy",
+)
 def measure_tiles(  # type: ignore[no-untyped-def]
     scan,
     offset,
@@ -206,7 +214,7 @@ def measure_tiles(  # type: ignore[no-untyped-def]
         sums[n, SUMS] = count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def solved(s):  # type: ignore[no-untyped-def]
     """Offset, gain and displacement x, y that the sums of one tile ask for."""
     a = np.empty((4, 4))

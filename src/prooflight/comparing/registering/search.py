@@ -63,7 +63,10 @@ class Candidate:
 
 def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> list[Candidate]:
     """Poses that were tried, best first; the first alone if it is beyond doubt. threads: see ``measured``."""
-    coarse = shrunk(scan, landmarks.sensors)
+    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+    coarse = np.concatenate(
+        [seen, design[len(seen) :]]
+    )  # a scan that ends early must not seem to have an edge there
     tried: list[Candidate] = []
     for start in _starts(landmarks, coarse):
         if start is None:

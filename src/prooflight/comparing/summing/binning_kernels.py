@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_row(row, sums):  # type: ignore[no-untyped-def]
     """Add a row to sums (w,)."""
     for x in range(sums.size):
         sums[x] += np.float32(row[x])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def gather_row(sums, bins, first, out):  # type: ignore[no-untyped-def]
     """Means over squares from sums down columns (w,), from pixel ``first`` on; the last pixel goes on beyond."""
     share = np.float32(1 / (bins * bins))
@@ -33,7 +34,7 @@ def gather_row(sums, bins, first, out):  # type: ignore[no-untyped-def]
         out[i] = total * share
 
 
-@njit(cache=True, nogil=True)
+@kernel("image (L, P), bins, out (-(-L // bins), P // bins)")
 def binned_rows(image, bins, out):  # type: ignore[no-untyped-def]
     """Means over bins x bins pixels of an image (lines, pixels), out (., .); its last line goes on."""
     sums = np.empty(image.shape[1], np.float32)
@@ -44,7 +45,7 @@ def binned_rows(image, bins, out):  # type: ignore[no-untyped-def]
         gather_row(sums, bins, 0, out[line])
 
 
-@njit(cache=True, nogil=True)
+@kernel("image (L, P), out (B, B, -(-L // B), P // B)")
 def running_means(image, out):  # type: ignore[no-untyped-def]
     """Means over squares from every pixel on, by phases: out (bins, bins, ., .) of an image (lines, pixels)."""
     bins = out.shape[0]
@@ -58,7 +59,7 @@ def running_means(image, out):  # type: ignore[no-untyped-def]
                 gather_row(sums, bins, right, out[down, right, line])
 
 
-@njit(cache=True, nogil=True)
+@kernel("words (H, W), bins, out (-(-H // bins), -(-W // bins))")
 def take_turns(words, bins, out):  # type: ignore[no-untyped-def]
     """One of each bins x bins words, out (rows, columns): further right from row to row of squares and from square to
     square, further down from row to row and column to column; the last go on beyond words (h, w).

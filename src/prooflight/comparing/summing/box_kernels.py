@@ -6,10 +6,11 @@ Cells tile the map; boxes are 2 x 2 cells and overlap by half; four cells make o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def box_row(cells, y, out):  # type: ignore[no-untyped-def]
     """Sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); there is nothing beyond the map."""
     height, last = cells.shape[0], out.size - 1
@@ -20,7 +21,7 @@ def box_row(cells, y, out):  # type: ignore[no-untyped-def]
     out[last] = top[last] + share * bottom[last]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
     """Take so much of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
     height, last = cells.shape[0], out.size - 1
@@ -30,7 +31,12 @@ def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
     out[last] -= above * top[last] + below * bottom[last]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "cells (4, N, H, W), gains (H), out (4, M, -(-H // 2), -(-W // 2))",
+    where="M <= N",
+    fastmath=True,
+    error_model="numpy",
+)
 def merged(cells, gains, out):  # type: ignore[no-untyped-def]
     """Cells (4, modes, h, w) of twice the side into out; gains (h,): share of C taken from N of each row."""
     modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
@@ -55,7 +61,7 @@ def merged(cells, gains, out):  # type: ignore[no-untyped-def]
                     target[i] = line[2 * i] + line[2 * i + 1]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("maps (N, H, W), out (N, H // 2, W // 2)", fastmath=True, error_model="numpy")
 def squares(maps, out):  # type: ignore[no-untyped-def]
     """Sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""
     for n in range(out.shape[0]):

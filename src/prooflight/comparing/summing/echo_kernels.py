@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 _LEAST = np.float32(1e-6)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
     """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); echo (lags,): what was there.
 
@@ -23,7 +24,11 @@ def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
         sums[2 * lags + lag] += e * square
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "own (H, W), power (H, W), of_edges (H, W), detail (W, D), lags, rows (R), columns (C), "
+    "out (R - 1, C - 1, 3 * lags)",
+    where="H + lags - 1 <= D",
+)
 def echo_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
     """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
 
@@ -40,14 +45,14 @@ def echo_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type:
                         add_lags(own[y, x], power[y, x], of_edges[y, x], detail[x, y : y + lags], sums)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_to(row, out):  # type: ignore[no-untyped-def]
     """Add a row to another."""
     for i in range(out.size):
         out[i] += row[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel("parts (_, _, K), rows (N, 2), columns (M, 2), out (N, M, K)")
 def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
     """Boxes, rows (n, 2) and columns (m, 2) of cuts, from parts (rows, columns, l): out (n, m, l)."""
     across = np.zeros((parts.shape[0], columns.shape[0], parts.shape[2]), np.float32)
@@ -62,7 +67,7 @@ def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
                 add_to(across[k, m], out[n, m])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("sums (N, 3, K), noise, at_edges, tolerance, least, out (N, K)", fastmath=True, error_model="numpy")
 def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
     """T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
     for n in range(out.shape[0]):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 INKS = 4
 SHAPES = 16
@@ -14,13 +15,19 @@ _MOST = np.float32(LEVELS - 1)
 _HALF = np.float32(0.5)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def level_of(area):  # type: ignore[no-untyped-def]
     """The nearest tabulated level of an ink area."""
     return np.int32(min(max(area, np.float32(0)), np.float32(1)) * _MOST + _HALF)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "measured (L, P), expected (L, P), offset (P), variance (L, P), gain (4, L, P), "
+    "dot (4, L, P), texture (L, P), cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
+    "corners (N, 2), side, out (N, 22 + SHAPES)",
+    fastmath=True,
+    error_model="numpy",
+)
 def block_sums(  # type: ignore[no-untyped-def]
     measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, side, out
 ):

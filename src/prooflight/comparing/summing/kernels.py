@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from prooflight.comparing.summing.fit_kernels import LEVELS, SHAPES
+from prooflight.compiled import inner_kernel, kernel
 
 INKS = 4
 _SAME = np.float32(0.004)
@@ -13,7 +13,7 @@ _SAME = np.float32(0.004)
 _FLOOR = np.float32(1e-12)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def placed_level(area):  # type: ignore[no-untyped-def]
     """The tabulated level of an ink area or the next lower one, and how far it lies above that."""
     at = min(max(area, np.float32(0)), np.float32(1)) * np.float32(LEVELS - 1)
@@ -21,7 +21,7 @@ def placed_level(area):  # type: ignore[no-untyped-def]
     return below, at - np.float32(below)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out):  # type: ignore[no-untyped-def]
     """Smooth function of colour along a row of ink areas (pixels,): sum over j of weights_j bell_j; bells: ``Colours``.
 
@@ -49,14 +49,14 @@ def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out): 
         out[x] = last[4]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def take_row(measured, expected, offset, relative, columns, out):  # type: ignore[no-untyped-def]
     """A row of residuals without what is proportional to the light."""
     for x in range(out.size):
         out[x] = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, down, out):  # type: ignore[no-untyped-def]
     """Take what one ink does out of a row of residuals, in place; its ends are left alone."""
     pixels = out.size
@@ -69,7 +69,13 @@ def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, do
         out[x] += gain[x] * np.float32(0.5) * moved / area if area > np.float32(0.02) else np.float32(0)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "measured (L, P), expected (L, P), offset (P), inside (L, P), gain (4, L, P), dot (4, L, P), "
+    "cover (4, L, P), bells (4, LEVELS, SHAPES), weights (SHAPES), columns (P), gains (4, 3), "
+    "dots (4), planes (4, 2), out (L, P)",
+    fastmath=True,
+    error_model="numpy",
+)
 def residuals(  # type: ignore[no-untyped-def]
     measured, expected, offset, inside, gain, dot, cover, bells, weights, columns, gains, dots, planes, out
 ):
@@ -107,7 +113,11 @@ def residuals(  # type: ignore[no-untyped-def]
 
 
 # With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(
+    "light (L, P), variance (L, P), texture (L, P), inside (L, P), scale, edge, contrast, share, "
+    "dark, white, out (L, P), of_edges (L, P)",
+    error_model="numpy",
+)
 def variances(light, variance, texture, inside, scale, edge, contrast, share, dark, white, out, of_edges):  # type: ignore[no-untyped-def]
     """Inverse variance of residuals of one sensor, (lines, pixels) [1/DN^2], and the edges' share of it; 0 outside.
 
@@ -142,7 +152,7 @@ def variances(light, variance, texture, inside, scale, edge, contrast, share, da
             of_edges[line, x] = edge * slope / (rest + at_white * at_white)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_slopes(residual, weight, above, light, below, made, sums):  # type: ignore[no-untyped-def]
     """Add what a row says of displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
 
@@ -170,7 +180,7 @@ def add_slopes(residual, weight, above, light, below, made, sums):  # type: igno
         xy[x] += across[x] * along[x] * weight[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def sum_of(row):  # type: ignore[no-untyped-def]
     """Of a row (n,)."""
     total = np.float32(0)
@@ -179,7 +189,9 @@ def sum_of(row):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), side, out (5, _, _)", fastmath=True, error_model="numpy"
+)
 def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-def]
     """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns).
 
@@ -201,7 +213,11 @@ def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-d
                 out[i, row, column] += sum_of(sums[i, column * side : stop])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), across_by (L, P), along_by (L, P)",
+    fastmath=True,
+    error_model="numpy",
+)
 def take_slopes(residual, weight, light, across_by, along_by):  # type: ignore[no-untyped-def]
     """Take local displacements, fields (lines, pixels) [pixels], out of one sensor's residuals, in place."""
     lines, pixels = residual.shape
@@ -213,7 +229,7 @@ def take_slopes(residual, weight, light, across_by, along_by):  # type: ignore[n
                 residual[line, x] -= across * across_by[line, x] + along * along_by[line, x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("residual (L, P), weight (L, P), light (L, P), known, out (P)", fastmath=True, error_model="numpy")
 def column_gains(residual, weight, light, known, out):  # type: ignore[no-untyped-def]
     """Relative gain of each column of one sensor from its residuals, (pixels,) [-]; known: 1 / prior variance."""
     lines, pixels = residual.shape
@@ -233,7 +249,7 @@ def column_gains(residual, weight, light, known, out):  # type: ignore[no-untype
         out[x] /= power[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel("residual (L, P), weight (L, P), light (L, P), gains (P)", fastmath=True, error_model="numpy")
 def take_columns(residual, weight, light, gains):  # type: ignore[no-untyped-def]
     """Take column gains (pixels,) out of one sensor's residuals, in place."""
     lines, pixels = residual.shape

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 STRETCH = 16
 """Pixels from node to node, along lines and across them."""
 _HALF = np.float32(0.5)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def cubic(f):  # type: ignore[no-untyped-def]
     """Weights of four neighbours at f between the inner two: the cubic convolution that is exact for parabolas.
 
@@ -24,7 +25,7 @@ def cubic(f):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
     """Values of one line at node columns, linear between rows of nodes ``STRETCH`` lines apart."""
     cell = min(line // STRETCH, nodes.shape[0] - 2)
@@ -33,7 +34,7 @@ def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
         out[k] = nodes[cell, k] + share * (nodes[cell + 1, k] - nodes[cell, k])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
     """Whole pixels by which a stretch is displaced, what is left at its first pixel, and what that grows by."""
     slope = (off[k + 1] - off[k]) / np.float32(STRETCH)
@@ -41,7 +42,7 @@ def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
     return whole, np.float32(off[k] - whole), np.float32(slope)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def weigh_stretch(x0, x_slope, y0, y_slope, weights):  # type: ignore[no-untyped-def]
     """``cubic`` at every pixel of a stretch, weights (8 ``STRETCH``,): four across, then four along."""
     for i in range(STRETCH):
@@ -54,7 +55,7 @@ def weigh_stretch(x0, x_slope, y0, y_slope, weights):  # type: ignore[no-untyped
         weights[6 * STRETCH + i], weights[7 * STRETCH + i] = c, d
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_tap(first, second, third, fourth, weights, tap, out):  # type: ignore[no-untyped-def]
     """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
     heights = weights[(4 + tap) * STRETCH : (5 + tap) * STRETCH]
@@ -64,13 +65,16 @@ def add_tap(first, second, third, fourth, weights, tap, out):  # type: ignore[no
         out[i] += heights[i] * (left + right)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def following(phase, place, n):  # type: ignore[no-untyped-def]
     """The phase and the place in it of the next of pixels dealt out to n phases; quicker than to divide again."""
     return (phase + 1, place) if phase + 1 < n else (0, place + 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "phases (N, N, L, P), across (R, C), along (R, C), out (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+)
 def move(phases, across, along, out):  # type: ignore[no-untyped-def]
     """An image seen at pixel + across, line + along (nodes) of out (lines, pixels), by ``cubic``.
 
@@ -119,7 +123,12 @@ def move(phases, across, along, out):  # type: ignore[no-untyped-def]
                             target[i] += heights[j] * weights[m] * phases[y % n, x % n, y // n, x // n]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "shadow (1, 1, L, P), across (R, C), along (R, C), right, down, light (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+    fastmath=True,
+    error_model="numpy",
+)
 def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-untyped-def]
     """Light (lines, pixels) with a plane's shadow (1, 1, lines, pixels), as ``move`` takes it, cast right and down."""
     here, there = np.empty_like(light), np.empty_like(light)
@@ -131,7 +140,7 @@ def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-u
             target[x] += more[x] - less[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def]
     """Whole pixels by which a line's stretches are displaced, whole (2, stretches): right and down of right, down at
     nodes; what is left at each pixel, shares (2, pixels).
@@ -147,7 +156,7 @@ def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def
             v[i] = y0 + y_slope * np.float32(i)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
     """Bilinear between two rows of neighbours, one longer than out (n,)."""
     for i in range(out.size):
@@ -156,7 +165,7 @@ def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
         out[i] = p + v[i] * (q - p)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
     """The same of an image from (top, left) on that ends somewhere; 0 beyond."""
     lines, pixels = image.shape
@@ -170,7 +179,7 @@ def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
                     out[i] += (u[i] if n else one - u[i]) * (v[i] if j else one - v[i]) * image[y, x]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
     """Both: part of a line, out (n,), that looks u, v (n,) beyond neighbours from (top, left) on."""
     lines, pixels = image.shape
@@ -185,7 +194,7 @@ def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
     move_edge(image, left + last, top, u[last:], v[last:], out[last:])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
     """One line, out (pixels,), of an image moved as ``aim_line`` says; stretches that go alike are done at once."""
     start = 0
@@ -199,7 +208,10 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
         start = stop
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "images (N, L, P), which (_), across (R, C), along (R, C), out (N, L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+)
 def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
     """``move`` of some of images (n, lines, pixels), bilinear; 0 beyond.
 
@@ -220,7 +232,12 @@ def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-d
                 move_line(images[n], first + i, whole[i], shares[i], out[n, first + i])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "across (R, C), along (R, C), left, right, top, bottom, out (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+    fastmath=True,
+    error_model="numpy",
+)
 def within(across, along, left, right, top, bottom, out):  # type: ignore[no-untyped-def]
     """Which pixels look between left and right, top and bottom [pixels]; out (lines, pixels) uint8."""
     lines, pixels = out.shape

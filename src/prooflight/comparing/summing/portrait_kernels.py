@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 _SOLID = np.float32(0.9)
 _PRINTED = np.float32(0.05)
 _HEAVY = np.float32(2)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignore[no-untyped-def]
     """What a row says within the page, added to out (11,): ``portrait_sums``; returns how much of it is within."""
     total = np.zeros(11, np.float32)
@@ -36,7 +37,7 @@ def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignor
     return count
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
     """Steps along a row, added to out (3,): of black, of the others' sum, and the second greatest of all four."""
     of_black, of_others, of_two = np.float32(0), np.float32(0), np.float32(0)
@@ -51,7 +52,7 @@ def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
     out[2] += of_two
 
 
-@njit(cache=True, nogil=True)
+@kernel("cover (4, L, P), texture (L, P), inside (L, P), every")
 def portrait_sums(cover, texture, inside, every):  # type: ignore[no-untyped-def]
     """Sums over every so many-th line of cover (4, lines, pixels), texture and inside (lines, pixels).
 

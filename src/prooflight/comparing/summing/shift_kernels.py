@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def row_explained(push, weight, here, there):  # type: ignore[no-untyped-def]
     """N and D of a row (n,) of cells if ``there`` lay on them instead of ``here``."""
     explained, power = np.float32(0), np.float32(0)
@@ -17,7 +18,11 @@ def row_explained(push, weight, here, there):  # type: ignore[no-untyped-def]
     return explained, power
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "pushes (H, W), weights (H, W), plane (H + N - 1, W + N - 1), wanted (N, N), "
+    "explained (N, N), power (N, N)",
+    where="N % 2 == 1",
+)
 def shift_sums(pushes, weights, plane, wanted, explained, power):  # type: ignore[no-untyped-def]
     """N and D of a plane at every ``wanted`` shift, added to explained, power (2 reach + 1, 2 reach + 1) float64.
 

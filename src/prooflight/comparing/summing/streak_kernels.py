@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
     """Sums of a row (w,) from ``reach_before`` before each place to ``reach_after`` behind it, into out (w,) float64.
 
@@ -25,7 +26,7 @@ def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignor
         out[x] = total
 
 
-@njit(cache=True, nogil=True)
+@kernel("columns (4, M, S, W), length, known, wide, out (3, M, S - length + 1, W)")
 def levelled_parts(columns, length, known, wide, out):  # type: ignore[no-untyped-def]
     """N', D' and the edges' part of D', out (3, modes, parts, w), of segments of columns (4, modes, segments, w).
 
@@ -58,7 +59,7 @@ def levelled_parts(columns, length, known, wide, out):  # type: ignore[no-untype
                 own[x] -= push[x] / (power[x] + 1e-6 * wide) * rest[x]
 
 
-@njit(cache=True, nogil=True)
+@kernel("maps (N, W), count, out (N, W)")
 def widened(maps, count, out):  # type: ignore[no-untyped-def]
     """Sums over ``count`` columns about each of maps (n, w), out (n, w); there is nothing beyond the ends."""
     prefix, sums = np.empty(maps.shape[1] + 1), np.empty(maps.shape[1])

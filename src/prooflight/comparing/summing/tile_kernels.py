@@ -6,7 +6,8 @@ Row by row, one array written at a time: so the loops run in vectors.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 INKS = 4
 LINE_MODES = 10
@@ -17,7 +18,7 @@ _MOST_SQUARE = np.float32(25)
 _FLOOR = np.float32(1e-12)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type: ignore[no-untyped-def]
     """A row (pixels,) ready to be summed up, out (4, pixels): r / V with r kept below ``most`` sigma, 1 / V, light / V
     and the edges' part of 1 / V. Pixels more of whose variance than ``most_edge`` is edges' count nothing.
@@ -34,7 +35,7 @@ def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type:
         edges[x] = of_edges[x] * power[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
     """Add what a row says of one mode (pixels,) to its four sums; push .. edge: as ``weigh_row`` makes them."""
     for x in range(mode.size):
@@ -47,14 +48,14 @@ def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # 
         edges[x] += mode[x] * mode[x] * edge[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def void_row(light, white, out):  # type: ignore[no-untyped-def]
     """What is missing to bare paper."""
     for x in range(out.size):
         out[x] = white[x] - light[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def blur_row(light, line, out):  # type: ignore[no-untyped-def]
     """Half the sum of four neighbours less twice the middle; 0 at both ends."""
     above, here, below = light[line - 1], light[line], light[line + 1]
@@ -64,7 +65,12 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
         out[x] = around * np.float32(0.5) - np.float32(2) * here[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), white (P), add (4, L, P), gain (4, L, P), "
+    "of_edges (L, P), most_edges (N), shift (L), segment_lines, out (N, 4, LINE_MODES, _, P)",
+    fastmath=True,
+    error_model="numpy",
+)
 def line_sums(  # type: ignore[no-untyped-def]
     residual, weight, light, white, add, gain, of_edges, most_edges, shift, segment_lines, out
 ):
@@ -106,7 +112,7 @@ def line_sums(  # type: ignore[no-untyped-def]
                 add_mode(mode, *weighed, push, power, out[n, 2, m, segment, to], out[n, 3, m, segment, to])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_tile_row(  # type: ignore[no-untyped-def]
     residual, weight, light, white, add, gain, of_edges, first, last, side, rows, made, sums, out
 ):
@@ -145,7 +151,10 @@ def add_tile_row(  # type: ignore[no-untyped-def]
     gather(sums[1], side, out[1, MODES])
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "residual (S, L, P), weight (S, L, P), light (S, L, P), white (S, P), add (S, 4, L, P), "
+    "gain (S, 4, L, P), of_edges (S, L, P), side, out (4, MODES + 1, L // side, P // side)"
+)
 def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  # type: ignore[no-untyped-def]
     """Sums over tiles of all sensors, written to out (4, MODES + 1, tile rows, tile columns).
 
@@ -167,14 +176,14 @@ def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  
         out[:, :, tile] = here
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def whole_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
     """All inks' gain together."""
     for x in range(out.size):
         out[x] = cyan[x] + magenta[x] + yellow[x] + black[x]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
     """Add a row's squared residuals over their variance, and where there are any."""
     for x in range(residual.size):
@@ -183,7 +192,7 @@ def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
         count[x] += np.float32(weight[x] > 0)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@inner_kernel(fastmath=True, error_model="numpy")
 def gather(sums, side, out):  # type: ignore[no-untyped-def]
     """Sums (pixels,) added up in tiles of ``side``, added to out (tile columns,)."""
     if side == 2:

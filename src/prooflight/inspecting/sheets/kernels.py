@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from prooflight.compiled import inner_kernel, kernel
 
 SHRINK = 8
 """Camera pixels in a thumbnail's pixel, either way: 0.84 mm of the prototype's page."""
@@ -11,7 +12,7 @@ STEPS = 200
 """Steps of a thumbnail's byte in paper white."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def sum_eight(lines, first, sums):  # type: ignore[no-untyped-def]
     """Sums (pixels,) uint32 = those of eight lines (n, pixels) uint16 from ``first`` on."""
     a, b, c, d = lines[first], lines[first + 1], lines[first + 2], lines[first + 3]
@@ -22,7 +23,7 @@ def sum_eight(lines, first, sums):  # type: ignore[no-untyped-def]
         sums[i] = np.uint32(upper + lower)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
     """Add what eight lines' sums (pixels,) say to a row of light (columns,)."""
     for column in range(of_row.size):
@@ -34,7 +35,10 @@ def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
         of_row[column] += left + right
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "lines (N, P), held, sums (P), scale (Q), light ((held + N) // SHRINK, Q // SHRINK)",
+    where="0 <= held, Q <= P",
+)
 def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
     """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; what is left over to sums.
 
@@ -56,7 +60,7 @@ def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
             held, row = 0, row + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel("light (R, _), level, reach, counts (R)")
 def count_near(light, level, reach, counts):  # type: ignore[no-untyped-def]
     """How many of each row's columns lie nearer to a level than reach; light (rows, columns), counts (rows,)."""
     for row in range(light.shape[0]):
@@ -66,7 +70,10 @@ def count_near(light, level, reach, counts):  # type: ignore[no-untyped-def]
         counts[row] = count
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "seen (R, C), here (R, C), there (R, C), box, skip (R), floor, blur, ink, least",
+    where="0 < box[0], box[1] < R, 0 < box[2], box[3] < C",
+)
 def log_ratio(seen, here, there, box, skip, floor, blur, ink, least):  # type: ignore[no-untyped-def]
     """Log P(seen | there) - log P(seen | here), where the two pages differ inside ``box``.
 

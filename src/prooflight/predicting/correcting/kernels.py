@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from prooflight.compiled import inner_kernel, kernel
 from prooflight.pages.sampling import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
 from prooflight.predicting.correcting.mixing_kernels import AT_ONCE, mix_rows
 from prooflight.predicting.filtering_kernels import copy_row
@@ -16,7 +16,7 @@ assert FARTHER_BLOCK == 16
 WINDOW = 2 * NEAR_REACH + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel("image (L, P), means (-(-L // BLOCK), -(-P // BLOCK))")
 def block_means(image, means):  # type: ignore[no-untyped-def]
     """Means of image (lines, pixels) over squares of 4 x 4; outside the image is 0."""
     lines, pixels = image.shape
@@ -34,7 +34,7 @@ def block_means(image, means):  # type: ignore[no-untyped-def]
                 out[whole] += share * source[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel("image (H, W), weights (N, N), out (H, W)")
 def convolve(image, weights, out):  # type: ignore[no-untyped-def]
     """Plain convolution of a small image with symmetric weights (2 n + 1, 2 n + 1); outside the image is 0."""
     rows, columns = image.shape
@@ -54,7 +54,7 @@ def convolve(image, weights, out):  # type: ignore[no-untyped-def]
                     part[i] += weight * seen[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def between_rows(image, line, out):  # type: ignore[no-untyped-def]
     """The row of block values that a line lies at, linear between the blocks' centres, level beyond the outer ones."""
     place = min(max((line + 0.5) / BLOCK - 0.5, 0.0), image.shape[0] - 1.0)
@@ -65,7 +65,7 @@ def between_rows(image, line, out):  # type: ignore[no-untyped-def]
         out[i] = before[i] + share * (after[i] - before[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_kernel(error_model="numpy")
 def add_between(row, line):  # type: ignore[no-untyped-def]
     """Line (pixels,) += what a row of block values is there, linear between their centres, level at the ends."""
     last = row.size - 1
@@ -89,7 +89,7 @@ def add_between(row, line):  # type: ignore[no-untyped-def]
         line[i] += row[cell] + share * (row[min(cell + 1, last)] - row[cell])
 
 
-@njit(cache=True, nogil=True)
+@kernel("blocks (R, C), image (_, _)", where="0 < R, 0 < C")
 def add_blocks(blocks, image):  # type: ignore[no-untyped-def]
     """Image (lines, pixels) += block values, bilinear between their centres."""
     row = np.empty(blocks.shape[1], np.float32)
@@ -98,7 +98,7 @@ def add_blocks(blocks, image):  # type: ignore[no-untyped-def]
         add_between(row, image[line])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel()
 def near_line(rows, starts, weights, mixed, out):  # type: ignore[no-untyped-def]
     """One line by its neighbours: out (pixels,).
 
@@ -117,7 +117,12 @@ def near_line(rows, starts, weights, mixed, out):  # type: ignore[no-untyped-def
         out[i] = near + ((left_2[i] + right_2[i]) + (left_3[i] + right_3[i]))
 
 
-@njit(cache=True, nogil=True)
+@kernel(
+    "light (L, P), above (NEAR_REACH, P), below (NEAR_REACH, P), "
+    "weights (NEAR_REACH + 1, NEAR_REACH + 1), far (-(-L // BLOCK), -(-P // BLOCK)), line_from, "
+    "line_to",
+    where="0 <= line_from, line_to <= L",
+)
 def correct_lines(light, above, below, weights, far, line_from, line_to):  # type: ignore[no-untyped-def]
     """Lines line_from .. line_to - 1 of light (lines, pixels) corrected in place.
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 6
 KIND = "prooflight press"
+TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2")
 CORRECTION = ("near", "far", "farther")
 INKS = "inks."
@@ -221,6 +222,8 @@ def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
     if (schema := file.texts.get("schema")) != str(SCHEMA):
         what = f"has schema {schema}, this version reads schema {SCHEMA}"
         raise PressError(path, what, remedy=REBUILD)
+    if unknown := sorted(set(file.texts) - TEXTS):
+        raise Misfit(unknown[0], "is not known here")
     arrays, document = file.arrays(), file.texts.get("document", "")
     if _digest(arrays, document) != file.texts.get("digest"):
         raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)

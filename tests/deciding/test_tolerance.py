@@ -10,12 +10,14 @@ import pytest
 
 from prooflight.commissioning.learn import Pages, learn_tolerance
 from prooflight.comparing.local_evidence import Scatter
+from prooflight.comparing.modes import PORTRAIT
 from prooflight.comparing.nuisance import Spread
 from prooflight.deciding.families import all_said
 from prooflight.deciding.said import stated
 from prooflight.deciding.taught import TolerancePress, compressed, families_of
 from prooflight.deciding.tolerance import look, prepare_page
 from prooflight.predicting.predict import predict
+from prooflight.schema import Misfit
 from prooflight.simulating.misprints import KINDS
 from prooflight.simulating.scans import ideal_scan
 
@@ -26,18 +28,22 @@ if TYPE_CHECKING:
 NAMES = ["box/add-C+/8", "box/add-C-/8", "flat/void+/4", "streak/void/1/full", "ghost/C/0", "place/skew"]
 
 
-@pytest.fixture(scope="module")
-def taught() -> TolerancePress:
+def learned(portrait: int) -> TolerancePress:
+    """From made-up statistics of three kinds of misprints, and portraits of so many numbers; seed 1."""
     rng = np.random.default_rng(1)
     values = np.exp(0.3 * rng.standard_normal((400, len(NAMES)))).astype(np.float32)
     bad = np.arange(400) % 2 == 1
     kind = np.where(bad, np.array(KINDS)[np.arange(400) // 2 % 3], "")
     for place, one in enumerate(KINDS[:3]):
         values[kind == one, place] *= 8
-    pages = Pages(
-        values=values, portraits=rng.standard_normal((400, 3)), design=np.arange(400) // 2, bad=bad, kind=kind
-    )
+    portraits = rng.standard_normal((400, portrait))
+    pages = Pages(values=values, portraits=portraits, design=np.arange(400) // 2, bad=bad, kind=kind)
     return learn_tolerance(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
+
+
+@pytest.fixture(scope="module")
+def taught() -> TolerancePress:
+    return learned(3)
 
 
 def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
@@ -125,6 +131,28 @@ def test_kinds_and_scores_come_back_from_arrays_and_facts(taught: TolerancePress
     values, portraits = rng.exponential(2, (50, len(NAMES))), rng.standard_normal((50, 3))
     assert np.array_equal(again.score(values, portraits), taught.score(values, portraits))
     assert again.kinds_of(values, portraits) == taught.kinds_of(values, portraits)
+
+
+def test_what_misprints_taught_is_checked_whole() -> None:
+    found = learned(PORTRAIT)
+    arrays, facts = found.arrays(), found.facts() | {"threshold": None}
+    TolerancePress.check(arrays, facts)
+    for name in arrays:
+        with pytest.raises(Misfit, match=name):
+            TolerancePress.check({one: array for one, array in arrays.items() if one != name}, facts)
+    without_last = facts["kinds"][:-1]
+    for change in (
+        {"kinds": without_last},
+        {"kinds": [*without_last, without_last[0]]},
+        {"starts": [None, None]},
+        {"outright": None},
+        {"names": NAMES[::-1]},
+        {"spread": {"edge": np.nan}},
+        {"prior": {"gain": 0.0}},
+        {"tail_from": 1.0},
+    ):
+        with pytest.raises(Misfit):
+            TolerancePress.check(arrays, facts | change)
 
 
 def test_families_join_sizes_and_keep_signs_apart() -> None:

@@ -194,6 +194,7 @@ def _read(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
         if metadata.get("schema") != str(SCHEMA):
             what = f"schema {metadata.get('schema')} of the ink model, this program reads {SCHEMA}"
             raise ChartError(path, what, remedy=_AGAIN)
+        _refuse_unknown(metadata)
         arrays = file.arrays()
     except Damaged as error:
         raise ChartError(path, "the ink model is damaged, or this is none", remedy=_AGAIN) from error
@@ -203,6 +204,11 @@ def _read(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
         raise ChartError(path, "the ink model is damaged (its digest differs)", remedy=_AGAIN)
     _check(path, arrays, metadata)
     return arrays, metadata
+
+
+def _refuse_unknown(metadata: Mapping[str, str]) -> None:
+    if unknown := sorted(set(metadata) - {"kind", "schema", "digest", *Texts.model_fields}):
+        raise Misfit(unknown[0], "is not known here")
 
 
 def _check(path: Path, arrays: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, str]) -> None:

@@ -104,6 +104,20 @@ def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
     return Page(cmyk=cmyk, dpi=resolution, name=page_name(number), number=number)
 
 
+def flaws(path: Path) -> dict[int, JobError]:
+    """Pages of a TIFF, from 1, of which it can be told undecoded that they cannot be used; of a JPEG none."""
+    if _is_jpeg(path):
+        return {}
+    found = {}
+    with _opened_tiff(path) as pages:
+        for number, page in enumerate(pages, start=1):
+            try:
+                _check_tiff(path if len(pages) == 1 else f"{path}, page {number}", page, path.stat().st_size)
+            except JobError as error:
+                found[number] = error
+    return found
+
+
 def _is_jpeg(path: Path) -> bool:
     with path.open("rb") as file:  # OSError for what the system cannot open
         head = file.read(4)

@@ -248,9 +248,10 @@ def test_a_blank_sheet_is_a_misprint_wherever_it_comes() -> None:
 
 
 def test_a_sheet_within_which_the_lines_ended_is_not_inspected() -> None:
-    run = run_of(Book(3), odd={2: seen(2, cut_short=True)})
+    run = run_of(Book(3), odd={2: seen(None, taken_for=2, cut_short=True)})
     assert run.words() == ["good", "good", "not-inspected"]
     assert run.reasons() == ["the lines ended within the sheet"]
+    assert run.told[2].record.verdict.page == "p0003"
 
 
 @pytest.mark.parametrize("came", [0, 3])

@@ -282,9 +282,7 @@ class Running:
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
-        if page.cut_short:
-            self._pass(sheet, CUT_SHORT)
-        elif self._dropping.is_set():
+        if self._dropping.is_set():
             self._pass(sheet, STOPPED)
         else:
             for gone in self._waiting.put(sheet, deadline_s):
@@ -292,16 +290,16 @@ class Running:
 
     def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
         """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
-        if page.taken_for is not None:
+        name = None if page.taken_for is None else self._name(page.taken_for)
+        if page.cut_short:
+            self._done.put(passed(number, page, CUT_SHORT, name=name))
+        elif page.taken_for is not None:
             why = self._why_unusable(page.taken_for)
             self._unready += not why
             self._ahead.expect(next_page + self._unready)
-            name = self._name(page.taken_for)
             self._done.put(passed(number, page, why or "its design was not ready in time", name=name))
-            return
-        doubtful = "" if "blank" in kinds_of(page.faults) else self._doubt(next_page)
-        if page.cut_short or doubtful:
-            self._done.put(passed(number, page, CUT_SHORT if page.cut_short else doubtful))
+        elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
+            self._done.put(passed(number, page, doubt))
         else:
             self._done.put(strange(number, page))
 

@@ -408,6 +408,28 @@ def test_a_page_that_is_not_known_yet_is_not_guessed(job: Job) -> None:
     drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
     assert pages_of(found) == [0, 1, 2, None, 4, 5, 6, 7]
+    sheets = [page for page in found if isinstance(page, SeenPage)]
+    assert [page.taken_for for page in sheets] == [None, None, None, 3, None, None, None, None]
+    assert [page.faults for page in sheets] == [()] * 8  # nothing is said against what nobody knows
+    assert (pager.to_come, pager.missing) == (PAGES - 8, 0)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_sheet_within_which_the_lines_end_is_said_to_be_cut_short(job: Job, share: float) -> None:
+    pager, whole = Pager(job.press, expected=list(job.thumbnails)), job.scans[0].shape[1]
+    lines = np.concatenate([job.scans[0], job.scans[1][:, : round(share * whole)]], axis=1)
+    found = pager.push(LineBlock(first_line=0, lines=lines, time_s=0.0)) + pager.flush()
+    assert [page.cut_short for page in found if isinstance(page, SeenPage)] == [False, True]
+
+
+def test_pages_that_did_not_come_are_counted_when_the_lines_have_ended(job: Job) -> None:
+    """Page 3 is left out, page 5 comes behind page 6; the lines end two sheets too early."""
+    faults = {2: DrumFault(kind="missing", amount=1), 4: DrumFault(kind="out-of-order")}
+    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES + 2))
+    for block in Drum(job.scans, press=job.press, passing=turns(PAGES, faults)).blocks():
+        pager.push(block)
+    pager.flush()
+    assert (pager.to_come, pager.missing) == (2, 1)
 
 
 def test_repeated_designs_are_counted_through(job: Job) -> None:

@@ -30,7 +30,7 @@ Profile = Annotated[
 PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
 Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
 JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
-Seed = Annotated[int, typer.Option(help="Of everything random.", min=0)]
+Seed = Annotated[int, typer.Option(help="Of everything random.", min=0, max=2**32 - 1)]
 
 
 def register(app: typer.Typer) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from contextlib import contextmanager
@@ -46,13 +45,6 @@ MOST_MEGABYTES: Final = 1_000_000
 HOUR_S: Final = 3600.0
 
 
-def _finite(value: float) -> float:
-    """What bounds do not refuse: nothing is less or greater than NaN."""
-    if not math.isfinite(value):
-        raise RequestError("watch", f"an option is {value}", remedy="give a number")
-    return value
-
-
 def watch(
     job: JobPath,
     press: PressArtefact,
@@ -74,7 +66,6 @@ def watch(
             help="From a page's last line to its verdict.",
             min=1,
             max=1e3 * HOUR_S,
-            callback=_finite,
         ),
     ] = 1e3 * DEADLINE_S,
     stall_s: Annotated[
@@ -85,7 +76,6 @@ def watch(
             help="Without a line, after which that is announced.",
             min=0.1,
             max=24 * HOUR_S,
-            callback=_finite,
         ),
     ] = STALL_S,
     journal: Annotated[
@@ -93,7 +83,7 @@ def watch(
     ] = None,
     keep: Annotated[str, typer.Option(help="Evidence kept: all, misprints or none.")] = "misprints",
     false_alarms: Annotated[
-        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4, callback=_finite)
+        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4)
     ] = 1.0,
     trigger: Annotated[
         int | None,
@@ -139,7 +129,7 @@ def watch(
     inspector = Inspector.of(loaded, detector)
     job_source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
     with job_source.open() as opened:
-        pages, name = len(opened), opened.name
+        pages, name, flaws = len(opened), opened.name, opened.flaws()
     count = sheets or pages
     given = open_source(
         source,
@@ -183,6 +173,7 @@ def watch(
             tell=partial(console.told, recorder=recorder),
             notice=console.noticed,
             name=book.name,
+            flaws={number - 1: error for number, error in flaws.items() if number <= count},
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
         )
         stopped = console.until_ended(running)

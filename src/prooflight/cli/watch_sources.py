@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 REMEDY = "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input) or tcp:HOST:PORT"
 
+SLOWEST, FASTEST = 0.001, 1000.0
+"""Of the drum. [pages/s]"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrumWishes:
@@ -80,8 +83,9 @@ def _rate(text: str, rest: str) -> float | None:
         rate = float(rest) if rest else None
     except ValueError:
         rate = float("nan")
-    if rate is not None and not 0 < rate < 1000:
-        raise RequestError("source", f"{text!r} names no speed", remedy="write e.g. drum:5 [pages/s]")
+    if rate is not None and not SLOWEST <= rate <= FASTEST:
+        remedy = f"write e.g. drum:5 [pages/s], from {SLOWEST:g} to {FASTEST:g}"
+        raise RequestError("source", f"{text!r} names no speed", remedy=remedy)
     return rate
 
 
@@ -120,12 +124,13 @@ def _drum(
 
 def _passing(sheets: int, wishes: DrumWishes) -> Iterable[Turn]:
     """The sheets as they pass, with faults of all kinds in turn where they are wished for."""
-    from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, turns
+    from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 
+    if not wishes.fault_every:
+        return (Turn(page=sheet) for sheet in range(sheets))
     faults = {}
-    if wishes.fault_every:
-        rng = np.random.default_rng([wishes.seed, 9])
-        kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-        for turn, start in enumerate(range(wishes.fault_every, sheets - 2, wishes.fault_every)):
-            faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)
+    rng = np.random.default_rng([wishes.seed, 9])
+    kinds = (*ORDER_FAULTS, *LINE_FAULTS)
+    for turn, start in enumerate(range(wishes.fault_every, sheets - 2, wishes.fault_every)):
+        faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)
     return turns(sheets, faults)

@@ -168,11 +168,12 @@ class Pager:
             pages += self._page(sheet)
         self._sheets.clear()
         if last is not None:
-            pages += self._page(last, lines_ended=True)
+            page = self._page_of_length(last)
+            pages += [self._cut_short(last, page)] if self._is_short(last, page) else self._page(last)
         return pages + self._following.ended(self._store.count_at(self._store.end))
 
-    def _page(self, sheet: Sheet, *, lines_ended: bool = False) -> list[SeenPage | MissingPage]:
-        """A sheet and what it says of the pages before it; missing pages first. lines_ended: within it, perhaps."""
+    def _page(self, sheet: Sheet) -> list[SeenPage | MissingPage]:
+        """A sheet and what it says of the pages before it; missing pages first."""
         page = self._page_of_length(sheet)
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
@@ -180,7 +181,6 @@ class Pager:
         if match.page is not None and page is not None and match.page.height_mm != page.height_mm:
             found = self._identified(sheet, match.page, skipped)
         sheet, match = found.sheet, found.match
-        cut_short = lines_ended and self._is_short(sheet, match.page or page)
         count = self._store.count_at(sheet.start)
         faults, gone = self._faults_until(sheet.end + self._lead_out), list[MissingPage]()
         off_lines = self._late(sheet)
@@ -209,9 +209,24 @@ class Pager:
             job_page=match.job_page,
             faults=tuple(faults),
             taken_for=match.taken_for,
-            cut_short=cut_short,
         )
         return [*gone, seen]
+
+    def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
+        """A sheet of which only the beginning was read: not enough to tell its page by."""
+        first, scan, _ = self._cut(sheet, page, sheet.start)
+        expected = self._following.frontier if self.to_come else None
+        if expected is not None:
+            self._following.taken(expected)
+        return SeenPage(
+            scan=scan,
+            first_line=self._store.count_at(first),
+            last_line_time_s=self._store.time_at(self._store.end - 1),
+            job_page=None,
+            faults=tuple(self._faults_until(self._store.end)),
+            taken_for=expected,
+            cut_short=True,
+        )
 
     def _is_short(self, sheet: Sheet, page: Thumbnail | None) -> bool:
         """Whether a sheet without a gap behind it ends before its page does; it does where no page is known."""

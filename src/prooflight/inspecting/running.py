@@ -17,6 +17,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import ProoflightError
@@ -32,7 +33,7 @@ from prooflight.pages.files import page_name
 from prooflight.pages.process import touch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
     from prooflight.acquiring.lines import LineBlock, LineSource
     from prooflight.inspecting.ahead import PageBook
@@ -72,17 +73,18 @@ class Running:
         tell: Callable[[Outcome], None] = lambda _outcome: None,
         notice: Callable[[Notice], None] = lambda _notice: None,
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
+        flaws: Mapping[int, Exception] = MappingProxyType({}),
         durable: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """pager: made when the first thumbnails are known. tell: called with every outcome, in the order of the run, by
-        one thread; notice: by the same, with what is of no sheet. name: of a sheet's page. durable: pages in the
-        journal.
+        one thread; notice: by the same, with what is of no sheet. name: of a sheet's page. flaws: sheets whose pages
+        are known to be unusable, and why. durable: pages in the journal.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
         self._judge, self._watch, self._settings = judge, watch, settings
         self._tell, self._notice, self._name = tell, notice, name
-        self._durable, self._clock = durable, clock
+        self._flaws, self._durable, self._clock = flaws, durable, clock
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = KnownThumbnails(book)
@@ -176,6 +178,8 @@ class Running:
     def _prepare(self) -> None:
         """Have the first designs ready, and everything compiled, before the first line is read."""
         self.tally.phase = Phase.PREPARING
+        for sheet, flaw in self._flaws.items():
+            self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
         first = range(max(min(self._settings.ahead, len(self._book)), 1))
         self._ahead.expect(0)
         for sheet in first:
@@ -278,9 +282,7 @@ class Running:
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
-        if page.cut_short:
-            self._pass(sheet, CUT_SHORT)
-        elif self._dropping.is_set():
+        if self._dropping.is_set():
             self._pass(sheet, STOPPED)
         else:
             for gone in self._waiting.put(sheet, deadline_s):
@@ -288,16 +290,16 @@ class Running:
 
     def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
         """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
-        if page.taken_for is not None:
+        name = None if page.taken_for is None else self._name(page.taken_for)
+        if page.cut_short:
+            self._done.put(passed(number, page, CUT_SHORT, name=name))
+        elif page.taken_for is not None:
             why = self._why_unusable(page.taken_for)
             self._unready += not why
             self._ahead.expect(next_page + self._unready)
-            name = self._name(page.taken_for)
             self._done.put(passed(number, page, why or "its design was not ready in time", name=name))
-            return
-        doubtful = "" if "blank" in kinds_of(page.faults) else self._doubt(next_page)
-        if page.cut_short or doubtful:
-            self._done.put(passed(number, page, CUT_SHORT if page.cut_short else doubtful))
+        elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
+            self._done.put(passed(number, page, doubt))
         else:
             self._done.put(strange(number, page))
 

@@ -41,7 +41,7 @@ def watched(
     """A run ready to start.
 
     follow: whether slow changes of lamp and paper are followed. false_alarms: of the run level, a 100,000 pages.
-    told: ``tell``, ``durable`` and ``clock`` of ``Running``.
+    told: ``tell``, ``notice``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
 

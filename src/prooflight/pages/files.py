@@ -102,6 +102,17 @@ def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
     return Page(cmyk=cmyk, dpi=resolution, name=page_name(number), number=number)
 
 
+def flaws(path: Path) -> dict[int, JobError]:
+    """Pages, from 1, of which it can be told undecoded that they cannot be used, and why."""
+    found = {}
+    for number in range(1, page_count(path) + 1):
+        try:
+            page_size_mm(path, number)
+        except JobError as error:
+            found[number] = error
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stored:
     """A page in an open file that has been checked, and is not decoded yet."""

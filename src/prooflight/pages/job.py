@@ -82,6 +82,15 @@ class Job:
                 sizes.append(files.page_size_mm(path, place))
         return tuple(sizes)
 
+    def flaws(self) -> dict[int, JobError]:
+        """Pages of which it is cheap to tell that they cannot be used, and why; others may turn out so."""
+        of_files = {path: files.flaws(path) for path, _ in self._places if path not in self._pdfs}
+        return {
+            number: of_files[path][place]
+            for number, (path, place) in enumerate(self._places, start=1)
+            if place in of_files.get(path, {})
+        }
+
     def page_size_mm(self, number: int) -> tuple[float, float]:
         """Of one page; errors as ``page``. [mm]"""
         path, place = self._places[number - 1]

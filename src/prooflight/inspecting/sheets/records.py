@@ -57,9 +57,9 @@ class SeenPage:
     """Which of ``expected`` it shows; None: none of them."""
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
-    """The page in whose place it came, where nothing was known of that page's look; ``job_page`` is None then."""
+    """The page in whose place it came, where it could not be told which it shows: ``job_page`` is None then."""
     cut_short: bool = False
-    """Whether the lines ended before the sheet did."""
+    """Whether that is because the lines ended before the sheet did; else the page's look was not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

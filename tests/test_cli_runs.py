@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
+import shutil
+import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from prooflight.cli import run
+from prooflight.cli import run, runs
 from prooflight.cli.show import people
 from prooflight.deciding.verdict import Region, Verdict
 from prooflight.inspecting.inspector import Inspector
@@ -242,6 +245,112 @@ def test_what_cannot_be_asked_for_is_one_line(
         assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("number", ["-3", "0", "9" * 5000, str(10**20), "last run", "[/x]"])
+def test_numbers_of_runs_that_cannot_be_are_one_line(
+    journal: Path, number: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = call(capsys, "run", "show", "--journal", journal, "--", number)
+    assert (code, out) == (2, "")
+    assert "there is no run" in err or "is no number" in err
+    assert err.count("\n") == 1
+
+
+def test_more_than_there_is_may_be_asked_for(journal: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "run", "show", 1, "--last", 10**20, "--journal", journal)[0] == 0
+    assert call(capsys, "runs", "--last", 10**20, "--journal", journal)[0] == 0
+
+
+def change(journal: Path, to: Path, statement: str) -> Path:
+    shutil.copy(journal, to)
+    with contextlib.closing(sqlite3.connect(to)) as connection, connection:
+        connection.execute(statement)
+    return to
+
+
+def test_damaged_rows_are_named_after_the_others_are_shown(
+    journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = change(journal, tmp_path / "bad.sqlite", "UPDATE pages SET time_s = 'x' WHERE sheet = 1")
+    for command, shown in (
+        (("show", 1), "the machine is too slow"),
+        (("show", 1, "--json"), "the machine is too slow"),
+        (("export", 1), "the machine is too slow"),
+        (("export", 1, "--json"), "the machine is too slow"),
+    ):
+        code, out, err = call(capsys, "run", *command, "--journal", bad)
+        assert code == 2
+        assert shown in out
+        assert "streak" not in out
+        assert "the row of run 1, sheet 1 is damaged (time_s: input should be a valid number)" in err
+        assert err.count("\n") == 1
+    code, _, err = call(capsys, "run", "export", 1, "--journal", bad, "-o", tmp_path / "run.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1 + 4 + 1  # a fault has a line of its own
+    bad = change(journal, tmp_path / "bad.sqlite", "UPDATE runs SET started_s = 'x' WHERE id = 1")
+    code, out, err = call(capsys, "runs", "--journal", bad, "--json")
+    assert code == 2
+    assert [row["id"] for row in json.loads(out)] == [2]
+    assert "the row of run 1 is damaged" in err
+
+
+def test_of_many_damaged_rows_some_are_named(
+    journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runs, "DAMAGED_SHOWN", 2)
+    bad = change(journal, tmp_path / "bad.sqlite", "UPDATE pages SET time_s = 'x'")
+    code, out, err = call(capsys, "run", "show", 1, "--all", "--journal", bad)
+    assert code == 2
+    assert "Every page was good" not in out
+    assert err.count("is damaged") == 2
+    assert "3 more rows cannot be read" in err
+
+
+def test_what_a_row_says_does_nothing_to_a_terminal(
+    journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = change(journal, tmp_path / "[x].sqlite", "UPDATE runs SET job = '\x1b[31m[/x]\n' || x'07'")
+    for command in (("runs",), ("run", "show", "1")):
+        code, out, _ = call(capsys, *command, "--journal", odd)
+        assert code == 0
+        assert not {"\x1b", "\x07"} & set(out)
+        assert "\\x1b[31m[/x]\\n" in out
+
+
+@pytest.mark.parametrize("option", ["--days", "--megabytes"])
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300", "1e308", "-1", "0", "-inf"])
+def test_any_number_may_be_given_to_tidying(
+    journal: Path, tmp_path: Path, option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = shutil.copy(journal, tmp_path / "copy.sqlite")
+    code, _, err = call(capsys, "run", "tidy", option, value, "--journal", copy)
+    assert code == (0 if value in ("inf", "1e300", "1e308") else 2)
+    assert "Traceback" not in err
+    with Journal.open(str(copy), read_only=True) as opened:
+        assert len(opened.runs()) == 2
+
+
+def test_tidying_says_what_stayed_and_what_was_put_aside(
+    journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = change(journal, tmp_path / "copy.sqlite", "UPDATE packs SET file = '../out/x'")
+    evidence = shutil.copytree(f"{journal}.evidence", f"{copy}.evidence")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "x").write_text("mine")
+    size = sum(file.stat().st_size for file in Path(evidence).rglob("*.npz"))
+    code, out, err = call(capsys, "run", "tidy", "--days", 1, "--journal", copy, "--json")
+    assert code == 2
+    told = json.loads(out)
+    assert (told["removed_runs"], told["removed_evidence"], told["runs"]) == ([1], 0, 1)
+    assert told["put_aside"] == 1
+    assert told["put_aside_megabytes"] == pytest.approx(size / 1e6, abs=1e-3)
+    assert told["put_aside_in"] == f"{copy}.unclaimed"
+    assert "'../out/x' is no name of a pack of run 1" in told["refused"][0]
+    assert err.count("\n") == 2
+    assert "1 file (" in err
+    assert "evidence 1 stays" in err
+    assert (tmp_path / "out" / "x").read_text() == "mine"
+
+
 def test_tidying_says_what_went(journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     copy = tmp_path / "copy.sqlite"
     copy.write_bytes(journal.read_bytes())
@@ -250,3 +359,8 @@ def test_tidying_says_what_went(journal: Path, tmp_path: Path, capsys: pytest.Ca
     told = json.loads(out)
     assert (told["removed_runs"], told["runs"]) == ([1], 1)
     assert told["megabytes"] > 0
+    assert (told["removed_evidence"], told["refused"], told["put_aside"]) == (
+        0,
+        [],
+        0,
+    )  # only rows were copied

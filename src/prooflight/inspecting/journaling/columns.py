@@ -119,9 +119,9 @@ class PageColumns(Columns):
         for name in ASKED_ALONE:
             if not _same(getattr(self, name), getattr(self.whole_verdict, name)):
                 raise ValueError(f"{name}: is not what whole_verdict says")
-        for name, told in (("faulty", self.faults), ("noted", self.notes)):
-            if getattr(self, name) != bool(told):
-                raise ValueError(f"{name}: is not what its texts say")
+        for name, of in (("faulty", "faults"), ("noted", "notes")):
+            if getattr(self, name) != bool(getattr(self, of)):
+                raise ValueError(f"{name}: is not what {of} says")
         if odd := _odd(self.whole_verdict):
             raise ValueError(f"whole_verdict: {odd}")
         return self

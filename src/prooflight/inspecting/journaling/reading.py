@@ -73,7 +73,7 @@ class JournalReader:
         page = stored_pages.c
         query = select(stored_pages).where(page.run_id == run_id).order_by(page.sheet)
         if not passed:
-            query = query.where(~rows.unremarkable())
+            query = query.where(~rows.surely_good())
         try:
             with self._asked(f"pages of run {run_id}"), self._engine.connect() as connection:
                 # One by one: of those before a damaged place none is lost.
@@ -83,7 +83,8 @@ class JournalReader:
                     except ValueError as error:
                         damaged(self._bad_row(f"run {run_id}, sheet {row.sheet}", error))
                         continue
-                    yield record
+                    if passed or not rows.nobody_need_see(record):
+                        yield record
         except JournalError as error:
             damaged(error)
 

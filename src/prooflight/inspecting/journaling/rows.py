@@ -115,11 +115,23 @@ def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = Non
     )
 
 
-def unremarkable() -> ColumnElement[bool]:
-    """Pages that nobody has to look at: good, in time, without fault and note."""
+def surely_good() -> ColumnElement[bool]:
+    """Pages that nobody has to look at, good, in time, without fault and note, where all of a row says so.
+
+    ``nobody_need_see`` has the last word on the others; a verdict with NaN, which SQLite takes for no JSON, is one.
+    """
     page = stored_pages.c
-    good = (page.verdict == "good") & (page.late == 0) & (page.faulty == 0) & (page.noted == 0)
-    return good.is_(true())
+    whole_says = case(
+        (func.json_valid(page.whole_verdict), func.json_extract(page.whole_verdict, "$.verdict")), else_=""
+    )
+    good = (page.verdict == "good") & (whole_says == "good") & (page.late == 0)
+    silent = (page.faulty == 0) & (page.noted == 0) & (page.faults == "[]") & (page.notes == "[]")
+    return (good & silent).is_(true())
+
+
+def nobody_need_see(page: PageRecord) -> bool:
+    """Whether a page is good, came in time, and is without fault and note."""
+    return page.verdict.verdict == "good" and not (page.late or page.faults or page.notes)
 
 
 def read_runs(

@@ -1,7 +1,8 @@
 """Spoilt files for every reader: each must be read, or refused in one line that names it; nothing else may happen.
 
-A reader is registered as a ``Target`` in ``registry.TARGETS``. Its functions are of a module (they go to other
-processes by name) and deterministic: the same seed and number give the same mutant.
+A reader is registered as a ``Target`` in ``registry.TARGETS``. Its functions are those of a module, or
+``functools.partial`` of such (they go to other processes by name), and deterministic: the same seed and number give the
+same mutant. ``samples`` runs once, in the first process; a press that takes long to build should be small.
 
 A mutant is read in a process of its own kind (``reading.serve``), which may use so much memory and time. What came of
 it is one of ``OUTCOMES``; ``FAILURES`` are those that no reader may show.

@@ -11,6 +11,7 @@ from typing import Self
 from prooflight.errors import JobError, RequestError
 from prooflight.given_files import shortly
 from prooflight.pages import files
+from prooflight.pages.memory import file_size
 from prooflight.pages.raster import Page
 from prooflight.pages.rip import PdfJob
 
@@ -139,10 +140,13 @@ def _files_of(path: Path) -> list[Path]:
     inside = [
         file
         for file in path.iterdir()
-        if file.is_file()
+        if file.suffix.lower() in (".pdf", *files.SUFFIXES)
         and not file.name.startswith(".")
-        and file.suffix.lower() in (".pdf", *files.SUFFIXES)
+        and not file.is_dir()
     ]
+    for file in inside:  # one that is passed over would give all that follow other numbers
+        if not file.exists():
+            raise JobError(file, "is a link to nothing", remedy="put the page there, or take the link away")
     if not inside:
         raise JobError(
             path, "the folder holds no job", remedy="put PDF, CMYK TIFF or CMYK JPEG files into it"
@@ -162,6 +166,7 @@ def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def _is_pdf(path: Path) -> bool:
+    file_size(path, JobError)
     with path.open("rb") as file:  # OSError for what the system cannot open
         head = file.read(1024)
     return b"%PDF-" in head or (path.suffix.lower() == ".pdf")

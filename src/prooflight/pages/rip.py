@@ -43,7 +43,7 @@ class PdfJob:
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
         self._limits = rip_process.RipLimits.of_environment()
         self._request = self._about_file() | self._about_profile(profile)
-        self._count = int(self._asked("it", do="open")[0]["pages"])
+        self._count = int(self._asked("opening it", do="open")[0]["pages"])
 
     def _about_file(self) -> dict[str, Any]:
         file_size(self.path, JobError)
@@ -79,7 +79,7 @@ class PdfJob:
     def page_sizes_mm(self) -> tuple[tuple[float, float], ...]:
         """Width and height of every page as printed. [mm]"""
         scale = MM_PER_INCH / POINTS_PER_INCH
-        sizes = self._asked("it", do="sizes")[0]["sizes"]
+        sizes = self._asked("measuring its pages", do="sizes")[0]["sizes"]
         return tuple((width * scale, height * scale) for width, height in sizes)
 
     def page(self, number: int, dpi: float) -> Page:

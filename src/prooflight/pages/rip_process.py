@@ -106,9 +106,7 @@ class RipProcess:
                 self._connection.send_bytes(json.dumps(request | limited).encode())
             answer = self._answer(limits.seconds, f"takes longer than {limits.seconds:g} s")
             raster = self._raster(answer["shape"]) if "shape" in answer else None
-        except (
-            BaseException
-        ):  # KeyboardInterrupt as well: the answer that is still to come would be the next one's
+        except BaseException:  # KeyboardInterrupt as well: the next request would get this one's answer
             self.end()
             raise
         if "memory" in answer:
@@ -188,7 +186,7 @@ def _fate(process: subprocess.Popen[bytes]) -> str:
     with contextlib.suppress(subprocess.TimeoutExpired):
         code = process.wait(5)
         if code == -signal.SIGKILL:
-            return "was ended by the system, as happens when memory runs out"
+            return "is ended by the system, as happens when memory runs out"
         if code < 0:
             return f"makes the renderer fail ({signal.Signals(-code).name})"
     return "makes the renderer fail"

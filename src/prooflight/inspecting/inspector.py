@@ -181,6 +181,7 @@ def _compared(
         regions=found.regions,
         shift_mm=found_page.shift_mm,
         detector=judge.name,
+        reason=found_page.reason,
         expected_cost=press.costs.expected_cents(judgement.probability),
     )
     return Inspection(

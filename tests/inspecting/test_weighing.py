@@ -105,6 +105,17 @@ def test_a_page_off_its_place_is_wrong_whatever_the_evidence(bench: Bench) -> No
     assert verdict.shift_mm[1] == pytest.approx(3.2, abs=0.9)  # 0.76 mm of a good print's own
 
 
+def test_a_reordered_page_and_a_turned_one_are_wrong_pages_and_said_to_be(bench: Bench) -> None:
+    page, rng = bench.page(0), np.random.default_rng(6)
+    prepared = bench.inspector.prepare(page)
+    upside_down = replace(page, cmyk=np.ascontiguousarray(page.cmyk[::-1, ::-1]))
+    another = replace(bench.page(40), cmyk=np.ascontiguousarray(bench.page(40).cmyk[::-1, ::-1]))
+    for printed, words in ((upside_down, "turned by 180 degrees"), (another, "another page")):
+        verdict = bench.inspector.inspect(prepared, bench.scan(printed, rng), scan_name="scan").verdict
+        assert (verdict.verdict, verdict.kind, verdict.score) == ("misprint", "wrong-page", WRONG_PAGE)
+        assert words in verdict.reason
+
+
 def test_a_prepared_page_serves_all_its_scans(bench: Bench) -> None:
     page, rng = bench.page(2), np.random.default_rng(4)
     prepared = bench.inspector.prepare(page)

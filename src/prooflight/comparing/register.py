@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE, Placement, Warp
+from prooflight.comparing.registering.coarse import shrunk
 from prooflight.comparing.registering.field import Field, Prior, fitted, trust
+from prooflight.comparing.registering.foreign import coarse_inside, foreign_print
 from prooflight.comparing.registering.judging_kernels import MOST_GAIN_SD
 from prooflight.comparing.registering.landmarks import Landmarks, prepare
 from prooflight.comparing.registering.search import candidates, spread
@@ -54,6 +56,14 @@ MOST_RMS_PIXELS: Final = 0.2
 """Of tiles about the page found (0.02 to 0.1 on good prints); tiles that only look alike scatter more."""
 MOST_SD_PIXELS: Final = 0.33
 """Standard deviation of the print's shift from which it counts as lost: three make a pixel."""
+DOUBTFUL: Final = 0.3
+"""Share of the print's tiles that match below which it is asked whether the scan shows this page at all."""
+PRINTED: Final = 0.5
+"""Share of a tile's edges that inks make from which it is one of the print, not of the sheet."""
+FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH = 0.55, 0.08, 0.3
+"""Shares of what is printed, of the page and of its width that have to be foreign for it to be another page's."""
+TURNED_PRINT: Final = 0.6
+"""So many times as much of the print may be foreign to the page turned by 180 degrees, for the scan to show that."""
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """worlds.toml: a page this far off is a misprint."""
@@ -81,10 +91,16 @@ class Registration:
     tiles_used: int = 0
     tiles_matching: float = 0.0
     """Share of the tiles seen that look like the design. [-]"""
+    print_matching: float = 0.0
+    """The same of tiles of the print alone, without the sheet's edges; 0: the design has none. [-]"""
     tiles_foreign: float = 0.0
     """Share of the tiles seen that show something else. [-]"""
     residual_rms_pixels: float = np.inf
     """Of the tiles used about the placement and the planes, rms of x and y. [pixels]"""
+    foreign: bool = False
+    """Whether the scan shows print that the design does not foretell, all over: another page's."""
+    turned: bool = False
+    """Whether that is this page turned by 180 degrees."""
 
     @property
     def off_place(self) -> bool:
@@ -99,6 +115,13 @@ def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1
     A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
     ink plane that is not printed is left out of where the print lies.
     """
+    where = _placed(landmarks, scan, threads)
+    if where.found and where.print_matching >= DOUBTFUL:
+        return where
+    return _recognised(where, landmarks, scan)
+
+
+def _placed(landmarks: Landmarks, scan: NDArray[np.uint16], threads: int) -> Registration:
     tried = candidates(landmarks, scan, threads=threads)
     best = tried[0]
     reason = _doubt(tried, landmarks)
@@ -108,6 +131,17 @@ def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1
             placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
         )
     return _fielded(landmarks, scan, best.pose, reason, threads)
+
+
+def _recognised(where: Registration, landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
+    """The same, with what the scan shows if it is not this page."""
+    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+    inside = coarse_inside(landmarks.geometry, landmarks.page_width_mm, landmarks.page_height_mm)
+    foreign = foreign_print(seen, design, inside)
+    if (np.array(foreign) < (FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH)).any():
+        return where
+    turned = foreign_print(seen[: len(design)][::-1, ::-1], design, inside)
+    return replace(where, foreign=True, turned=turned.of_print < TURNED_PRINT * foreign.of_print)
 
 
 def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
@@ -193,6 +227,7 @@ def _registration(
     some = spread(shares.shape[0], SD_TILES)
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
     seen = max(int(said.seen.sum()), 1)
+    of_inks = said.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
     weight = said.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
@@ -211,6 +246,7 @@ def _registration(
         skew_sd_deg=float(np.rad2deg(field.turn_sd())),
         tiles_used=int(used.sum()),
         tiles_matching=float(said.good.sum() / seen),
+        print_matching=float((said.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
         tiles_foreign=float(said.foreign.sum() / seen),
         residual_rms_pixels=rms,
     )

@@ -28,8 +28,6 @@ ENOUGH_REAL: Final = 100
 """Real pages whose own tail is drawn on: 20 in it fix its mean excess to a quarter."""
 UPPER: Final = 0.8
 """Quantile from which scores make a tail."""
-FOREIGN_SHARE: Final = 0.5
-"""From this share of tiles on that show something else, it is another page. [-]"""
 LEAST_SCORES: Final = 2
 """Of which one begins a tail."""
 WRONG_PAGE: Final = 1000.0
@@ -159,7 +157,7 @@ TABLE: Final = {
 
 def shows_another(found: Registration) -> bool:
     """Whether a scan shows another page, or its own where no good print lies."""
-    return found.off_place or (not found.found and found.tiles_foreign > FOREIGN_SHARE)
+    return found.off_place or found.foreign
 
 
 def check_version(tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating]) -> None:

@@ -107,7 +107,7 @@ def reason_for(
     ink = _ink_of(said)
     match kind:
         case "wrong-page":
-            return _of_place(found)
+            return place_reason(found)
         case "plane-register":
             return _of_register(ink, inks)
         case "density" | "missing-plane" | "swapped-planes":
@@ -126,7 +126,12 @@ def reason_for(
     return f"{what}{_in(ink)}{_around(region)}"
 
 
-def _of_place(found: Registration) -> str:
+def place_reason(found: Registration) -> str:
+    """Why a scan shows another page, or its own where no good print lies."""
+    if found.turned:
+        return "the page is turned by 180 degrees"
+    if found.foreign:
+        return "the scan shows another page: what is printed on it is not foretold by this one"
     if not found.found:
         return f"the scan does not show this page: {found.reason or 'its tiles show something else'}"
     x, y = found.placement.shift_mm

@@ -12,6 +12,7 @@ import numpy as np
 from prooflight.acquiring.placement import IN_PLACE
 from prooflight.comparing.register import prepare, register
 from prooflight.deciding.calibrated import shows_another
+from prooflight.deciding.explaining import place_reason
 from prooflight.predicting.predict import predict, relit
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ class FoundPage:
     """Lines and columns that are judged; the scan has them all."""
     wrong_page: bool
     """The scan shows another page, or this one where no good print lies."""
+    reason: str
+    """Why it is a wrong page, in words; empty: it is not."""
     shift_mm: tuple[float, float] | None
     """None: the page could not be found in the scan."""
 
@@ -109,11 +112,13 @@ def find(
         else sought.in_place(threads=threads)
     )
     shift_mm = (round(placement.shift_mm[0], 4), round(placement.shift_mm[1], 4)) if where.found else None
+    another = shows_another(where)
     return FoundPage(
         placement=placement,
         prediction=prediction,
         area=inside(page, press, placement, lines=scan.shape[1]) if moved else sought.area,
-        wrong_page=shows_another(where),
+        wrong_page=another,
+        reason=place_reason(where) if another else "",
         shift_mm=shift_mm,
     )
 

@@ -193,6 +193,7 @@ def _compared(
         regions=found.regions,
         shift_mm=found_page.shift_mm,
         detector=judge.name,
+        reason=found_page.reason,
     )
     return Inspection(
         verdict=verdict,

@@ -97,8 +97,7 @@ class Job:
         path, place = self._places[number - 1]
         if path in self._pdfs:
             return self._pdfs[path].page_sizes_mm[place - 1]
-        page = files.read_page(path, place)
-        return page.width_mm, page.height_mm
+        return files.page_size_mm(path, place)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from prooflight.comparing.registering.foreign import SURROUND, detail
 from prooflight.inspecting.sheets.kernels import SHRINK, STEPS, log_ratio
-from prooflight.inspecting.sheets.thumbnails import SURROUND, detail
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

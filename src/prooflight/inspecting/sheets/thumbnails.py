@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from prooflight.comparing.registering.foreign import detail
 from prooflight.inspecting.sheets.kernels import SHRINK, STEPS, shrink
 
 if TYPE_CHECKING:
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
     from prooflight.predicting.predict import Prediction
     from prooflight.press import Press
 
-SURROUND: Final = 9
-"""Detail is light minus its mean over so many thumbnail pixels square, 8 mm: type, rules and edges."""
-DETAIL_LIMIT: Final = 0.2
-"""Stronger detail counts as this, so that a few heavy edges do not drown type. [white]"""
 ROWS_AT_ONCE: Final = 8
 """Of a prediction, which as a whole fits no cache."""
 CELL: Final = 16
@@ -73,11 +70,6 @@ class Thumbnail:
     height_mm: float
     signature: NDArray[np.float32] = field(repr=False)
     """What a shifted scan shares with it: mean and detail of 13 mm cells, of length 1."""
-
-
-def detail(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What type, rules and edges add to the light about them (rows, columns) [white]."""
-    return np.clip(light - cv2.blur(light, (SURROUND, SURROUND)), -DETAIL_LIMIT, DETAIL_LIMIT)
 
 
 def signature(light: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -328,9 +328,9 @@ def spoil_profile(data: bytes, rng: np.random.Generator) -> bytes:
 
 def read_icc(path: Path) -> None:
     from prooflight.pages.colour_management import apply_link, fine_link
-    from prooflight.pages.rip import read_profile
+    from prooflight.pages.pdf_file import read_profile
 
-    data = read_profile(path)
+    data = read_profile(path, str(path))
     link = fine_link(None, data, mode="LAB", intent=1, black_point=True)
     apply_link(link, np.full((2, 2, 3), 100, np.uint8))
 

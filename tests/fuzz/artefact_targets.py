@@ -1,0 +1,101 @@
+"""Press artefacts and ink models, spoilt and digested anew."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tests.fuzz.harness import Target
+from tests.fuzz.press_mutants import ink_mutants, mutants
+from tests.fuzz.text_targets import chart_samples
+
+if TYPE_CHECKING:
+    from prooflight.pages.raster import Page
+    from prooflight.press import Press
+
+PIXELS = 400
+INK_MODELS = ("log-linear", "local-linear")
+
+
+def press_samples() -> list[bytes]:
+    """A press of 42 mm with the paper's learned detector; what that learned is noise."""
+    from prooflight.commissioning.build import build_press
+    from prooflight.deciding.bayes import BayesDetector, BayesianNetwork
+    from prooflight.press_file import PressFile
+
+    statistics = np.random.default_rng(4).standard_normal((80, 3))
+    network = BayesianNetwork.learn(statistics, ["correct", "misprint"] * 40, misprint_rate=0.01, bins=8)
+    press = replace(
+        build_press(PressFile.prototype(), seed=1, pixels=PIXELS),
+        bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        press.save(Path(folder) / "a.press")
+        return [(Path(folder) / "a.press").read_bytes()]
+
+
+def read_press(path: Path) -> None:
+    """Load it, and judge a page that nobody would take; what calls it good does so by finite numbers."""
+    from prooflight.errors import ScanError
+    from prooflight.inspecting.inspector import Inspector
+    from prooflight.press import Press
+
+    press = Press.load(path)
+    for name in ("chi-square", "bayes"):
+        if name == "bayes" and press.bayes is None:
+            continue
+        inspector = Inspector.of(press, name)
+        with np.errstate(all="ignore"):
+            try:
+                verdict = inspector.inspect(inspector.prepare(_page()), _ruined(press), scan_name=path.name).verdict
+            except ScanError:  # of another length than this press's scans: refused, as it should be
+                continue
+        if verdict.verdict == "good":
+            assert verdict.score is not None
+            assert np.isfinite([verdict.score, verdict.threshold or 0.0, verdict.probability or 0.0]).all()
+
+
+def _page() -> Page:
+    from prooflight.pages.raster import Page
+
+    cmyk = np.zeros((284, 600, 4), np.uint8)
+    cmyk[40:240:20, 50:550, 3] = 255
+    return Page(cmyk=cmyk, dpi=481.8, name="p0001", number=1)
+
+
+def _ruined(press: Press) -> np.ndarray:
+    lines = press.geometry.lines(_page().height_mm)
+    return np.full((len(press.sensors), min(lines, 4000), press.geometry.pixels), 1000, np.uint16)
+
+
+def ink_samples() -> list[bytes]:
+    """The files of two ink models of a small chart."""
+    from prooflight.printing.chart import read_chart
+    from prooflight.printing.ink_model import InkModel
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "chart.txt").write_bytes(chart_samples()[0])
+        chart = read_chart(folder / "chart.txt")
+        for model in INK_MODELS:
+            InkModel.fit(chart, model, folds=2).save(folder / model)
+        return [(folder / model).read_bytes() for model in INK_MODELS]
+
+
+def read_ink(path: Path) -> None:
+    """Load it, and predict."""
+    from prooflight.printing.ink_model import InkModel
+
+    model = InkModel.load(path)
+    wanted = np.random.default_rng(8).uniform(0, 1, (5, 4))
+    assert np.isfinite(model.reflectance(wanted)).all()
+    assert np.isfinite(model.standard_deviation(wanted)).all()
+
+
+TARGETS = (
+    Target(name="press", suffix=".press", samples=press_samples, mutate=mutants, read=read_press),
+    Target(name="ink-model", suffix=".ink", samples=ink_samples, mutate=ink_mutants, read=read_ink),
+)

@@ -71,6 +71,24 @@ def test_numbers_in_names_count_as_numbers_as_they_do_in_a_job(source: JobSource
     assert names_of(source, scans) == [(1, "scan9"), (2, "scan10"), (3, "scan11")]
 
 
+def test_gaps_in_the_numbers_of_names_are_pages_without_a_scan(source: JobSource, scans: Path) -> None:
+    scan_files(scans, "scan-3", "scan-2")
+    assert names_of(source, scans) == [(1, None), (2, "scan-2"), (3, "scan-3")]
+
+
+def test_the_reason_says_where_a_missing_scan_was_looked_for(
+    source: JobSource, scans: Path, press: Press
+) -> None:
+    inspect = InspectPage(job=source, inspector=Inspector.of(press, "chi-square"), scans=scans)
+    assert inspect((2, None)).reason == f"its scan is missing (looked for p0002.tif in {scans})"
+
+
+def test_a_file_that_is_no_tiff_keeps_its_place(source: JobSource, scans: Path) -> None:
+    scan_files(scans, "a", "c")
+    (scans / "b.tif").write_bytes(b"no TIFF")
+    assert names_of(source, scans) == [(1, "a"), (2, "b"), (3, "c")]
+
+
 def test_a_multi_page_file_is_in_page_order(source: JobSource, scans: Path) -> None:
     tifffile.imwrite(scans / "run.tif", np.zeros((PAGES, 4, 5), np.uint16), photometric="minisblack")
     with source.open() as job:
@@ -84,9 +102,15 @@ def test_a_multi_page_file_is_in_page_order(source: JobSource, scans: Path) -> N
 
 def test_a_scan_of_no_page_is_named(source: JobSource, scans: Path) -> None:
     scan_files(scans, "p0001", "p0004")
+    with pytest.raises(ScanError, match=r"p0004\.tif is no page of the job"):
+        names_of(source, scans)
+
+
+def test_all_scans_of_no_page_are_named_or_counted(source: JobSource, scans: Path) -> None:
+    scan_files(scans, "p0001", "p0004", *[f"x{number}" for number in range(6)])
     with pytest.raises(ScanError) as refusal:
         names_of(source, scans)
-    assert "p0004.tif is no page of the job" in str(refusal.value)
+    assert "p0004.tif, x0.tif, x1.tif, x2.tif, x3.tif and 2 more are no page of the job" in str(refusal.value)
     assert "p0003" in str(refusal.value)
 
 

@@ -153,7 +153,7 @@ def test_an_empty_file_is_no_journal_to_read(path: Path, empty: bytes) -> None:
         "a#b.sqlite",
         "a%41.sqlite",
         "ä\n'\".sqlite",
-        "caf\udce9.sqlite",
+        "pag\udce9.sqlite",
         "[x]",
     ],
 )

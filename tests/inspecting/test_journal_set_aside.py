@@ -118,14 +118,14 @@ def test_what_a_row_can_hold_in_another_form_is_recorded(path: Path) -> None:
     """Names that are no UTF-8, texts of megabytes, numbers of NumPy and those that are not finite."""
     odd = Region(x_mm=1.0, y_mm=2.0, width_mm=3.0, height_mm=4.0, score=math.nan, kind="k")
     verdict = replace(
-        BAD, page="caf\udce9.tif", reason="x" * 3_000_000, score=np.float32(2.5), regions=(odd,)
+        BAD, page="pag\udce9.tif", reason="x" * 3_000_000, score=np.float32(2.5), regions=(odd,)
     )
     page = record(
         np.int64(2), verdict=verdict, first_line=np.int32(7), time_s=np.float32(0.5), late=np.bool_(True)
     )
     page = replace(page, faults=("\ud800",), nuisance={"a": np.float32(np.inf)}, job_page=np.uint16(3))
     with Journal.open(str(path)) as journal:
-        run = journal.begin_run(facts(job="caf\udce9.pdf", settings={"seed": 10**30, "by": Phase.FAULT}))
+        run = journal.begin_run(facts(job="pag\udce9.pdf", settings={"seed": 10**30, "by": Phase.FAULT}))
         journal.record(run, page)
         journal.end_run(
             run, RunEnd(ended_s=1.0, ending="fault", detail="\udce9" * 100_000, counts={"a": math.nan})
@@ -134,10 +134,10 @@ def test_what_a_row_can_hold_in_another_form_is_recorded(path: Path) -> None:
         assert journal.health.unrecorded == 0
         (read,) = journal.pages(run)
         row = journal.run(run)
-    assert read.verdict.page == "caf\\udce9.tif"
+    assert read.verdict.page == "pag\\udce9.tif"
     assert 10_000 < len(read.verdict.reason) <= 20_000
     assert (read.sheet, read.job_page, read.first_line, read.late, read.verdict.score) == (2, 3, 7, True, 2.5)
-    assert row.facts.job == "caf\\udce9.pdf"
+    assert row.facts.job == "pag\\udce9.pdf"
     assert row.state == "fault"
 
 

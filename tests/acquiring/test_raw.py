@@ -129,6 +129,14 @@ def test_a_stream_of_another_camera_is_refused_by_name() -> None:
     assert "no header" in refused(plain(lines(30)), framed=True)
 
 
+def test_a_header_that_asks_for_gigabytes_is_refused_before_its_lines_come() -> None:
+    wide = 8192
+    head = HEADER.pack(b"PLLB", SENSORS, wide, 1 << 16, 0, 0.0)
+    source = RawLines(io.BytesIO(head), name="stream", sensors=SENSORS, pixels=wide, framed=True)
+    with pytest.raises(ScanError, match="no header"):
+        next(iter(source.blocks()))
+
+
 def test_a_block_of_another_form_is_refused() -> None:
     for array in (np.zeros((1, 4, PIXELS), np.uint16), np.zeros((SENSORS, 4, PIXELS), np.int16)):
         with pytest.raises(ScanError, match=f"line 77.*{SENSORS} sensors x {PIXELS} pixels"):

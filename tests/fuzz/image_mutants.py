@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 
 EXTREMES: Final = (0, 1, 2, 3, 8, 127, 255, 256, 32767, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
 SENSORS: Final = 2
+KINDS: Final = (
+    *("job.tif", "tiles-job.tif", "jpeg-job.tif", "big-job.tif", "job.jpg", "job.pdf", "scan.tif"),
+    *("picture.tif", "picture.png", "picture.jpg", "chart.tif", "chart.png", "chart.jpg"),
+)
+"""Names of ``samples``: what reads them, and their suffix."""
 
 
 def samples(folder: Path) -> dict[str, bytes]:

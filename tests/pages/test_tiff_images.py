@@ -106,6 +106,10 @@ def other_compression() -> bytearray:
     return changed(tiff(np.zeros((8, 8, 4), np.uint8), **CMYK), 259, 34712)
 
 
+def two_widths() -> bytearray:
+    return changed(tiff(np.zeros((8, 8), np.uint16), metadata=None), WIDTH, 8, count=2, kind=TYPE_SHORT)
+
+
 def no_width() -> bytearray:
     return changed(tiff(np.zeros((8, 8), np.uint16), metadata=None), WIDTH, 0)
 
@@ -130,6 +134,7 @@ READERS: dict[Callable[[], bytearray], Callable[[Path], object]] = {
         (huge_tile, "tiles are larger than its image"),
         (many_values, "tag 273 holds 4294967295 values|truncated"),
         (jpeg_within, "a JPEG of 65000 x 65000 pixels lies in a smaller strip"),
+        (two_widths, "tag 256 holds 2 values"),
         (no_width, "0 x 8 pixels"),
         (other_compression, "compression 34712"),
     ],

@@ -26,7 +26,8 @@ MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")
 """Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
 MOST_LINES: Final = 1 << 16
-"""In a framed block; a header that says more is damaged."""
+MOST_BYTES: Final = 1 << 28
+"""Of a framed block: a second of the fastest cameras. A header that says more lines or bytes is damaged."""
 
 
 class RawLines:
@@ -79,7 +80,8 @@ class RawLines:
                     return
                 raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
             magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
-            if magic != MAGIC or lines > MOST_LINES:
+            too_long = lines > MOST_LINES or 2 * self.sensors * self.pixels * lines > MOST_BYTES
+            if magic != MAGIC or too_long:
                 raise ScanError(where, "is no header of a block", remedy="send blocks as `write_block` does")
             if (sensors, pixels) != (self.sensors, self.pixels):
                 what = f"is of {sensors} sensors x {pixels} pixels"

@@ -140,6 +140,7 @@ def _picture(path: Path) -> tuple[NDArray[np.generic], tuple[float, float] | Non
         if image.format == "PNG":
             import imagecodecs  # Pillow makes 8 bits of 16
 
+            image.verify()  # of what is damaged, the other would speak on stderr
             samples = np.asarray(imagecodecs.png_decode(path.read_bytes()))
         elif image.mode in ("L", "RGB"):
             samples = np.asarray(image)

@@ -29,6 +29,10 @@ _ROOM: Final = np.where(np.isin(np.arange(len(_SIZES)), (1, 2, 6, 7)), np.inf, V
 """How many values a tag may hold, by its type: bytes are read in one piece."""
 _UNKNOWN: Final = len(_SIZES) - 1
 _BASELINE_END: Final = 600  # below, tags say how the image is stored; above, programs keep what is theirs
+_SINGLE: Final = np.zeros(1 << 16, bool)
+_SINGLE[[256, 257, 259, 262, 266, 274, 277, 284, 296, 317, 322, 323]] = (
+    True  # sizes and forms of an image, one each
+)
 _SUBFILE, _OLD_SUBFILE = 254, 255
 
 
@@ -119,7 +123,7 @@ def _check_values(tags: NDArray[Any], form: _Form, size: int) -> None:
     unknown = (each == 0) & (tags["code"] < _BASELINE_END)
     if unknown.any():
         raise DirectoryError(f"tag {tags['code'][unknown][0]} is of no known type")
-    long = counts > _ROOM[kinds]
+    long = (counts > _ROOM[kinds]) | (_SINGLE[tags["code"]] & (counts != 1))
     if long.any():
         raise DirectoryError(f"tag {tags['code'][long][0]} holds {counts[long][0]} values")
     needed = np.minimum(counts, size + 1).astype(np.int64) * each

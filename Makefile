@@ -3,7 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check fuzz bench docs format lock clean
+BOUNDS_CACHE := .bounds_cache
+
+.PHONY: demo test test-bounds check fuzz bench docs format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -11,6 +13,12 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed-dev
 	$(BIN)/pytest -n 2
+
+# Compiled code that looks whether each index lies within its array, which takes several times as long; what is compiled
+# otherwise is kept apart. The tests of what calls kernels; commands, reports and studies call no others.
+test-bounds: $(VENV)/.installed-dev
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest -n 2 tests/test_compiled.py tests/acquiring \
+		tests/comparing tests/deciding tests/inspecting tests/pages tests/predicting tests/properties tests/simulating
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check src tests
@@ -52,4 +60,4 @@ lock:
 		--generate-hashes --no-header --quiet -c requirements.txt -o requirements-dev.txt
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo
+	rm -rf $(VENV) $(BOUNDS_CACHE) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo

@@ -108,3 +108,15 @@ def test_a_page_that_fits_neither_way_is_refused_by_name() -> None:
     assert text.startswith("page 3: is 90.0 x 80.0 mm")
     assert "40.0 mm" in text
     assert "\n" not in text
+
+
+@pytest.mark.parametrize(("width_mm", "height_mm"), [(1, 1), (4, 30), (30, 4), (1, 200)])
+def test_a_page_of_which_there_is_too_little_to_judge_is_refused(width_mm: int, height_mm: int) -> None:
+    with pytest.raises(JobError) as refusal:
+        geometry().lay(page_of(width_mm, height_mm))
+    text = str(refusal.value)
+    assert text.startswith(f"page 3: is {width_mm}.00 x {height_mm}.00 mm")
+    assert "from 5.0 x 5.0 mm on" in text
+    assert geometry(pixel_pitch_mm=0.25, line_pitch_mm=0.25).least_mm == 8.0
+    laid = page_of(5, 5)
+    assert geometry().lay(laid) is laid

@@ -157,6 +157,15 @@ def test_a_scan_of_another_size(tmp_path: Path) -> None:
         verdict_of(golden, saved(tmp_path / "scan.tif", sheet()[:200]))
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (31, 40)])
+def test_scans_too_small_to_be_compared(tmp_path: Path, shape: tuple[int, int]) -> None:
+    small = saved(tmp_path / "small.tif", np.zeros(shape, np.uint8))
+    with pytest.raises(
+        ScanError, match=f"golden is of {shape[0]} lines x {shape[1]} pixels; 32 x 32 are the least"
+    ):
+        verdict_of(small, small)
+
+
 def test_a_cmyk_file_is_no_scan(tmp_path: Path) -> None:
     path = saved(tmp_path / "page.tif", np.zeros((20, 20, 4), np.uint8), photometric="separated")
     with pytest.raises(ScanError, match="is separated"):

@@ -17,6 +17,7 @@ import pytest
 from prooflight.acquiring.placement import IN_PLACE, Placement
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.rehearse import PressDay
+from prooflight.inspecting.finding import inside
 from prooflight.inspecting.inspector import detector, inspect_page, paper_evidence
 from prooflight.predicting.predict import predict
 from prooflight.simulating.misprints import draw_misprint
@@ -152,3 +153,27 @@ def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
         page, scan = press_scan(press, make_page)
         nominal, lengths = lengths_about(press, page, seed=6)
         assert_alike(judged(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
+
+
+@pytest.mark.parametrize("size_mm", [(5.0, 5.0), (5.0, 30.0), (30.0, 5.0)])
+def test_the_least_pages_are_judged(
+    taught_press: Press, make_page: MakePage, size_mm: tuple[float, float]
+) -> None:
+    """A ruined one is never good; a good one may alarm our detector, which cannot find it."""
+    rows, columns = (round(extent_mm * taught_press.dpi / 25.4) + 1 for extent_mm in size_mm)
+    whole = make_page(3)
+    page = replace(whole, cmyk=np.ascontiguousarray(whole.cmyk[-rows:, :columns]))
+    assert taught_press.geometry.lay(page) is page
+    seen = predict(page, sensors=taught_press.sensors, geometry=taught_press.geometry)
+    scan = ideal_scan(seen, taught_press, np.random.default_rng(1))
+    ruined = scan.copy()
+    ruined[:, :, ::3] = 0
+    for name in ("ours", "chi-square"):
+        for one, words in ((scan, {"good", "misprint"}), (ruined, {"misprint"})):
+            judge = detector(name, taught_press)
+            done = inspect_page(page, one, press=taught_press, judge=judge, scan_name="scan")
+            assert done.verdict.verdict in words
+            assert np.isfinite(done.verdict.score or np.nan)
+    beyond = Placement(shift_mm=(0.0, taught_press.geometry.lead_in_mm + page.height_mm - 0.3))
+    area = inside(page, taught_press, beyond, lines=scan.shape[1])
+    assert area == taught_press.geometry.on_page(page.width_mm, page.height_mm)

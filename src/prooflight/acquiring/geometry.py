@@ -7,7 +7,7 @@ the page's top edge by the lead-in, the page is centred in the field, and beyond
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
+
+LEAST_MM: Final = 5.0
+LEAST_PIXELS: Final = 32
+"""Pages that are smaller than either, one way or the other, are not judged: registration needs a tile of so many
+pixels to find them, and inside the margins of less than 5 mm our detector has nothing left to look at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +80,20 @@ class ScanGeometry:
         """Whether a page so wide lies within the field, to a pixel."""
         return width_mm <= self.field_mm + self.pixel_pitch_mm
 
+    @property
+    def least_mm(self) -> float:
+        """Width and height that a page must have to be judged. [mm]"""
+        return max(LEAST_MM, LEAST_PIXELS * max(self.pixel_pitch_mm, self.line_pitch_mm))
+
     def lay(self, page: Page) -> Page:
-        """The page as it enters the press: turned by 90 degrees if only that fits; JobError if neither does."""
+        """The page as it enters the press: turned by 90 degrees if only that fits.
+
+        JobError: neither does, or there is too little of it to be judged.
+        """
+        if min(page.width_mm, page.height_mm) < self.least_mm:
+            what = f"is {page.width_mm:.2f} x {page.height_mm:.2f} mm"
+            remedy = f"this press judges pages from {self.least_mm:.1f} x {self.least_mm:.1f} mm on"
+            raise JobError(f"page {page.number}", what, remedy=remedy)
         if self.sees(page.width_mm):
             return page
         if self.sees(page.height_mm):

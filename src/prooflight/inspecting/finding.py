@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.acquiring.placement import IN_PLACE
+from prooflight.comparing.evidence import BLOCK_PIXELS
 from prooflight.comparing.register import prepare, register
 from prooflight.deciding.calibrated import shows_another
 from prooflight.deciding.explaining import place_reason
@@ -136,7 +137,10 @@ def _moved(where: Registration, page: Page, press: Press) -> bool:
 
 
 def inside(page: Page, press: Press, placement: Placement, *, lines: int) -> tuple[slice, slice]:
-    """Of so many lines, those whose pixels all lie on the page as it lies, one away from its edges; and columns."""
+    """Of so many lines, those whose pixels all lie on the page as it lies, one away from its edges; and columns.
+
+    Where fewer are left than a block has, those of the page in its place.
+    """
     geometry = press.geometry
     across_mm = geometry.centres_x_mm(page.width_mm)
     down_mm = geometry.centres_y_mm(lines)
@@ -149,6 +153,6 @@ def inside(page: Page, press: Press, placement: Placement, *, lines: int) -> tup
         _, y_mm = seen(np.full_like(down_mm, part * page.width_mm), down_mm)
         on_lines &= (y_mm >= margin_y) & (y_mm <= page.height_mm - margin_y)
     columns, rows = np.flatnonzero(on_columns), np.flatnonzero(on_lines)
-    if not columns.size or not rows.size:
+    if min(columns.size, rows.size) < BLOCK_PIXELS:
         return geometry.on_page(page.width_mm, page.height_mm)
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from prooflight.acquiring.pictures import PictureFile, picture_files
 from prooflight.comparing.golden import compare
+from prooflight.comparing.golden_place import TILE_PIXELS
 from prooflight.deciding.golden_regions import LEAST_VOLUME, Mark, marks
 from prooflight.deciding.verdict import Judgement, Region, Verdict
 from prooflight.errors import ScanError
@@ -230,10 +231,17 @@ def _read(golden: PictureFile) -> Picture:
 def _alike(
     scan: PictureFile, golden: NDArray[np.float32], seen: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Both cut to what both show, grey if either is; ScanError if their sizes are too different."""
+    """Both cut to what both show, grey if either is; ScanError if their sizes are too different, or too small."""
     if len(golden) != len(seen):
         golden, seen = (image.mean(axis=0, keepdims=True) for image in (golden, seen))
     sizes = np.array([golden.shape[1:], seen.shape[1:]])
+    if sizes.min() < TILE_PIXELS:
+        small = "its golden is" if sizes[0].min() < TILE_PIXELS else "is"
+        lines, pixels = sizes[sizes.min(axis=1).argmin()]
+        what = f"{small} of {lines} lines x {pixels} pixels"
+        raise ScanError(
+            scan.path, what, remedy=f"{TILE_PIXELS} x {TILE_PIXELS} are the least that can be compared"
+        )
     if (np.abs(sizes[1] / sizes[0] - 1) > CROPPED).any():
         what = f"is of {seen.shape[1]} lines x {seen.shape[2]} pixels"
         raise ScanError(scan.path, what, remedy=f"its golden has {golden.shape[1]} x {golden.shape[2]}")

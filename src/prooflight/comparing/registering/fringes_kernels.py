@@ -91,9 +91,9 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
     "light (N, S, S), words (N, H, W), margin, right (4), down (4), bricks.bricks (65536, 16), "
     "bricks.inner (_, 4), bricks.outer (_, 8), bricks.bits (4), origins (N, 2), moves (N, 2), "
     "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), noise (4), "
-    "room.value (V), room.slope (V), room.begins (S // 8), room.weights (B), "
+    "room.value (V), room.slope (V), room.begins (D), room.weights (B), "
     "room.by_move (B), room.starts (Y), first, base (N, S, S), sums (N, SUMS)",
-    where="0 <= margin, W - 2 * margin <= V",
+    where="0 <= margin, W - 2 * margin <= V, S <= 8 * D",
     error_model="numpy",
 )
 def fringe_sums(  # type: ignore[no-untyped-def]

@@ -74,6 +74,7 @@ class Tally:
 
     counts: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
+    """Of processor time."""
 
 
 def fuzz(
@@ -156,11 +157,10 @@ class _Reader:
         return self.folder / f"mutant{order.target.suffix}"
 
     def outcome(self, order: Order) -> tuple[str, str, float]:
-        """What came of it, why, and how long it took. [s]"""
+        """What came of it, why, and the processor time that it took. [s]"""
         if self._pipe is None:
             self._start()
         assert self._pipe is not None
-        at = time.monotonic()
         try:
             self._pipe.send(order)
             if not self._pipe.poll(_START_S):
@@ -175,14 +175,14 @@ class _Reader:
                 took_s = self._processor_s() - used_s
                 if took_s > self.limits.seconds or time.monotonic() - at > self.limits.seconds_waited:
                     self.stop()
-                    return "slow", f"not read after {took_s:g} s of work", time.monotonic() - at
+                    return "slow", f"not read after {took_s:g} s of work", took_s
             outcome, detail = self._pipe.recv()
+            return outcome, detail, self._processor_s() - used_s
         except (EOFError, ConnectionError):
             self._process.join()
             code = self._process.exitcode
             self.stop()
-            return "died", f"the process ended with {code}", time.monotonic() - at
-        return outcome, detail, time.monotonic() - at
+            return "died", f"the process ended with {code}", 0.0
 
     def _start(self) -> None:
         self._pipe, theirs = self._context.Pipe()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tests.fuzz.harness import Target
 
 COMMAND_EVERY = 20
-LONGEST_MESSAGE = 1000
+LONGEST_MESSAGE = 2000
 _PAGE_BYTES = resource.getpagesize()
 
 

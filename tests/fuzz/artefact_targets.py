@@ -50,7 +50,9 @@ def read_press(path: Path) -> None:
         inspector = Inspector.of(press, name)
         with np.errstate(all="ignore"):
             try:
-                verdict = inspector.inspect(inspector.prepare(_page()), _ruined(press), scan_name=path.name).verdict
+                verdict = inspector.inspect(
+                    inspector.prepare(_page()), _ruined(press), scan_name=path.name
+                ).verdict
             except ScanError:  # of another length than this press's scans: refused, as it should be
                 continue
         if verdict.verdict == "good":

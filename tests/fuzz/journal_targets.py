@@ -53,6 +53,10 @@ TARGETS = (
         read=go_on,
     ),
     Target(
-        name="evidence-pack", suffix=".npz", samples=pack_samples, mutate=journals.spoil_pack, read=journals.read_pack
+        name="evidence-pack",
+        suffix=".npz",
+        samples=pack_samples,
+        mutate=journals.spoil_pack,
+        read=journals.read_pack,
     ),
 )

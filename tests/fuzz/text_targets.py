@@ -327,12 +327,19 @@ def spoil_profile(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def read_icc(path: Path) -> None:
-    from prooflight.pages.colour_management import apply_link, fine_link
-    from prooflight.pages.pdf_file import read_profile
+    """As ``--profile`` of a job."""
+    from reportlab.pdfgen.canvas import Canvas
 
-    data = read_profile(path, str(path))
-    link = fine_link(None, data, mode="LAB", intent=1, black_point=True)
-    apply_link(link, np.full((2, 2, 3), 100, np.uint8))
+    from prooflight.pages.rip import PdfJob
+
+    job = path.with_name("one-page.pdf")
+    if not job.exists():
+        canvas = Canvas(str(job), pagesize=(72, 72))
+        canvas.setFillColorCMYK(0, 0.5, 0, 0)
+        canvas.rect(9, 9, 54, 54, stroke=0, fill=1)
+        canvas.save()
+    with PdfJob(job, profile=path) as opened:
+        assert len(opened) == 1
 
 
 TARGETS = (

@@ -95,7 +95,7 @@ class ScoredPage:
     work: InspectPage
 
     def __call__(self, pair: Pair) -> PageScore:
-        """Inspect one page that has a scan."""
+        """Inspect one page that has a scan; ScanError: it was made under other light than the press knows."""
         number, scan = pair
         assert scan is not None
         dn = scan.read()
@@ -104,6 +104,8 @@ class ScoredPage:
             inspector.prepare(self.work.page(number)), dn, scan_name=str(scan.path)
         )
         score = inspection.verdict.score
-        assert score is not None
+        if score is None:
+            remedy = "give scans of good pages, made by the press as it was calibrated"
+            raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
         digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
         return PageScore(name=page_name(number), score=score, digest=digest)

@@ -120,6 +120,20 @@ def test_a_black_level_that_is_far_off_never_passes_as_good(taught_press: Press,
             assert verdict(page, dark, press).verdict != "good"
 
 
+def test_a_dark_picture_that_fills_the_page_has_the_backing_speak_for_it(
+    taught_press: Press, page: Page
+) -> None:
+    dark = replace(page, cmyk=np.maximum(page.cmyk, np.array([200, 150, 120, 140], np.uint8)))
+    for light, told in ((0.7, True), (0.95, False), (1.0, False)):
+        scan = scan_of(dark, taught_press, light)
+        prepared = Inspector.of(taught_press).prepare(dark)
+        sensors = taught_press.sensors
+        (level,) = light_levels(prepared.lit, scan, sensors)
+        assert level.page is None
+        assert (wrong_light((level,), sensors, tolerance=0.14) is not None) == told
+        assert verdict(dark, scan, taught_press).verdict != "good" or not told
+
+
 def test_one_sensor_of_two_is_named(two_sensor_press: Press, page: Page) -> None:
     press = two_sensor_press
     for index, sensor in enumerate(press.sensors):

@@ -46,6 +46,7 @@ LEAST_LEVEL: Final = 0.05
 DARK: Final = 0.002
 """Share of a page whose light is called its darkest: some letters' stems."""
 LINES_APART: Final = 16
+EVERYTHING: Final = slice(None), slice(None)
 WELL_BELOW: Final = 0.9
 """Of the top code: a good print that should be darker does not reach it."""
 
@@ -60,10 +61,8 @@ class LitSquares:
     """(squares,) beside the page."""
     light: NDArray[np.float32]
     """(sensors, squares), columns evened out. [white]"""
-    page: tuple[slice, slice]
-    """Lines and columns that lie on the page wherever a good print does, of which the darkest are compared."""
     darkest: tuple[float, ...]
-    """Light of each sensor that hardly any of the page lies below. [white]"""
+    """Light of each sensor that ``DARK`` of the page lies below, away from its edges. [white]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +78,9 @@ class LightLevel:
     brightest_dn: int
     """Greatest number in any square."""
     darkest: float
-    """Light that hardly any of the page lies below. [white]"""
+    """Light that hardly any of the scan lies below. [white]"""
     darkest_due: float
-    """The same as it should be. [white]"""
+    """Light that twice as much of the page should lie below. [white]"""
 
 
 def lit_squares(
@@ -110,9 +109,8 @@ def lit_squares(
         columns=columns,
         backing=backing,
         light=light[:, rows, columns],
-        page=on_page,
         darkest=tuple(
-            _darkest(image, sensor, on_page) for image, sensor in zip(images, sensors, strict=True)
+            _darkest(image, sensor, on_page, DARK) for image, sensor in zip(images, sensors, strict=True)
         ),
     )
 
@@ -141,7 +139,7 @@ def light_levels(
                 backing=_agreed(ratio[backing]),
                 clipped=float((at_top & below & ~backing).sum() / max(int((~backing).sum()), 1)),
                 brightest_dn=int(numbers.max(initial=0)),
-                darkest=_darkest(image, sensor, squares.page),
+                darkest=_darkest(image, sensor, EVERYTHING, DARK / 2),
                 darkest_due=darkest,
             )
         )
@@ -160,14 +158,14 @@ def _within_and_beside(
     return np.logical_and.outer(*within), np.logical_or.outer(*beside)
 
 
-def _darkest(image: NDArray[Any], sensor: SensorModel, page: tuple[slice, slice]) -> float:
-    """Light that ``DARK`` of a page lies below, from some of its lines; image (lines, pixels) [DN]. [white]"""
-    lines, pixels = page
+def _darkest(image: NDArray[Any], sensor: SensorModel, area: tuple[slice, slice], share: float) -> float:
+    """Light that a share of an area lies below, from some of its lines; image (lines, pixels) [DN]. [white]"""
+    lines, pixels = area
     offset, gain = sensor.column_offset_dn[pixels], sensor.column_gain[pixels]
     light = (image[lines, pixels][::LINES_APART] - offset) / (gain * np.float32(sensor.white_dn))
     if not light.size:
         return 1.0
-    rank = int(DARK * light.size)
+    rank = int(share * light.size)
     return float(np.partition(light, rank, axis=None)[rank])
 
 

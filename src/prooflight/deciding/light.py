@@ -23,6 +23,8 @@ MOST_CLIPPED: Final = 0.05
 WITNESS: Final = 0.5
 """Of what the page is off: a backing that is off by less says that the light is right."""
 
+NO_BACKING: Final = 1.0
+"""What is off by more than that much of it is no backing, but another sheet."""
 DARK_PAGE: Final = 0.1
 """A page whose darkest is darker shows the black level. [white]"""
 BLACK_OFF: Final = 0.05
@@ -72,7 +74,9 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
         return WrongLight(
             reason=f"{what}: lower the light or the gain to what was calibrated", of_sheet=False
         )
-    if level.page is None or abs(level.page - 1) <= tolerance:
+    if level.page is None:
+        return _of_backing(level, tolerance)
+    if abs(level.page - 1) <= tolerance:
         return _of_black(level, sensor)
     light = max(level.page, 0.0)
     paper = f"paper at {light * sensor.white_dn:.0f} DN, {sensor.white_dn:.0f} expected"
@@ -83,6 +87,14 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
         )
     what = f"the light is {light:.2f} times what this press was calibrated for ({paper})"
     return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=False)
+
+
+def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
+    """Of a sensor to which the page itself, a dark picture perhaps, does not tell its light."""
+    if level.backing is None or not tolerance < abs(level.backing - 1) < NO_BACKING:
+        return None
+    what = f"what lies beside the page is {level.backing:.2f} times as light as this press was calibrated for"
+    return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=True)
 
 
 def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:

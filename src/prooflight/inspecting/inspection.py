@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from prooflight.acquiring.placement import Placement
     from prooflight.comparing.evidence import Evidence
+    from prooflight.comparing.light_level import LitSquares
     from prooflight.deciding.tolerance import Looked, PreparedPage
     from prooflight.deciding.verdict import Verdict
     from prooflight.inspecting.finding import SoughtPage
@@ -35,6 +36,8 @@ class Prepared:
     """For ours."""
     inks: str
     """Letters of CMYK that the page has."""
+    lit: LitSquares
+    """By which it is seen whether a scan was made under the light that the press was calibrated for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from prooflight.comparing.evidence import BLOCK_PIXELS, TILE_PIXELS, gather
+from prooflight.comparing.light_level import light_levels, lit_squares
+from prooflight.comparing.nuisance import Tolerance
 from prooflight.deciding.calibrated import CalibratedDetector
 from prooflight.deciding.chi_square import ChiSquare, tile_statistics
+from prooflight.deciding.light import light_tolerance, wrong_light
 from prooflight.deciding.regions import BlockGrid, Findings, findings
 from prooflight.deciding.tolerance import prepare_page
 from prooflight.deciding.verdict import Verdict
@@ -105,14 +108,17 @@ class Inspector:
             )
         else:
             sought = SoughtPage.of(page, self.press, threads=self.threads)
-        return Prepared(page=page, sought=sought, known=known, inks=present_inks(page))
+            expected = sought.nominal
+        lit = lit_squares(expected, page, sensors=sensors, geometry=geometry)
+        return Prepared(page=page, sought=sought, known=known, inks=present_inks(page), lit=lit)
 
     def inspect(
         self, prepared: Prepared, scan: NDArray[np.uint16], *, scan_name: str, seed: int = 0
     ) -> Inspection:
         """Find the page, compare, decide.
 
-        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``.
+        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``. One made
+        under light that the press was not calibrated for is not inspected: what its detector promises is void then.
         scan (sensors, lines, pixels) [DN], named ``scan_name`` in errors. seed: of the randomised integral transform
         of the paper's detectors. ScanError: the scan does not fit press or page.
         """
@@ -122,8 +128,26 @@ class Inspector:
             done = weigh(prepared, scan, press=self.press, ours=self.judge)
         else:
             done = _compared(self, self.judge, prepared, scan, seed=seed)
+        done = replace(done, verdict=self._under_its_light(done.verdict, prepared, scan))
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
+
+    def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: NDArray[np.uint16]) -> Verdict:
+        """The verdict, or why there is none."""
+        sensors, ours = self.press.sensors, self.press.ours
+        wrong = wrong_light(
+            light_levels(prepared.lit, scan, sensors),
+            sensors,
+            tolerance=light_tolerance(Tolerance() if ours is None else ours.tolerance.prior),
+        )
+        if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
+            return verdict
+        return replace(
+            not_inspected(verdict.page),
+            shift_mm=verdict.shift_mm,
+            detector=verdict.detector,
+            reason=wrong.reason,
+        )
 
 
 @lru_cache(maxsize=2)

@@ -173,7 +173,7 @@ class ScoredPage:
     work: InspectPage
 
     def __call__(self, pair: Pair) -> PageScore:
-        """Inspect one page that has a scan."""
+        """Inspect one page that has a scan; ScanError: it was made under other light than the press knows."""
         number, scan = pair
         assert scan is not None
         page, inspector = self.work.page(number), self.work.inspector
@@ -181,6 +181,7 @@ class ScoredPage:
         inspection = inspector.inspect(inspector.prepare(page), dn, scan_name=str(scan.path))
         score = inspection.verdict.score
         if score is None:
-            raise ScanError(scan.path, inspection.verdict.reason, remedy="leave it out")
+            remedy = "give scans of good pages, made by the press as it was calibrated"
+            raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
         digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
         return PageScore(name=page_name(number), score=score, digest=digest)

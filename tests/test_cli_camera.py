@@ -424,7 +424,7 @@ def test_characterise_refuses_in_one_line(
     assert "is not a swing" in refused("characterise", *dark, "--voltage-swing-v", "-1")
     damaged = tmp_path / "damaged.tif"
     damaged.write_bytes(flat[0].read_bytes()[:3000])
-    assert "damaged.tif: is damaged" in refused("characterise", *dark, damaged, "--like", press)
+    assert "damaged.tif: the TIFF is truncated" in refused("characterise", *dark, damaged, "--like", press)
     narrow, _ = record(prototype, tmp_path / "narrow", pixels=128)
     line = refused("characterise", *dark, *flat, narrow[0], "--like", press)
     assert "is 128 pixels wide where" in line

@@ -104,7 +104,8 @@ def test_a_page_comes_back_with_everything(path: Path) -> None:
 def test_numbers_that_json_does_not_know_survive(path: Path, value: float) -> None:
     with Journal.open(str(path)) as journal:
         run = journal.begin_run(facts())
-        journal.record(run, record(1, score=value))
+        alarm = Verdict(page="p0001", verdict="misprint", action="stop", score=value, threshold=1.0)
+        journal.record(run, record(1, verdict=alarm))
         assert journal.commit()
         score = journal.page(run, 1).verdict.score
     np.testing.assert_equal(score, value)

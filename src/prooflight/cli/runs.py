@@ -17,7 +17,7 @@ from rich.text import Text
 from prooflight.atomic import whole_file
 from prooflight.cli import show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
-from prooflight.errors import PressError, RequestError
+from prooflight.errors import PressError, RequestError, visible
 from prooflight.inspecting.journal import Journal, Retention, default_journal
 from prooflight.inspecting.journaling.exporting import page_facts, run_facts, write_csv
 from prooflight.reporting.wording import count
@@ -96,7 +96,7 @@ def _runs_table(found: list[RunRow], path: Path) -> Table:
             str(run.id),
             _local(run.facts.started_s),
             Text(run.state, style=STATE_STYLE[run.state]),
-            run.facts.job,
+            visible(run.facts.job),
             f"{run.pages:,}",
             *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
         )
@@ -343,7 +343,7 @@ def _facts_table(run: RunRow) -> Table:
     }
     for name, value in rows.items():
         if value not in ("", 0) or name == "misprints":
-            table.add_row(name, str(value))
+            table.add_row(name, visible(value))
     return table
 
 
@@ -357,10 +357,10 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
         what += ["late"] if page.late else []
         table.add_row(
             str(page.sheet),
-            verdict.page,
+            visible(verdict.page),
             Text(verdict.verdict, style=show.VERDICT_STYLE[verdict.verdict]),
             verdict.action,
             "" if verdict.score is None else f"{verdict.score:.3g}",
-            "; ".join(filter(None, (*what, *page.faults, *page.notes))),
+            visible("; ".join(filter(None, (*what, *page.faults, *page.notes)))),
         )
     return table

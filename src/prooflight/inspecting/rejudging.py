@@ -77,13 +77,13 @@ def judged_again(kept: Kept, press: Press, detector_name: str) -> Judgement:
     """The judgement that this evidence led to; RequestError if it is of another detector, or of no page at all."""
     judge = detector(detector_name, press)
     held = _Held(kept, detector_name)
-    sensors = len(press.sensors)
+    sensors, another = len(press.sensors), held.wrong_page
     with np.errstate(all="ignore"):  # what comes of odd numbers is looked at below
         if isinstance(judge, CalibratedDetector):
             tolerance = judge.tolerance
             values = held.array("values", "fiu", (len(tolerance.names),))
             portrait = held.array("portrait", "f", tolerance.centre.shape[1:], finite=True)
-            again = judge.judge(score_of(tolerance, values, portrait, another=held.wrong_page))
+            again = judge.judge(score_of(tolerance, values, portrait, another=another))
         elif judge.name == "bayes":
             blocks = held.array("block_z", "f", (sensors, None, None), finite=True)
             again = judge.judge(_evidence(block_z=blocks))

@@ -132,7 +132,7 @@ def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     works |= inspections(name, page, press)
     if name == "text":
         alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(2))
-        works |= inspections(f"2 sensors, {name}", page, replace(press, sensors=alike))
+        works |= inspections(f"2 sensors, {name}", page, replace(press, sensors=alike, clipped=()))
         coarse = replace(press, supersampling=1)
         works |= inspections(f"s = 1, {name}", halved(page), coarse)
     rows = _rows(works)
@@ -201,7 +201,7 @@ def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
     add("growth: as it is", base, press)
     for sensors in (2, 3):
         alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(sensors))
-        add(f"growth: {sensors} sensors", base, replace(press, sensors=alike))
+        add(f"growth: {sensors} sensors", base, replace(press, sensors=alike, clipped=()))
     for s in (1, 3, 4):
         finer = replace(press, supersampling=s)
         add(f"growth: s = {s}", bench_pages(finer, quick=quick)["mixed"], finer)

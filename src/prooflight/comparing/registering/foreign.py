@@ -75,10 +75,10 @@ def foreign_print(
     of register is foretold all the same. Only what the scan shows is asked about, not what it lacks.
     """
     rows = min(len(seen), len(design))
+    if min(design[:rows][inside].shape) < SQUARE:
+        return Foreign(of_print=0.0, of_page=0.0, of_width=0.0)
     there, right, down = _aligned(seen[:rows], design[:rows], inside)
     expected = detail(_less(design[:rows], seen[:rows], right, down))[inside]
-    if min(expected.shape) < SQUARE:
-        return Foreign(of_print=0.0, of_page=0.0, of_width=0.0)
     there, expected = _without_stripes(there), _without_stripes(expected)
     near_print = cv2.dilate((np.abs(there) > FAINT).astype(np.float32), np.ones((3, 3), np.uint8))
     about = [expected, *(np.roll(expected, step, axis) for axis in (0, 1) for step in (-1, 1))]

@@ -127,3 +127,5 @@ def test_strength_and_a_little_displacement_are_foretold(press: Press, make_page
         np.array(foreign_print(noise, design, inside)) > (FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH)
     ).all()
     assert foreign_print(noise[:9], design[:9], inside) == (0, 0, 0)  # too small for a square
+    tiny = coarse_inside(press.geometry, 2.0, 2.0)  # a page smaller than its edges
+    assert foreign_print(noise, design, tiny) == (0, 0, 0)

@@ -101,16 +101,19 @@ def lit_squares(
     ]
     rows, columns = np.unravel_index(np.concatenate(chosen), light.shape[1:])
     backing = np.arange(rows.size) >= chosen[0].size
-    lines, pixels = geometry.on_page(page.width_mm, page.height_mm)
     edge = INSIDE * SHRINK + 1
-    on_page = slice(lines.start + edge, lines.stop - edge), slice(pixels.start + edge, pixels.stop - edge)
+    lines, pixels = (
+        slice(part.start + edge, max(part.stop - edge, 0))
+        for part in geometry.on_page(page.width_mm, page.height_mm)
+    )
     return LitSquares(
         rows=rows,
         columns=columns,
         backing=backing,
         light=light[:, rows, columns],
         darkest=tuple(
-            _darkest(image, sensor, on_page, DARK) for image, sensor in zip(images, sensors, strict=True)
+            _darkest(image, sensor, (lines, pixels), DARK)
+            for image, sensor in zip(images, sensors, strict=True)
         ),
     )
 

@@ -95,7 +95,7 @@ def test_who_stops_a_command_is_not_told_of_a_misprint(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["press", "buld"], "No such command 'buld'"),
+        (["press", "mend"], "No such command 'mend'"),
         (["rip", "a.pdf"], "Missing option '--dpi'"),
         (["rip", "a.pdf", "--dpi", "x", "-o", "o"], "Invalid value for '--dpi'"),
         (["inspect", "--foo"], "No such option: --foo"),

@@ -43,7 +43,12 @@ def main() -> int:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--mutants", type=int, metavar="N", help="of each reader")
-    parser.add_argument("--seconds", type=float, metavar="S", help="for all readers; 60 if neither is given")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        metavar="S",
+        help="of each job, for all readers, without what they take to start; 60 if neither is given",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="processes that read")
     parser.add_argument("--reader", action="append", default=[], metavar="NAME", help="this one only")

@@ -11,6 +11,7 @@ it is one of ``OUTCOMES``; ``FAILURES`` are those that no reader may show.
 from __future__ import annotations
 
 import itertools
+import math
 import multiprocessing
 import os
 import shutil
@@ -77,6 +78,14 @@ class Tally:
     """Of processor time."""
 
 
+@dataclass
+class Spent:
+    """Time that mutants took, of all jobs, and may take."""
+
+    most_s: float
+    seconds: float = 0.0
+
+
 def fuzz(
     targets: Sequence[Target],
     *,
@@ -87,15 +96,18 @@ def fuzz(
     limits: Limits | None = None,
     keep: Path | None = None,
 ) -> dict[str, Tally]:
-    """Read mutants of every target in turn, until each had so many or time is up; offenders go to ``keep``."""
+    """Read mutants of every target in turn, until each had so many or time is up; offenders go to ``keep``.
+
+    seconds: of each job, without what a process takes to import, compile and read good samples.
+    """
     tallies = {target.name: Tally() for target in targets}
     lock = threading.Lock()
+    spent = Spent(most_s=math.inf if seconds is None else seconds * jobs)
     with tempfile.TemporaryDirectory(prefix="prooflight-fuzz-") as name:
         folder = Path(name)
         for target in targets:
             _write_samples(target, folder / target.name)
-        end = None if seconds is None else time.monotonic() + seconds
-        orders = _orders(targets, folder, seed=seed, mutants=mutants, end=end)
+        orders = _orders(targets, folder, seed=seed, mutants=mutants, spent=spent)
 
         def work(number: int) -> None:
             reader = _Reader(folder / f"reader-{number}", limits or Limits())
@@ -105,8 +117,10 @@ def fuzz(
                         order = next(orders, None)
                     if order is None:
                         return
+                    warm, begun_s = order.target.name in reader.warm, time.monotonic()
                     outcome, detail, took_s = reader.outcome(order)
                     with lock:
+                        spent.seconds += time.monotonic() - begun_s if warm else 0.0
                         tally = tallies[order.target.name]
                         tally.counts[outcome] += 1
                         tally.slowest_s = max(tally.slowest_s, took_s)
@@ -127,11 +141,11 @@ def _write_samples(target: Target, folder: Path) -> None:
 
 
 def _orders(
-    targets: Sequence[Target], folder: Path, *, seed: int, mutants: int | None, end: float | None
+    targets: Sequence[Target], folder: Path, *, seed: int, mutants: int | None, spent: Spent
 ) -> Iterator[Order]:
     for index in itertools.count() if mutants is None else range(mutants):
         for target in targets:
-            if end is not None and time.monotonic() > end:
+            if spent.seconds > spent.most_s:
                 return
             yield Order(target=target, samples=folder / target.name, seed=seed, index=index)
 
@@ -152,6 +166,8 @@ class _Reader:
         folder.mkdir()
         self._context = multiprocessing.get_context("spawn")
         self._pipe: Connection | None = None
+        self.warm: set[str] = set()
+        """Targets whose readers the process has imported and compiled."""
 
     def mutant(self, order: Order) -> Path:
         return self.folder / f"mutant{order.target.suffix}"
@@ -169,6 +185,7 @@ class _Reader:
             trouble = self._pipe.recv()
             if trouble is not None:
                 raise RuntimeError(trouble)
+            self.warm.add(order.target.name)
             at = time.monotonic()  # the mutant lies there
             used_s = self._processor_s()
             while not self._pipe.poll(0.5):
@@ -207,3 +224,4 @@ class _Reader:
             self._process.join()
             self._pipe.close()
             self._pipe = None
+            self.warm.clear()

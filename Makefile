@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-BOUNDS_CACHE := .bounds_cache
+BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 
 .PHONY: demo test test-bounds check fuzz bench docs format lock clean
 .DELETE_ON_ERROR:

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 SCRIPT = Path(__file__).with_name("judge_lengths.py")
 SAME = 1e-6
-"""Sums with fast mathematics differ in their last bits by where arrays lie: 2e-8 of a score was seen once."""
+"""Of the score: linear algebra adds up in another order on another number of threads, in which processes differ; 1.5e-7
+was seen."""
 NEAR = 0.05
 """Of the score, where lines are missing: they would have told where the page's lower edge lies."""
 
@@ -175,7 +176,7 @@ def test_the_least_pages_are_judged(
             judge = detector(name, taught_press)
             done = inspect_page(page, one, press=taught_press, judge=judge, scan_name="scan")
             assert done.verdict.verdict in words
-            assert np.isfinite(done.verdict.score or np.nan)
+            assert done.verdict.verdict == "not-inspected" or np.isfinite(done.verdict.score or np.nan)
     beyond = Placement(shift_mm=(0.0, taught_press.geometry.lead_in_mm + page.height_mm - 0.3))
     area = inside(page, taught_press, beyond, lines=scan.shape[1])
     assert area == taught_press.geometry.on_page(page.width_mm, page.height_mm)

@@ -109,7 +109,8 @@ def test_a_scans_length_does_not_change_its_verdict(
         rows += [json.loads(line) for line in done.stdout.splitlines()]
     assert len(rows) == 21
     assert_alike(rows, nominal=nominal)
-    assert judged(taught_press, page, scan, "ours", lengths[:2]) == rows[1:3]
+    for here, there in zip(judged(taught_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
+        assert here == there | {"score": pytest.approx(there["score"], rel=SAME)}
 
 
 def test_a_misprint_is_one_at_any_length(taught_press: Press, make_page: MakePage) -> None:

@@ -155,6 +155,8 @@ def _one_value(arrays: Arrays, name: str, rng: Rng) -> None:
     array = arrays[name] = arrays[name].copy()
     if array.dtype.kind == "f":
         value: Any = EXTREMES[int(rng.integers(len(EXTREMES)))]
+    elif array.dtype.kind == "b":
+        value = not array.reshape(-1)[0]
     else:
         ends = np.iinfo(array.dtype)
         value = (ends.min, ends.max, 0, int(array.max()))[int(rng.integers(4))]

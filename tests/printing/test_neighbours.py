@@ -72,3 +72,12 @@ def test_on_a_measured_chart_the_root_makes_planes_five_times_better(measured_ch
         )
     ]
     assert medians[1] < 0.5 * medians[0]
+
+
+def test_one_neighbour_gives_its_own_value() -> None:
+    measured = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    nearest, weight = plane_weights(
+        measured, np.array([[0.9, 0.1, 0.0, 0.0], [0.2, 0.0, 0.0, 0.0]]), 1, tricube
+    )
+    np.testing.assert_array_equal(nearest, [[1], [0]])
+    np.testing.assert_allclose(weight, 1.0)

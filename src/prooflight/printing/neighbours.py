@@ -50,7 +50,10 @@ def plane_weights(
 
     measured (n, 4), wanted (queries, 4) ink fractions. The weights sum to 1.
     """
-    distance, nearest = cKDTree(measured).query(wanted, k=min(neighbours, len(measured)))
+    found = cKDTree(measured).query(wanted, k=min(neighbours, len(measured)))
+    distance, nearest = (
+        of_each.reshape(len(wanted), -1) for of_each in found
+    )  # one neighbour comes without its axis
     offset = measured[nearest] - wanted[:, None]
     design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=2)
     weighted = design * weighting(distance)[..., None]

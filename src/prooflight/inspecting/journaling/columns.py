@@ -137,7 +137,8 @@ def complaint(error: Exception) -> str:
     'id: input should be greater than or equal to 1'
     """
     if not isinstance(error, ValidationError):
-        return f"{type(error).__name__}: {error}"
+        said = str(getattr(error, "orig", None) or error)  # SQLAlchemy adds the whole statement
+        return f"{type(error).__name__}: {said.partition(chr(10))[0]}"
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     where = ".".join(str(part) for part in first["loc"])
     said = re.sub(

@@ -17,15 +17,15 @@ test: $(VENV)/.installed-dev
 # Compiled code that looks whether each index lies within its array, which takes several times as long; what is compiled
 # otherwise is kept apart. The tests of what calls kernels; commands, reports and studies call no others.
 test-bounds: $(VENV)/.installed-dev
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest -n 2 tests/test_compiled.py tests/acquiring \
-		tests/comparing tests/deciding tests/inspecting tests/pages tests/predicting tests/properties tests/simulating
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest -n 2 tests/kernels tests/scans \
+		tests/registration tests/detectors tests/inspection tests/line tests/journal tests/pages tests/prediction tests/properties tests/simulation
 
 check: $(VENV)/.installed-dev
-	$(BIN)/ruff format --check src tests
-	$(BIN)/ruff check src tests
+	$(BIN)/ruff format --check src studies tests
+	$(BIN)/ruff check src studies tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/codespell src tests docs README.md CHANGELOG.md
+	$(BIN)/codespell src studies tests docs README.md CHANGELOG.md
 
 # A minute of spoilt files for every reader: each must be read, or refused in one line.
 fuzz: $(VENV)/.installed-dev
@@ -36,16 +36,16 @@ bench: $(VENV)/.installed
 
 # The documents name files, functions and commands that exist, and their commands run.
 docs: $(VENV)/.installed-dev
-	$(BIN)/pytest tests/test_docs.py tests/test_cli_camera.py
+	$(BIN)/pytest tests/test_docs.py tests/cli/test_camera.py
 
 format: $(VENV)/.installed-dev
-	$(BIN)/ruff format src tests
-	$(BIN)/ruff check --fix src tests
+	$(BIN)/ruff format src studies tests
+	$(BIN)/ruff check --fix src studies tests
 
-$(VENV)/.installed: requirements.txt pyproject.toml
+$(VENV)/.installed: requirements.txt pyproject.toml studies/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e studies
 	touch $@
 
 $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
@@ -54,9 +54,9 @@ $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 
 # Rewrites both lock files from pyproject.toml; needs uv on the path.
 lock:
-	uv pip compile pyproject.toml --all-extras --group build --universal --python-version 3.11 \
+	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet -o requirements.txt
-	uv pip compile pyproject.toml --all-extras --group build --group dev --universal --python-version 3.11 \
+	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --group dev --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet -c requirements.txt -o requirements-dev.txt
 
 clean:

@@ -23,7 +23,7 @@ import numpy as np
 import tifffile
 from scipy import ndimage
 
-from prooflight.pages.rip import PdfJob
+from prooflight.pages.pdf.rip import PdfJob
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 PROFILE = SHARED / "icc" / "GRACoL2013coated_320_mth.icc"
@@ -142,7 +142,7 @@ def compare(path: Path, *, profile: Path | None = PROFILE, dpi: float = DPI) -> 
     """Render the first page of a PDF with both and compare; ValueError if the rasters differ in size."""
     import pymupdf
 
-    from prooflight.pages import plates
+    from prooflight.pages.pdf import separations as plates
 
     with pymupdf.open(path) as document:
         trim = document.xref_get_key(document[0].xref, "TrimBox")[0] != "null"

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from prooflight.camera.camera import Camera
+from prooflight.camera.light import Light
+from prooflight.camera.optics import Lens
+from prooflight.camera.sensor import LineSensor
 from prooflight.commissioning.build import build_press
 from prooflight.pages.raster import Page
-from prooflight.press_file import PressFile
-from prooflight.sensing.camera import Camera
-from prooflight.sensing.light import Light
-from prooflight.sensing.optics import Lens
-from prooflight.sensing.sensor import LineSensor
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 # The same examples on every machine; `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("same everywhere", deadline=None, derandomize=True)
@@ -124,7 +124,7 @@ class Made:
 @pytest.fixture(scope="session")
 def taught_press(press: Press, make_page: Callable[..., Page]) -> Press:
     """The press with our detector, which lets one good page in ten alarm: so much 9 of 24 designs can promise."""
-    from prooflight.commissioning.teach import taught
+    from prooflight.commissioning.training.train import taught
 
     rarely = replace(press, good_pages_per_false_alarm=10.0)
     return taught(rarely, Made(make=make_page), designs=24, seed=1, processes=1)

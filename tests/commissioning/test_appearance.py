@@ -1,7 +1,7 @@
 import numpy as np
 
 from prooflight.commissioning.appearance import appearance_srgb
-from prooflight.printing.built_in import built_in_inks
+from prooflight.inks.built_in import built_in_inks
 
 SRGB = appearance_srgb(built_in_inks())
 

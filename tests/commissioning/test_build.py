@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.camera.camera import respond, with_pixels
+from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.commissioning.build import build_press
 from prooflight.errors import PressFileError
-from prooflight.press_file import PressFile
-from prooflight.printing.built_in import built_in_inks
-from prooflight.sensing.camera import respond, with_pixels
-from prooflight.sensing.sensor import draw_fixed_pattern
+from prooflight.inks.built_in import built_in_inks
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
-    from prooflight.press import Press
-    from prooflight.printing.reflectance import ReflectanceModel
+    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.press.artefact import Press
 
 
 def with_value(press_file: PressFile, old: str, new: str) -> PressFile:

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import tifffile
 
-from prooflight.acquiring.replay import write_scan
-from prooflight.commissioning.calibrate import Calibration, calibrate
-from prooflight.commissioning.chart_scan import read_chart_scan, srgb_light
-from prooflight.commissioning.scan_reading import read_scan
+from prooflight.commissioning.chart.calibrate import Calibration, calibrate
+from prooflight.commissioning.chart.scan import read_chart_scan, srgb_light
+from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.errors import ChartError, ScanError
-from prooflight.predicting.predict import predict
-from prooflight.press import Press
-from prooflight.printing.chart_layout import Layout, PlacedRecipes, place_recipes, write_recipes
-from prooflight.printing.chart_print import raster
-from prooflight.printing.recipes import choose_recipes, printable_recipes
+from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes, write_recipes
+from prooflight.inks.chart_print import raster
+from prooflight.inks.recipes import choose_recipes, printable_recipes
+from prooflight.prediction.predict import predict
+from prooflight.press.artefact import Press
+from prooflight.scans.recorded import write_scan
 
 PITCH_MM = 25.4 / 150
 WHITE = np.array([3000.0, 2500.0, 2000.0])

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.camera.camera import expose_flat, respond, with_pixels
+from prooflight.camera.sensor import FixedPattern, draw_fixed_pattern
 from prooflight.commissioning.accuracy import table_accuracy
 from prooflight.commissioning.characterise import (
     calibrate_columns,
@@ -16,15 +18,14 @@ from prooflight.commissioning.characterise import (
     unbiased_nodes,
     variance_dn2,
 )
-from prooflight.predicting.tables import NODES, node_fractions
-from prooflight.printing.built_in import built_in_inks
-from prooflight.sensing.camera import expose_flat, respond, with_pixels
-from prooflight.sensing.sensor import FixedPattern, draw_fixed_pattern
+from prooflight.inks.built_in import built_in_inks
+from prooflight.kernels.prediction.look_up import NODES
+from prooflight.prediction.tables import node_fractions
 
 if TYPE_CHECKING:
-    from prooflight.press import Press
-    from prooflight.press_file import PressFile
-    from prooflight.sensing.camera import Camera
+    from prooflight.camera.camera import Camera
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
 
 ERRORS = 5
 RECIPES = [

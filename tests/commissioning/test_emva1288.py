@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.commissioning.exposures import statistics
-from prooflight.commissioning.photon_transfer import PhotonTransfer, photon_transfer
-from prooflight.sensing.sensor import draw_fixed_pattern, read_out
+from prooflight.camera.sensor import draw_fixed_pattern, read_out
+from prooflight.commissioning.camera.exposures import statistics
+from prooflight.commissioning.camera.photon_transfer import PhotonTransfer, photon_transfer
 
 if TYPE_CHECKING:
-    from prooflight.press_file import PressFile
-    from prooflight.sensing.sensor import LineSensor
+    from prooflight.camera.sensor import LineSensor
+    from prooflight.press.press_file import PressFile
 
 LINES = 300
 LEVELS_E = (300.0, 1e3, 3e3, 1e4, 2e4, 4e4, 6e4, 8e4, 1e5, 1.2e5, 1.4e5, 1.7e5, 2.2e5)

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.camera.camera import respond
+from prooflight.commissioning.camera.exploring import PATCHES, Design, Variation, designs, varied
 from prooflight.commissioning.characterise import variance_dn2
-from prooflight.commissioning.exploring import PATCHES, Design, Variation, designs, varied
 from prooflight.errors import PressFileError, RequestError
-from prooflight.predicting.tables import node_fractions
-from prooflight.press_file import PressFile
-from prooflight.printing.built_in import built_in_inks
-from prooflight.sensing.camera import respond
+from prooflight.inks.built_in import built_in_inks
+from prooflight.prediction.tables import node_fractions
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.commissioning.exploring import SensorDesign
-    from prooflight.printing.reflectance import LogLinear
+    from prooflight.commissioning.camera.exploring import SensorDesign
+    from prooflight.inks.reflectance import LogLinear
 
 
 def explored(press_file: PressFile, *texts: str) -> list[Design]:

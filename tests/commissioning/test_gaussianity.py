@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from prooflight.commissioning.gaussianity import clipped_share, exposed_shape, near_the_ends
-from prooflight.predicting.tables import NODES
+from prooflight.commissioning.camera.gaussianity import clipped_share, exposed_shape, near_the_ends
+from prooflight.kernels.prediction.look_up import NODES
 
 if TYPE_CHECKING:
-    from prooflight.press import Press
-    from prooflight.press_file import PressFile
-    from prooflight.sensing.sensor import LineSensor
+    from prooflight.camera.sensor import LineSensor
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
 
 LINES = 20_000
 

@@ -11,16 +11,16 @@ import pytest
 
 from prooflight.commissioning.inks import inks_of, packed
 from prooflight.errors import PressError
-from prooflight.press import Press
-from prooflight.printing.chart import Chart
-from prooflight.printing.ink_model import InkModel
-from prooflight.printing.reflectance import LogLinear
+from prooflight.inks.chart import Chart
+from prooflight.inks.ink_model import InkModel
+from prooflight.inks.reflectance import LogLinear
+from prooflight.press.artefact import Press
 from prooflight.spectra import WAVE_NM
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.press_file import PressFile
+    from prooflight.press.press_file import PressFile
 
 RECIPES = np.random.default_rng(5).random((40, 4))
 

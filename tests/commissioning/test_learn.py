@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prooflight.commissioning.learn import Pages, learn_scatter, learn_tolerance, promised
-from prooflight.commissioning.ranking import forested, weighed
-from prooflight.comparing.local_evidence import Scatter
-from prooflight.deciding.operating import Scored, area_under_roc
-from prooflight.deciding.taught import TolerancePress
+from prooflight.commissioning.training.learn import Pages, learn_scatter, learn_tolerance, promised
+from prooflight.commissioning.training.ranking import forested, weighed
+from prooflight.detectors.matched_filter.model import TolerancePress
+from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.operating import Scored, area_under_roc
 
 NAMES = ["box/add-C+/8", "box/add-C-/8", "streak/void/1/full", "ghost/C/0", "place/skew"]
 

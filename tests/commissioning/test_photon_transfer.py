@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.commissioning.exposures import Exposure, statistics, told_apart
-from prooflight.commissioning.photon_transfer import photon_transfer
-from prooflight.commissioning.sensor_block import Given, characterise_sensor
+from prooflight.camera.camera import expose_flat, with_pixels
+from prooflight.camera.sensor import FixedPattern, Noise, draw_fixed_pattern, read_out
+from prooflight.commissioning.camera.exposures import Exposure, statistics, told_apart
+from prooflight.commissioning.camera.photon_transfer import photon_transfer
+from prooflight.commissioning.camera.sensor_block import Given, characterise_sensor
 from prooflight.errors import RequestError, ScanError
-from prooflight.press_file import PressFile
-from prooflight.sensing.camera import expose_flat, with_pixels
-from prooflight.sensing.sensor import FixedPattern, Noise, draw_fixed_pattern, read_out
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.commissioning.sensor_block import SensorBlock
-    from prooflight.sensing.camera import Camera
-    from prooflight.sensing.sensor import LineSensor
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import LineSensor
+    from prooflight.commissioning.camera.sensor_block import SensorBlock
 
 REFLECTANCES = (0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.9, 1.1, 1.5)
 """Of the flat exposures of the whole rig; 1.22 fills the prototype's converter."""

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.real_pages import FEWEST_REAL, new_scans, recalibrated
+from prooflight.commissioning.training.real_pages import FEWEST_REAL, new_scans, recalibrated
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 
 def pages(count: int, *, seed: int = 1, first: int = 0) -> tuple[dict[str, float], dict[str, str]]:

@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.commissioning.rehearse import LEAST_TIMES, PressDay, fitted, good_prior, good_spread
-from prooflight.commissioning.teach import FEWEST, Plan
-from prooflight.comparing.nuisance import Spread, Tolerance
+from prooflight.commissioning.training.simulated_days import (
+    LEAST_TIMES,
+    PressDay,
+    fitted,
+    good_prior,
+    good_spread,
+)
+from prooflight.commissioning.training.train import FEWEST, Plan
+from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
 from prooflight.errors import RequestError
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.commissioning.toml_text import toml_text, toml_value
-from prooflight.press_file import PressFile
+from prooflight.press.press_file import PressFile
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]))
 SINGLE = st.booleans() | st.integers(-(2**62), 2**62) | st.floats(allow_nan=False) | TEXT

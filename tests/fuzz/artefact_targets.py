@@ -14,7 +14,7 @@ from tests.fuzz.text_targets import chart_samples
 
 if TYPE_CHECKING:
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 PIXELS = 400
 INK_MODELS = ("log-linear", "local-linear")
@@ -23,8 +23,8 @@ INK_MODELS = ("log-linear", "local-linear")
 def press_samples() -> list[bytes]:
     """A press of 42 mm with the paper's learned detector; what that learned is noise."""
     from prooflight.commissioning.build import build_press
-    from prooflight.deciding.bayes import BayesDetector, BayesianNetwork
-    from prooflight.press_file import PressFile
+    from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+    from prooflight.press.press_file import PressFile
 
     statistics = np.random.default_rng(4).standard_normal((80, 3))
     network = BayesianNetwork.learn(statistics, ["correct", "misprint"] * 40, misprint_rate=0.01, bins=8)
@@ -40,8 +40,8 @@ def press_samples() -> list[bytes]:
 def read_press(path: Path) -> None:
     """Load it, and judge a page that nobody would take; what calls it good does so by finite numbers."""
     from prooflight.errors import ScanError
-    from prooflight.inspecting.inspector import Inspector
-    from prooflight.press import Press
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.press.artefact import Press
 
     press = Press.load(path)
     for name in ("chi-square", "bayes"):
@@ -75,8 +75,8 @@ def _ruined(press: Press) -> np.ndarray:
 
 def ink_samples() -> list[bytes]:
     """The files of two ink models of a small chart."""
-    from prooflight.printing.chart import read_chart
-    from prooflight.printing.ink_model import InkModel
+    from prooflight.inks.chart import read_chart
+    from prooflight.inks.ink_model import InkModel
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -89,7 +89,7 @@ def ink_samples() -> list[bytes]:
 
 def read_ink(path: Path) -> None:
     """Load it, and predict."""
-    from prooflight.printing.ink_model import InkModel
+    from prooflight.inks.ink_model import InkModel
 
     model = InkModel.load(path)
     wanted = np.random.default_rng(8).uniform(0, 1, (5, 4))

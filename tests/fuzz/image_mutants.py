@@ -15,12 +15,12 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from prooflight.acquiring.pictures import picture_files
-from prooflight.acquiring.replay import recorded_scans, write_scan
-from prooflight.commissioning.chart_scan import read_chart_scan
+from prooflight.commissioning.chart.scan import read_chart_scan
 from prooflight.pages.files import write_jpeg, write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.pages.raster import Page
+from prooflight.scans.pictures import picture_files
+from prooflight.scans.recorded import recorded_scans, write_scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from prooflight.deciding.verdict import Ink, Region, Verdict
-from prooflight.inspecting.journal import (
+from prooflight.detectors.base import Ink, Region, Verdict
+from prooflight.journal import packs
+from prooflight.journal.exporting import page_facts, run_facts, write_csv
+from prooflight.journal.journal import (
     Journal,
     JournalError,
     PageRecord,
@@ -28,9 +30,7 @@ from prooflight.inspecting.journal import (
     RunEnd,
     RunFacts,
 )
-from prooflight.inspecting.journaling import packs
-from prooflight.inspecting.journaling.exporting import page_facts, run_facts, write_csv
-from prooflight.inspecting.journaling.unclaimed import unclaimed_folder
+from prooflight.journal.unclaimed import unclaimed_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from safetensors.numpy import load, save
 
-from prooflight import press
-from prooflight.printing import ink_model
+from prooflight.inks import ink_model
+from prooflight.press import artefact as press
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.errors import InputError
-from prooflight.pages import rip_process
+from prooflight.pages.pdf import process as rip_process
 
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 

@@ -31,7 +31,7 @@ CURVE = "wave_nm,value\n" + "".join(f"{nm},{0.1 + nm / 2000:.4f}\n" for nm in ra
 
 
 def _preset(name: str) -> str:
-    return resources.files("prooflight").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("prooflight.press").joinpath("presets", name).read_text(encoding="utf-8")
 
 
 # Press files.
@@ -44,14 +44,14 @@ def press_samples() -> list[bytes]:
 
 def read_press(path: Path) -> None:
     """As the commands do that need no tables: what is accepted gives finite numbers wherever it is used."""
+    from prooflight.camera import camera as sensing
+    from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
+    from prooflight.camera.sensor import draw_fixed_pattern
+    from prooflight.camera.sharpness import nyquist_per_mm, sharpness
     from prooflight.commissioning.build import refuse_light
     from prooflight.commissioning.characterise import calibrate_columns
-    from prooflight.press_file import PressFile
-    from prooflight.sensing import camera as sensing
-    from prooflight.sensing.lens_correction import SHORT_REACH_PIXELS, lens_correction
-    from prooflight.sensing.sensor import draw_fixed_pattern
-    from prooflight.sensing.sharpness import nyquist_per_mm, sharpness
-    from prooflight.simulating.worlds import Amounts
+    from prooflight.press.press_file import PressFile
+    from prooflight.simulation.worlds import Amounts
 
     press_file = PressFile.read(path)
     camera = press_file.camera()
@@ -129,8 +129,8 @@ def light_command(path: Path) -> list[str]:
 @functools.cache
 def _small_chart() -> bytes:
     """48 recipes of the built-in inks, as CGATS text."""
-    from prooflight.printing.built_in import built_in_inks
-    from prooflight.printing.recipes import choose_recipes, printable_recipes
+    from prooflight.inks.built_in import built_in_inks
+    from prooflight.inks.recipes import choose_recipes, printable_recipes
     from prooflight.spectra import WAVE_NM
 
     candidates = printable_recipes()
@@ -152,7 +152,7 @@ def chart_samples() -> list[bytes]:
 
 
 def read_chart_file(path: Path) -> None:
-    from prooflight.printing.chart import read_chart
+    from prooflight.inks.chart import read_chart
 
     chart = read_chart(path)
     recipes = chart.recipes()
@@ -181,7 +181,7 @@ def recipes_samples() -> list[bytes]:
 
 
 def read_recipes_file(path: Path) -> None:
-    from prooflight.printing.recipes import read_recipes
+    from prooflight.inks.recipes import read_recipes
 
     recipes = read_recipes(path)
     assert np.isfinite(recipes).all()
@@ -200,8 +200,8 @@ def placed_samples() -> list[bytes]:
     """The recipe file of ``chart make``."""
     import tempfile
 
-    from prooflight.printing.chart_layout import Layout, place_recipes, write_recipes
-    from prooflight.printing.recipes import printable_recipes
+    from prooflight.inks.chart_layout import Layout, place_recipes, write_recipes
+    from prooflight.inks.recipes import printable_recipes
 
     placed = place_recipes(printable_recipes()[:60], Layout(), np.random.default_rng(1))
     with tempfile.TemporaryDirectory() as folder:
@@ -210,8 +210,8 @@ def placed_samples() -> list[bytes]:
 
 
 def read_placed(path: Path) -> None:
-    from prooflight.printing.chart_layout import read_recipe_file
-    from prooflight.printing.chart_print import painted
+    from prooflight.inks.chart_layout import read_recipe_file
+    from prooflight.inks.chart_print import painted
 
     placed = read_recipe_file(path)
     assert np.isfinite(placed.cmyk).all()
@@ -235,7 +235,7 @@ def reflectance_samples() -> list[bytes]:
 
 
 def read_reflectance(path: Path) -> None:
-    from prooflight.sensing.reflectances import REFLECTANCE_FILES, parse_reflectances
+    from prooflight.camera.reflectances import REFLECTANCE_FILES, parse_reflectances
 
     colours = parse_reflectances(REFLECTANCE_FILES.read_text(path), where=path)
     assert np.isfinite(colours).all()
@@ -244,7 +244,7 @@ def read_reflectance(path: Path) -> None:
 
 
 def reflectance_command(path: Path) -> list[str]:
-    press = resources.files("prooflight").joinpath(PRESETS[0])
+    press = resources.files("prooflight.press").joinpath("presets", PRESETS[0])
     return ["camera", "respond", str(press), "--reflectance", str(path), "--json"]
 
 
@@ -257,7 +257,7 @@ def manifest_samples() -> list[bytes]:
 
 
 def read_manifest_file(path: Path) -> None:
-    from prooflight.studies.edge_study import read_manifest
+    from prooflight_studies.edges.study import read_manifest
 
     entries = read_manifest(path)
     assert all("/" not in entry.id and np.isfinite([entry.img_frac, entry.w_pt]).all() for entry in entries)
@@ -270,7 +270,7 @@ def marks_samples() -> list[bytes]:
 def read_marks(path: Path) -> None:
     from PIL import Image
 
-    from prooflight.studies.golden_pairs import read_pairs
+    from prooflight_studies.golden.pairs import read_pairs
 
     for which in ("temp", "test"):
         Image.new("L", (40, 40), 200).save(path.with_name(f"{path.stem}_{which}.jpg"))
@@ -330,7 +330,7 @@ def read_icc(path: Path) -> None:
     """As ``--profile`` of a job."""
     from reportlab.pdfgen.canvas import Canvas
 
-    from prooflight.pages.rip import PdfJob
+    from prooflight.pages.pdf.rip import PdfJob
 
     job = path.with_name("one-page.pdf")
     if not job.exists():

@@ -36,7 +36,7 @@ def misprint_samples() -> list[bytes]:
 
 
 def read_misprint(path: Path) -> None:
-    from prooflight.simulating.scans import MisprintRequest
+    from prooflight.simulation.scans import MisprintRequest
 
     request = MisprintRequest.parse(_words(path))
     assert request.severity is None or 0 <= request.severity <= 1
@@ -55,8 +55,8 @@ def vary_samples() -> list[bytes]:
 
 
 def read_vary(path: Path) -> None:
-    from prooflight.press_file import PressFile
-    from prooflight.studies.design_choices import choices
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.design.choices import choices
 
     base = PressFile.prototype()
     for choice in choices([_words(path)])[:50]:
@@ -68,8 +68,8 @@ def explored_samples() -> list[bytes]:
 
 
 def read_explored(path: Path) -> None:
-    from prooflight.commissioning.exploring import Variation, designs
-    from prooflight.press_file import PressFile
+    from prooflight.commissioning.camera.exploring import Variation, designs
+    from prooflight.press.press_file import PressFile
 
     designs(
         PressFile.prototype(), [Variation.parse(_words(path))]
@@ -81,7 +81,7 @@ def price_samples() -> list[bytes]:
 
 
 def read_price(path: Path) -> None:
-    from prooflight.studies.design_choices import Prices, choices, parse_prices
+    from prooflight_studies.design.choices import Prices, choices, parse_prices
 
     of = choices(["lens.f_number=2.8,4"])
     prices = Prices(sensor_cents=1.0, of_values=parse_prices([_words(path)], of))
@@ -93,7 +93,7 @@ def exposure_samples() -> list[bytes]:
 
 
 def read_exposure(path: Path) -> None:
-    from prooflight.commissioning.exposures import ExposureRequest
+    from prooflight.commissioning.camera.exposures import ExposureRequest
 
     request = ExposureRequest.parse(_words(path))
     assert request.line_rate_hz is None or np.isfinite(request.line_rate_hz)
@@ -106,7 +106,7 @@ def frequency_samples() -> list[bytes]:
 def read_frequencies(path: Path) -> None:
     from prooflight.errors import RequestError
 
-    press = resources.files("prooflight").joinpath("prototype.toml")
+    press = resources.files("prooflight.press").joinpath("presets", "prototype.toml")
     _run(["camera", "mtf", str(press), f"--freq={_words(path)}", "--json"], RequestError)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight import spectra
-from prooflight.press_file import PressFile
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from pathlib import Path

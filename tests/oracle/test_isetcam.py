@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from prooflight.camera.camera import respond
+from prooflight.camera.optics import diffraction_mtf
+from prooflight.camera.sensor import clipped_gaussian
 from prooflight.pages.sampling import taps
-from prooflight.sensing.camera import respond
-from prooflight.sensing.optics import diffraction_mtf
-from prooflight.sensing.sensor import clipped_gaussian
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.sensing.camera import Camera, SensorResponse
+    from prooflight.camera.camera import Camera, SensorResponse
 
     Oracle = Callable[[str], dict[str, Any]]
     MakeCamera = Callable[[float], Camera]

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages import files
 from prooflight.pages.job import JobSource, open_job, parse_pages
+from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page, turned
-from prooflight.pages.rip import PdfJob
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
-from prooflight.pages.rip import PdfJob
+from prooflight.pages.pdf.rip import PdfJob
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,9 +18,9 @@ import pytest
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
 from prooflight.errors import InputError, JobError, RequestError
-from prooflight.pages import rip_process
 from prooflight.pages.job import JobSource
-from prooflight.pages.rip import PdfJob
+from prooflight.pages.pdf import process as rip_process
+from prooflight.pages.pdf.rip import PdfJob
 
 if TYPE_CHECKING:
     from collections.abc import Callable

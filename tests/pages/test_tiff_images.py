@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from prooflight.acquiring.pictures import picture_files
-from prooflight.acquiring.replay import recorded_scans
 from prooflight.errors import InputError, JobError, ScanError
 from prooflight.pages import files, memory
 from prooflight.pages.tiff_directories import IMAGES_MAX
+from prooflight.scans.pictures import picture_files
+from prooflight.scans.recorded import recorded_scans
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,7 +11,7 @@ pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
 from PIL import ImageCms
 
-from prooflight.pages.rip import PdfJob
+from prooflight.pages.pdf.rip import PdfJob
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from prooflight.deciding.cost import RunningCosts
-from prooflight.deciding.operating import bill
-from prooflight.press_file import PressFile
-from prooflight.studies.paper_results import ALPHAS as STUDIED_ALPHAS
-from prooflight.studies.paper_tables import PRINTED
+from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.operating import bill
+from prooflight.press.press_file import PressFile
+from prooflight_studies.paper.page import PRINTED
+from prooflight_studies.paper.results import ALPHAS as STUDIED_ALPHAS
 
 A4_HEIGHT_MM = 297.0
 

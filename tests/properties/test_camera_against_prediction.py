@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.camera.camera import with_pixels
+from prooflight.camera.exposure import expose_page
+from prooflight.camera.sensor import Noise, draw_fixed_pattern
 from prooflight.commissioning.build import build_press
-from prooflight.comparing.evidence import gather, interval_shares
-from prooflight.deciding.chi_square import pearson
-from prooflight.predicting.predict import Prediction, predict
-from prooflight.press_file import PressFile
-from prooflight.sensing.camera import with_pixels
-from prooflight.sensing.exposure import expose_page
-from prooflight.sensing.sensor import Noise, draw_fixed_pattern
+from prooflight.detectors.paper.chi_square import pearson
+from prooflight.detectors.paper.evidence import gather, interval_shares
+from prooflight.prediction.predict import Prediction, predict
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import FixedPattern
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
-    from prooflight.sensing.camera import Camera
-    from prooflight.sensing.sensor import FixedPattern
+    from prooflight.press.artefact import Press
 
 SEED, PIXELS = 6, 160
 

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prooflight.comparing.evidence import Evidence, gather
-from prooflight.comparing.windows import window_statistics
-from prooflight.deciding.bayes import BayesDetector, BayesianNetwork
-from prooflight.deciding.chi_square import ChiSquare
-from prooflight.studies.peers import VariationModel, all_scores
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+from prooflight.detectors.paper.chi_square import ChiSquare
+from prooflight.detectors.paper.evidence import Evidence, gather
+from prooflight.detectors.paper.windows import window_statistics
+from prooflight_studies.harness.baselines import VariationModel, all_scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.deciding.verdict import Detector
+    from prooflight.detectors.paper.evidence import EvidenceDetector
 
 SENSORS = 2
 SHAPE = (SENSORS, 128, 128)
@@ -56,8 +56,8 @@ def network() -> BayesianNetwork:
 
 
 @pytest.fixture(scope="module", params=["chi-square", "chi-square of the page", "bayes"])
-def detector(request: pytest.FixtureRequest, network: BayesianNetwork) -> Detector:
-    made: dict[str, Callable[[], Detector]] = {
+def detector(request: pytest.FixtureRequest, network: BayesianNetwork) -> EvidenceDetector:
+    made: dict[str, Callable[[], EvidenceDetector]] = {
         "chi-square": lambda: ChiSquare(good_pages_per_false_alarm=100, misprint_rate=0.01),
         "chi-square of the page": lambda: ChiSquare(
             good_pages_per_false_alarm=100, misprint_rate=0.01, tiles=False
@@ -70,7 +70,7 @@ def detector(request: pytest.FixtureRequest, network: BayesianNetwork) -> Detect
 @settings(max_examples=8)
 @given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
 def test_permuting_pages_permutes_verdicts_and_changes_no_input(
-    detector: Detector, seed: int, order: list[int]
+    detector: EvidenceDetector, seed: int, order: list[int]
 ) -> None:
     evidence = [evidence_of(page) for page in pages(seed)]
     told = [detector.judge(one) for one in evidence]

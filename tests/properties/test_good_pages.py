@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from prooflight.deciding.chi_square import ChiSquare
-from prooflight.inspecting.inspector import inspect_page
-from prooflight.predicting.predict import predict
-from prooflight.simulating.scans import ideal_scan, page_rng
+from prooflight.detectors.paper.chi_square import ChiSquare
+from prooflight.inspection.inspector import inspect_page
+from prooflight.prediction.predict import predict
+from prooflight.simulation.scans import ideal_scan, page_rng
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 SCANS = 120
 

@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
-from prooflight.deciding.verdict import Region
-from prooflight.inspecting.inspector import detector, inspect_page
+from prooflight.detectors.base import Region
+from prooflight.inspection.inspector import detector, inspect_page
 from prooflight.pages.raster import Page
 from prooflight.reporting import pictures
 from prooflight.reporting.pictures import Frame
-from prooflight.simulating.scans import MisprintRequest, page_rng, scan_page
+from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.inspecting.inspection import Inspection
-    from prooflight.press import Press
+    from prooflight.inspection.inspection import Inspection
+    from prooflight.press.artefact import Press
 
 A4 = Frame(x_mm=0.0, y_mm=0.0, width_mm=210.0, height_mm=297.0)
 

@@ -14,7 +14,7 @@ from prooflight.reporting.press_pictures import draw_press
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 
 def picture(path: Path) -> np.ndarray:

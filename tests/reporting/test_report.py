@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
-from prooflight.inspecting.inspector import detector, inspect_page
+from prooflight.inspection.inspector import detector, inspect_page
 from prooflight.reporting.report import (
     PAGE_PICTURE_PX,
     PageEntry,
@@ -22,14 +22,14 @@ from prooflight.reporting.report import (
     page_entry,
     write_report,
 )
-from prooflight.simulating.scans import MisprintRequest, page_rng, scan_page
+from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 SUMMARY = RunSummary(
     job="leaflet",

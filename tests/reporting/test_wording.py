@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from prooflight.deciding.verdict import Region, Verdict
+from prooflight.detectors.base import Region, Verdict
 from prooflight.reporting import wording
 from prooflight.reporting.report import Counts, sentence
-from prooflight.simulating.worlds import worlds
+from prooflight.simulation.worlds import worlds
 
 A4 = (210.0, 297.0)
 

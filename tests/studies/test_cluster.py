@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from prooflight.errors import RequestError
-from prooflight.studies.shards import run_pieces
+from prooflight_studies.harness.result_cache import run_pieces
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.studies.shards import Rows
+    from prooflight_studies.harness.result_cache import Rows
 
 distributed = pytest.importorskip("distributed")
 

@@ -15,7 +15,7 @@ from scipy import stats
 
 from prooflight.errors import RequestError
 from prooflight.pages.raster import MM_PER_INCH, Page
-from prooflight.studies.corpus import (
+from prooflight.simulation.corpus.corpus import (
     BLACK_ALONE,
     IN_BLACK,
     IN_COLOUR,
@@ -24,19 +24,19 @@ from prooflight.studies.corpus import (
     Folder,
     design_page,
 )
-from prooflight.studies.corpus_figures import page_figures, summary, table
-from prooflight.studies.corpus_page import write_corpus_page
-from prooflight.studies.corpus_sheet import THUMBNAIL_PX, look_at, write_contact_sheet
-from prooflight.studies.designs.faces import OutlineFace
-from prooflight.studies.designs.inks import BLACK, TOTAL_INK_MAX, Separation
-from prooflight.studies.designs.look import Look
-from prooflight.studies.designs.setting import Style, broken, cut, width_em
-from prooflight.studies.designs.sheet import MM_PER_PT, Sheet
+from prooflight.simulation.corpus.designs.faces import OutlineFace
+from prooflight.simulation.corpus.designs.inks import BLACK, TOTAL_INK_MAX, Separation
+from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.setting import Style, broken, cut, width_em
+from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
+from prooflight_studies.corpus.figures import page_figures, summary, table
+from prooflight_studies.corpus.page import write_corpus_page
+from prooflight_studies.corpus.sheet import THUMBNAIL_PX, look_at, write_contact_sheet
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.studies.corpus import Layout
+    from prooflight.simulation.corpus.corpus import Layout
 
 SEED = 7
 DESIGNS = 50

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from prooflight.cli import run
-from prooflight.deciding.cost import RunningCosts
-from prooflight.deciding.operating import Scored, at_threshold, bill
+from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.operating import Scored, at_threshold, bill
 from prooflight.errors import InputError, RequestError
-from prooflight.studies.design_choices import Choice, Prices, choices, parse_prices
-from prooflight.studies.design_results import cents_per_unit, efficient, resampled_costs
-from prooflight.studies.design_study import run_design_study
-from prooflight.studies.protocol import Plan
+from prooflight_studies.design.choices import Choice, Prices, choices, parse_prices
+from prooflight_studies.design.results import cents_per_unit, efficient, resampled_costs
+from prooflight_studies.design.study import run_design_study
+from prooflight_studies.harness.protocol import Plan
 
 if TYPE_CHECKING:
-    from prooflight.press_file import PressFile
+    from prooflight.press.press_file import PressFile
 
 PLAN = Plan(
     seed=2, world="ideal", pilot=1, learn=6, tune=3, test=4, good_copies=1, misprints=1, designs_per_day=6

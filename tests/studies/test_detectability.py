@@ -9,25 +9,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.comparing.local_evidence import LINE_MODES, MODES, SEGMENTS, Scatter, Sums
-from prooflight.comparing.nuisance import Tolerance
-from prooflight.deciding.said import Said
+from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    LINE_MODES,
+    MODES,
+    SEGMENTS,
+    Scatter,
+    Sums,
+)
+from prooflight.detectors.matched_filter.statistics.statistic import Said
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
-from prooflight.studies.catching import Catching
-from prooflight.studies.detectability import Reach, Telling
-from prooflight.studies.detectability_defects import paled, patched, spotted, streaked
-from prooflight.studies.detectability_findings import DEFECTS
-from prooflight.studies.detectability_page import page_lines
-from prooflight.studies.detectability_study import run_detectability_study
+from prooflight_studies.detectability.closed_form import Reach, Telling
+from prooflight_studies.detectability.defects import paled, patched, spotted, streaked
+from prooflight_studies.detectability.findings import DEFECTS
+from prooflight_studies.detectability.page import page_lines
+from prooflight_studies.detectability.study import run_detectability_study
+from prooflight_studies.harness.psychometric import Catching
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 TILE_PIXELS = 25
 LETTERS = "CMYK"

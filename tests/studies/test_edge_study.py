@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from reportlab.pdfgen import canvas
 
+from prooflight.camera.camera import with_pixels
 from prooflight.errors import RequestError
-from prooflight.pages.rip import PdfJob
-from prooflight.sensing.camera import with_pixels
-from prooflight.studies import edge_rig, edge_study
-from prooflight.studies.edge_rig import (
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight_studies.edges import rig as edge_rig
+from prooflight_studies.edges import study as edge_study
+from prooflight_studies.edges.page import ErrorSum
+from prooflight_studies.edges.rig import (
     Band,
     Rig,
     Sheet,
@@ -24,12 +26,11 @@ from prooflight.studies.edge_rig import (
     sampled,
     truth,
 )
-from prooflight.studies.edge_tables import ErrorSum
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.press_file import PressFile
+    from prooflight.press.press_file import PressFile
 
 MM = 72 / 25.4
 PIXELS = 300

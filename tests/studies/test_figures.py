@@ -10,20 +10,27 @@ import pytest
 from PIL import Image
 from scipy import stats
 
-from prooflight.deciding.operating import area_under_roc
+from prooflight.detectors.operating import area_under_roc
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
-from prooflight.press_file import PressFile
-from prooflight.simulating.misprints import KINDS
-from prooflight.simulating.scans import MisprintRequest
-from prooflight.studies.figures import COLOURS, Exhibit, draw_figures, error_map, repeated_exposures, slices
-from prooflight.studies.page_samples import Samples, judged_samples, page_samples
+from prooflight.press.press_file import PressFile
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest
+from prooflight_studies.paper.figures import (
+    COLOURS,
+    Exhibit,
+    draw_figures,
+    error_map,
+    repeated_exposures,
+    slices,
+)
+from prooflight_studies.paper.page_samples import Samples, judged_samples, page_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from prooflight.errors import RequestError, ScanError
-from prooflight.studies.golden_figures import Outcome, Setting, figures
-from prooflight.studies.golden_pairs import GoldenPair, halves, matched, overlap, read_pairs
-from prooflight.studies.golden_study import differences, judged, tuned
+from prooflight_studies.golden.figures import Outcome, Setting, figures
+from prooflight_studies.golden.pairs import GoldenPair, halves, matched, overlap, read_pairs
+from prooflight_studies.golden.study import differences, judged, tuned
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.simulating.misprints import KINDS
-from prooflight.studies.measures import FIRST_SHARE, UNITS, WINDOWS
-from prooflight.studies.paper_detectors import (
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.measures import FIRST_SHARE, UNITS, WINDOWS
+from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
     all_readings,
     bayes_scores,
@@ -16,19 +17,18 @@ from prooflight.studies.paper_detectors import (
     chosen_rows,
     types_of,
 )
-from prooflight.studies.paper_plots import draw_costs, draw_roc
-from prooflight.studies.paper_results import ALPHAS, Part, WorldResult, world_result
-from prooflight.studies.paper_study import at_pitch, paper_plans
-from prooflight.studies.paper_tables import PRINTED, write_paper_page
-from prooflight.studies.peers import PEERS
-from prooflight.studies.protocol import Plan
+from prooflight_studies.harness.protocol import Plan
+from prooflight_studies.paper.page import PRINTED, write_paper_page
+from prooflight_studies.paper.plots import draw_costs, draw_roc
+from prooflight_studies.paper.results import ALPHAS, Part, WorldResult, world_result
+from prooflight_studies.paper.study import at_pitch, paper_plans
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.press import Press
-    from prooflight.press_file import PressFile
-    from prooflight.studies.shards import Rows
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.harness.result_cache import Rows
 
 PLAN = Plan(
     seed=4,

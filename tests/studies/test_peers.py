@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.studies.peers import (
+from prooflight_studies.harness.baselines import (
     PEERS,
     VariationModel,
     absolute_difference,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.comparing.local_evidence import Scatter
-from prooflight.deciding.operating import Scored
-from prooflight.simulating.misprints import KINDS
-from prooflight.studies.press_findings import FIRST
-from prooflight.studies.press_judging import (
+from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.operating import Scored
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.press.findings import FIRST
+from prooflight_studies.press.judging import (
     ALPHAS,
     OURS,
     PARTS,
@@ -21,15 +21,15 @@ from prooflight.studies.press_judging import (
     kept_promises,
     promised_by_others,
 )
-from prooflight.studies.press_page import near, page_lines
-from prooflight.studies.press_scans import PLACES, Scene
-from prooflight.studies.press_study import PressFindings, PressPlan
+from prooflight_studies.press.page import near, page_lines
+from prooflight_studies.press.scans import PLACES, Scene
+from prooflight_studies.press.study import PressFindings, PressPlan
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.studies.press_judging import Verdicts
-    from prooflight.studies.shards import Rows
+    from prooflight_studies.harness.result_cache import Rows
+    from prooflight_studies.press.judging import Verdicts
 
 NAMES = [
     "box/add-C+/8",

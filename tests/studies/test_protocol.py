@@ -10,22 +10,22 @@ import pytest
 from scipy import stats
 from tests.fuzz.press_mutants import bytes_spoilt
 
-from prooflight.comparing.evidence import INTERVALS
-from prooflight.comparing.windows import window_means, window_statistics
-from prooflight.predicting.predict import predict
-from prooflight.simulating.captures import Room, noisier_tables
-from prooflight.simulating.misprints import KINDS
-from prooflight.studies.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
-from prooflight.studies.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
-from prooflight.studies.shards import digest_of, minutes_spent, run_pieces
+from prooflight.detectors.paper.evidence import INTERVALS
+from prooflight.detectors.paper.windows import window_means, window_statistics
+from prooflight.prediction.predict import predict
+from prooflight.simulation.captures import Room, noisier_tables
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
+from prooflight_studies.harness.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
-    from prooflight.studies.shards import Rows
+    from prooflight.press.artefact import Press
+    from prooflight_studies.harness.result_cache import Rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,24 +9,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from prooflight.acquiring.placement import IN_PLACE
 from prooflight.commissioning.build import build_press
-from prooflight.comparing.evidence import interval_edges, interval_shares
-from prooflight.deciding.chi_square import pearson
+from prooflight.detectors.paper.chi_square import pearson
+from prooflight.detectors.paper.evidence import interval_edges, interval_shares
 from prooflight.errors import RequestError
-from prooflight.predicting.predict import Prediction, predict
-from prooflight.press_file import PressFile
-from prooflight.studies.disturbances import (
+from prooflight.prediction.predict import Prediction, predict
+from prooflight.press.press_file import PressFile
+from prooflight.scans.placement import IN_PLACE
+from prooflight_studies.harness.protocol import Plan
+from prooflight_studies.robustness.disturbances import (
     NOTHING,
     SIZES,
     Disturbance,
     all_disturbances,
     noisy_sensors,
 )
-from prooflight.studies.protocol import Plan
-from prooflight.studies.robustness_page import write_robustness_page
-from prooflight.studies.robustness_plots import draw_robustness
-from prooflight.studies.robustness_results import (
+from prooflight_studies.robustness.page import write_robustness_page
+from prooflight_studies.robustness.plots import draw_robustness
+from prooflight_studies.robustness.results import (
     CHI_SQUARE,
     PRINTED,
     TUNED,
@@ -35,16 +35,16 @@ from prooflight.studies.robustness_results import (
     pearson_under,
     robustness_result,
 )
-from prooflight.studies.robustness_rows import LearnGood, WatchWrong, learned
-from prooflight.studies.robustness_study import robustness_plans
+from prooflight_studies.robustness.rows import LearnGood, WatchWrong, learned
+from prooflight_studies.robustness.study import robustness_plans
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
-    from prooflight.studies.shards import Rows
+    from prooflight.press.artefact import Press
+    from prooflight_studies.harness.result_cache import Rows
 
 PLAN = Plan(
     seed=7, world="ideal", pilot=1, learn=3, tune=1, test=2, good_copies=1, misprints=1, designs_per_day=4

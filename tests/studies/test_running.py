@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from prooflight.pages.raster import Page
-from prooflight.simulating.drum import DrumFault, turns
-from prooflight.studies.running_drift import streaked
-from prooflight.studies.running_live import _alarms, _in_step, _named, memory_mb, soak_faults
-from prooflight.studies.running_page import running_page
-from prooflight.studies.running_study import Plan, Study
+from prooflight.simulation.drum import DrumFault, turns
+from prooflight_studies.running.drift import streaked
+from prooflight_studies.running.live import _alarms, _in_step, _named, memory_mb, soak_faults
+from prooflight_studies.running.page import running_page
+from prooflight_studies.running.study import Plan, Study
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.deciding.verdict import Verdict
-from prooflight.inspecting.journal import PageRecord
-from prooflight.simulating.drum import DrumFault, turns
-from prooflight.studies.soak_page import write_soak_page
-from prooflight.studies.soak_sheets import Passed, drawn_faults, truth
-from prooflight.studies.soak_study import compared
+from prooflight.detectors.base import Verdict
+from prooflight.journal.journal import PageRecord
+from prooflight.simulation.drum import DrumFault, turns
+from prooflight_studies.soak.page import write_soak_page
+from prooflight_studies.soak.sheets import Passed, drawn_faults, truth
+from prooflight_studies.soak.study import compared
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.studies.soak_page import SoakFigures
+    from prooflight_studies.soak.page import SoakFigures
 
 SHEETS = 40
 FAULTS = {

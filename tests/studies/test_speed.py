@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from prooflight.predicting.predict import looked_up
-from prooflight.studies import speed, speed_start
-from prooflight.studies.device_profile import LAB_WHITE, cmyk_to_lab
-from prooflight.studies.speed_page import PICTURE, write_speed_page
+from prooflight.prediction.predict import looked_up
+from prooflight_studies.speed import start as speed_start
+from prooflight_studies.speed import study as speed
+from prooflight_studies.speed.device_profile import LAB_WHITE, cmyk_to_lab
+from prooflight_studies.speed.page import PICTURE, write_speed_page
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 
 def test_every_step_stands_beside_its_peers(

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from prooflight.predicting.predict import Prediction
-from prooflight.studies.speed_compare import (
+from prooflight.prediction.predict import Prediction
+from prooflight_studies.speed.compare import (
     NUMPY,
     OURS,
     READ_LIMIT,

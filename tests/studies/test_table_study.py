@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from prooflight.errors import JobError
+from prooflight.inks.built_in import built_in_inks
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
-from prooflight.press_file import PressFile
-from prooflight.printing.built_in import built_in_inks
-from prooflight.studies.table_study import (
+from prooflight.press.press_file import PressFile
+from prooflight_studies.tables.study import (
     FREQUENT,
     OTHERS,
     Colours,
@@ -30,7 +30,7 @@ from prooflight.studies.table_study import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
 
 SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 

@@ -5,33 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from importlib.metadata import entry_points
+from typing import Final
 
 import typer
 from typer.exceptions import TyperException
 
 from prooflight import __version__
-from prooflight.cli import (
-    bench,
-    calibrate,
-    camera,
-    chart,
-    faults,
-    job,
-    press,
-    runs,
-    study,
-    study_detectability,
-    study_golden,
-    study_paper,
-    study_press,
-    study_running,
-    study_soak,
-    study_world,
-    watch,
-)
+from prooflight.cli import calibrate, camera, chart, faults, job, press, runs, watch
 from prooflight.cli.exit_codes import INTERRUPTED, OWN_FAULT, UNUSABLE_INPUT
 from prooflight.cli.show import errors
 from prooflight.errors import ProoflightError, plain
+
+COMMANDS: Final = "prooflight.commands"
+"""Entry points of packages that add commands: functions that take the ``typer.Typer``."""
 
 app = typer.Typer(
     name="prooflight",
@@ -42,21 +29,14 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 job.register(app)
-app.command()(bench.bench)
 app.add_typer(press.app, name="press")
 app.add_typer(chart.app, name="chart")
 app.add_typer(camera.app, name="camera")
-study_world.register(study.app)
-study_paper.register(study.app)
-study_press.register(study.app)
-study_golden.register(study.app)
-study_detectability.register(study.app)
-study_running.register(study.app)
-study_soak.register(study.app)
-app.add_typer(study.app, name="study")
 app.command()(calibrate.calibrate)
 runs.register(app)
 app.command()(watch.watch)
+for entry in entry_points(group=COMMANDS):
+    entry.load()(app)
 
 
 def _version(asked: bool) -> None:

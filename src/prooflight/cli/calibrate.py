@@ -12,7 +12,7 @@ from rich.table import Table
 from prooflight.cli import show
 
 if TYPE_CHECKING:
-    from prooflight.commissioning.calibrate import Calibration
+    from prooflight.commissioning.chart.calibrate import Calibration
 
 
 def calibrate(
@@ -33,7 +33,7 @@ def calibrate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Tables from scans of a printed chart: no spectrometer, no data sheet."""
-    from prooflight.commissioning.calibrate import calibrate as calibrated
+    from prooflight.commissioning.chart.calibrate import calibrate as calibrated
 
     found = calibrated(chart, scans, name=out.stem, encoding=encoding, progress=show.steps(quiet=json))
     digest = found.press.save(out)

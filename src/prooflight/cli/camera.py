@@ -12,14 +12,14 @@ import typer
 
 from prooflight.cli import camera_tables, show
 from prooflight.errors import RequestError
-from prooflight.given_files import shortly
+from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from prooflight.commissioning.exposures import ExposureRequest
-    from prooflight.sensing.camera import Camera
-    from prooflight.sensing.sensor import LineSensor
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import LineSensor
+    from prooflight.commissioning.camera.exposures import ExposureRequest
 
 app = typer.Typer(
     help="What a camera answers, how sharp it is, how it could be, what its exposures say.",
@@ -43,9 +43,9 @@ def respond(
     json: Json = False,
 ) -> None:
     """Irradiance, electrons, volts, digital numbers and their noise for even colours, on the lens's axis."""
-    from prooflight.press_file import PressFile
-    from prooflight.sensing import camera as sensing
-    from prooflight.sensing.reflectances import parse_reflectances
+    from prooflight.camera import camera as sensing
+    from prooflight.camera.reflectances import parse_reflectances
+    from prooflight.press.press_file import PressFile
 
     camera = PressFile.read(press_file).camera()
     text, where = _text_of(reflectance)
@@ -76,8 +76,8 @@ def mtf(
     """Modulation transfer of lens and system: across the web, and along it with motion, TDI smear and binning."""
     import numpy as np
 
-    from prooflight.press_file import PressFile
-    from prooflight.sensing.sharpness import nyquist_per_mm, sharpness
+    from prooflight.camera.sharpness import nyquist_per_mm, sharpness
+    from prooflight.press.press_file import PressFile
 
     camera = PressFile.read(press_file).camera()
     chosen = _sensor(camera, sensor)
@@ -117,8 +117,8 @@ def explore(
     json: Json = False,
 ) -> None:
     """Signal, noise, sharpness and speed with other numbers in the press file."""
-    from prooflight.commissioning import exploring
-    from prooflight.press_file import PressFile
+    from prooflight.commissioning.camera import exploring
+    from prooflight.press.press_file import PressFile
 
     variations = [exploring.Variation.parse(text) for text in vary]
     total = math.prod(len(variation.values) for variation in variations)
@@ -164,10 +164,10 @@ def characterise(
     json: Json = False,
 ) -> None:
     """Measure a sensor block from dark and flat exposures by photon transfer (EMVA 1288)."""
-    from prooflight.atomic import whole_file
-    from prooflight.commissioning.exposures import ExposureRequests, read_exposures
-    from prooflight.commissioning.sensor_block import Given, characterise_sensors
-    from prooflight.press_file import PressFile
+    from prooflight.commissioning.camera.exposures import ExposureRequests, read_exposures
+    from prooflight.commissioning.camera.sensor_block import Given, characterise_sensors
+    from prooflight.files.atomic import whole_file
+    from prooflight.press.press_file import PressFile
 
     if voltage_swing_v is not None and not 0 < voltage_swing_v < float("inf"):
         raise RequestError(
@@ -204,7 +204,7 @@ def _reading(requests: Sequence[ExposureRequest]) -> Iterator[ExposureRequest]:
 
 def _text_of(name: str) -> tuple[str, str]:
     """A file's text, or standard input's, and what to call it in errors."""
-    from prooflight.sensing.reflectances import REFLECTANCE_FILES as FILES
+    from prooflight.camera.reflectances import REFLECTANCE_FILES as FILES
 
     if name != "-":
         return FILES.read_text(Path(name)), name

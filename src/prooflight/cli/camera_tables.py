@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.commissioning.exploring import Design
-    from prooflight.commissioning.sensor_block import SensorBlock
-    from prooflight.sensing.camera import SensorResponse
-    from prooflight.sensing.sharpness import Sharpness
+    from prooflight.camera.camera import SensorResponse
+    from prooflight.camera.sharpness import Sharpness
+    from prooflight.commissioning.camera.exploring import Design
+    from prooflight.commissioning.camera.sensor_block import SensorBlock
 
 
 def response_json(answer: SensorResponse) -> dict[str, Any]:
@@ -173,7 +173,7 @@ def block_json(block: SensorBlock) -> dict[str, Any]:
 
 def block_table(block: SensorBlock) -> Table:
     """One line a field, with standard error and origin."""
-    from prooflight.commissioning.sensor_block import FIELDS
+    from prooflight.commissioning.camera.sensor_block import FIELDS
 
     table = Table(title=f"Sensor {block.fields['name']}", title_justify="left")
     table.add_column("field")

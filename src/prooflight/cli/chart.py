@@ -13,7 +13,7 @@ from prooflight.cli import show
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.printing.selection import CrossValidation, Score
+    from prooflight.inks.selection import CrossValidation, Score
 
 app = typer.Typer(
     help="Characterisation charts: judge ink models, predict, make charts.", no_args_is_help=True
@@ -33,8 +33,8 @@ def score(
     json: Json = False,
 ) -> None:
     """Cross-validate an ink model on a chart: each recipe predicted by a model that has not seen it."""
-    from prooflight.printing.chart import read_chart
-    from prooflight.printing.selection import AUTO, choose, cross_validate
+    from prooflight.inks.chart import read_chart
+    from prooflight.inks.selection import AUTO, choose, cross_validate
 
     measured = read_chart(chart)
     scores: dict[str, Score] = {}
@@ -67,9 +67,9 @@ def predict(
 ) -> None:
     """Spectra that recipes will have, by an ink model fitted to a chart."""
     from prooflight import spectra
-    from prooflight.printing.chart import read_chart
-    from prooflight.printing.recipes import read_recipes
-    from prooflight.printing.selection import learn
+    from prooflight.inks.chart import read_chart
+    from prooflight.inks.recipes import read_recipes
+    from prooflight.inks.selection import learn
 
     recipes = read_recipes(cmyk)
     learned = learn(read_chart(chart), model, progress=_trying(quiet=json))
@@ -103,7 +103,7 @@ def make(
     """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS)."""
     import numpy as np
 
-    from prooflight.printing.chart_print import make_chart
+    from prooflight.inks.chart_print import make_chart
 
     files = make_chart(out, patches, rng=np.random.default_rng(seed), ink_limit_percent=ink_limit)
     if json:

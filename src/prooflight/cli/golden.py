@@ -9,7 +9,7 @@ from prooflight.cli import show
 from prooflight.errors import JobError
 from prooflight.pages.files import page_name
 from prooflight.pages.job import JobSource
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,8 +22,8 @@ def inspect_golden(
 ) -> int:
     """Show one verdict a scan, or a page of the job; returns the exit code."""
     from prooflight.cli.inspected import inspected
-    from prooflight.inspecting.golden import GoldenInspector, golden_pages, page_killed
-    from prooflight.inspecting.job import Tried
+    from prooflight.inspection.golden import GoldenInspector, golden_pages, page_killed
+    from prooflight.inspection.job import Tried
     from prooflight.pages.parallel import in_order
 
     loaded = None if press is None else Press.load(press)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import of_run
 from prooflight.errors import ProoflightError
-from prooflight.inspecting.inspector import not_inspected
-from prooflight.inspecting.job import first_reason
-from prooflight.inspecting.reasons import reason_of
+from prooflight.inspection.inspector import not_inspected
+from prooflight.inspection.job import first_reason
+from prooflight.inspection.reasons import reason_of
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from prooflight.deciding.verdict import Verdict
+    from prooflight.detectors.base import Verdict
 
 Item = TypeVar("Item")
 

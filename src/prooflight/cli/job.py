@@ -13,14 +13,14 @@ import typer
 from prooflight.cli import show
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from prooflight.cli.inspected import Inspected
-    from prooflight.inspecting.job import InspectPage, Pair
+    from prooflight.inspection.job import InspectPage, Pair
     from prooflight.reporting.report import PageEntry
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -50,14 +50,16 @@ def demo(
     json: Json = False,
 ) -> None:
     """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
-    from prooflight.demo import run as demonstration
-    from prooflight.inspecting.inspector import Inspector
+    from prooflight.cli import demonstration as demonstration
+    from prooflight.inspection.inspector import Inspector
     from prooflight.reporting.report import RunSummary, write_report
 
     say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
     if job is None:
-        from prooflight.demo.sample_job import make_sample_job  # needs the extra [demo]
+        from prooflight.simulation.corpus.sample_job.sample_job import (
+            make_sample_job,
+        )  # needs the extra [demo]
 
         job = out / "sample-job.pdf"
         say("composing the sample job")
@@ -158,9 +160,9 @@ def simulate(
 ) -> None:
     """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json."""
     from prooflight.pages.parallel import in_order
-    from prooflight.simulating.files import ScanToFile, write_truth
-    from prooflight.simulating.scans import MisprintRequest
-    from prooflight.simulating.worlds import known_world
+    from prooflight.simulation.files import ScanToFile, write_truth
+    from prooflight.simulation.scans import MisprintRequest
+    from prooflight.simulation.worlds import known_world
 
     known_world(world)
     loaded = Press.load(press)
@@ -223,8 +225,8 @@ def inspect(
             "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
         )
     from prooflight.cli.inspected import inspected
-    from prooflight.inspecting.inspector import Inspector
-    from prooflight.inspecting.job import InspectPage, Tried, name_of, pair_killed, paired
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.job import InspectPage, Tried, name_of, pair_killed, paired
     from prooflight.pages.parallel import in_order
 
     loaded = Press.load(press)
@@ -256,7 +258,7 @@ def _reported(
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.inspected import inspected
-    from prooflight.inspecting.job import name_of, pair_killed
+    from prooflight.inspection.job import name_of, pair_killed
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.job import PicturedPage
     from prooflight.reporting.report import RunSummary, unpictured_entry, write_report

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
 
@@ -50,8 +50,8 @@ def build(
 
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.teach import Plan
-    from prooflight.press_file import PressFile
+    from prooflight.commissioning.training.train import Plan
+    from prooflight.press.press_file import PressFile
 
     if detector not in TEACHING:
         what = f"there is no {detector!r}"
@@ -82,9 +82,9 @@ def build(
 
 
 def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.teach import taught
-    from prooflight.inspecting.inspector import paper_evidence
-    from prooflight.studies.corpus import Corpus
+    from prooflight.commissioning.training.train import taught
+    from prooflight.inspection.inspector import paper_evidence
+    from prooflight.simulation.corpus.corpus import Corpus
 
     return taught(
         press,
@@ -98,7 +98,7 @@ def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -
 
 def _detectors(press: Press) -> dict[str, str]:
     """What each detector promises."""
-    from prooflight.inspecting.inspector import DETECTORS, Inspector
+    from prooflight.inspection.inspector import DETECTORS, Inspector
 
     has = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
     return {name: Inspector.of(press, name).promise for name in has}
@@ -125,9 +125,9 @@ def learn(
     json: Json = False,
 ) -> None:
     """Set the threshold of our detector by real good pages: they are like those to come, simulated ones only nearly."""
-    from prooflight.commissioning.real_pages import new_scans, recalibrated
-    from prooflight.inspecting.inspector import Inspector
-    from prooflight.inspecting.job import InspectPage, ScoredPage, paired
+    from prooflight.commissioning.training.real_pages import new_scans, recalibrated
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.job import InspectPage, ScoredPage, paired
     from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
 

@@ -14,19 +14,19 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.atomic import whole_file
 from prooflight.cli import show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.errors import PressError, RequestError, visible
-from prooflight.inspecting.journal import Journal, Retention, default_journal
-from prooflight.inspecting.journaling.exporting import page_facts, run_facts, write_csv
+from prooflight.files.atomic import whole_file
+from prooflight.journal.exporting import page_facts, run_facts, write_csv
+from prooflight.journal.journal import Journal, Retention, default_journal
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from typing import TextIO
 
-    from prooflight.inspecting.journal import JournalError, PageRecord, RunRow
+    from prooflight.journal.journal import JournalError, PageRecord, RunRow
 
 DAMAGED_SHOWN = 5
 """So many damaged rows are named; the rest are counted."""
@@ -176,8 +176,8 @@ def replay(
     json: Json = False,
 ) -> None:
     """Make a verdict again from the evidence that was kept; exits 1 if a figure differs."""
-    from prooflight.inspecting.rejudging import replayed
-    from prooflight.press import Press
+    from prooflight.inspection.rejudging import replayed
+    from prooflight.press.artefact import Press
 
     loaded = Press.load(press)
     with _reading(journal) as opened:
@@ -311,7 +311,7 @@ def _write(pages: Iterable[PageRecord], file: TextIO, *, json: bool) -> None:
     if not json:
         write_csv(pages, file)
         return
-    from prooflight.inspecting.journaling.schema import json_text
+    from prooflight.journal.schema import json_text
 
     for page in pages:
         file.write(json_text(page_facts(page)) + "\n")

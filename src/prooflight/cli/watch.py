@@ -17,24 +17,24 @@ from prooflight.cli.job import JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
 from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
-from prooflight.inspecting.book import JobBook
-from prooflight.inspecting.inspector import Inspector
-from prooflight.inspecting.journal import Journal, RunFacts, content_digest, default_journal
-from prooflight.inspecting.paging import SheetEdge, TriggerCount
-from prooflight.inspecting.recording import Recorder
-from prooflight.inspecting.settings import DEADLINE_S, STALL_S, Settings
-from prooflight.inspecting.status import Phase
-from prooflight.inspecting.watching import watched
+from prooflight.inspection.inspector import Inspector
+from prooflight.journal.journal import Journal, RunFacts, content_digest, default_journal
+from prooflight.line.book import JobBook
+from prooflight.line.pager import SheetEdge, TriggerCount
+from prooflight.line.recording import Recorder
+from prooflight.line.settings import DEADLINE_S, STALL_S, Settings
+from prooflight.line.status import Phase
+from prooflight.line.watching import watched
 from prooflight.pages.job import JobSource
 from prooflight.pages.process import settle_process
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 from prooflight.reporting.live import Recent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from prooflight.inspecting.judging import Keep
+    from prooflight.line.judging import Keep
 
 MOST_SHEETS: Final = 10_000_000
 """Three weeks at 5 sheets a second."""

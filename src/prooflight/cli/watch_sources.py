@@ -13,11 +13,11 @@ from prooflight.errors import RequestError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from prooflight.acquiring.lines import LineSource
     from prooflight.pages.job import JobSource
-    from prooflight.press import Press
-    from prooflight.simulating.drum import Turn
-    from prooflight.simulating.scans import SimulatedScan
+    from prooflight.press.artefact import Press
+    from prooflight.scans.lines import LineSource
+    from prooflight.simulation.drum import Turn
+    from prooflight.simulation.scans import SimulatedScan
 
 REMEDY = "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input) or tcp:HOST:PORT"
 
@@ -66,12 +66,12 @@ def open_source(
         drum = _drum(press, job, pages=pages, sheets=sheets, rate=rate, wishes=wishes, shown=shown)
         return Opened(source=drum, waits=rate is None)
     if kind == "replay" and rest:
-        from prooflight.acquiring.replay import Replay, recorded_scans
+        from prooflight.scans.recorded import Replay, recorded_scans
 
         scans = recorded_scans(Path(rest), sensors=sensors)
         return Opened(source=Replay(scans, sensors=sensors, pixels=pixels), waits=True)
     if (kind == "raw" and rest) or kind in ("tcp", "unix"):
-        from prooflight.acquiring.raw import open_raw
+        from prooflight.scans.raw import open_raw
 
         address = rest if kind == "raw" else text
         return Opened(source=open_raw(address, sensors=sensors, pixels=pixels, framed=framed), waits=True)
@@ -99,10 +99,10 @@ def _drum(
     wishes: DrumWishes,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
 ) -> LineSource:
-    from prooflight.simulating.drum import Drum
-    from prooflight.simulating.ring import RingPrint, rendered, ring_size
-    from prooflight.simulating.scans import MisprintRequest
-    from prooflight.simulating.worlds import known_world
+    from prooflight.simulation.drum import Drum
+    from prooflight.simulation.ring import RingPrint, rendered, ring_size
+    from prooflight.simulation.scans import MisprintRequest
+    from prooflight.simulation.worlds import known_world
 
     request = MisprintRequest.parse(wishes.misprint) if wishes.misprint else None
     prints = RingPrint(
@@ -124,7 +124,7 @@ def _drum(
 
 def _passing(sheets: int, wishes: DrumWishes) -> Iterable[Turn]:
     """The sheets as they pass, with faults of all kinds in turn where they are wished for."""
-    from prooflight.simulating.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
+    from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 
     if not wishes.fault_every:
         return (Turn(page=sheet) for sheet in range(sheets))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from rich.live import Live
 
 from prooflight.cli import faults, show
-from prooflight.inspecting.journaling.exporting import page_facts
+from prooflight.journal.exporting import page_facts
 from prooflight.reporting.live import live_view
 from prooflight.reporting.wording import count
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from prooflight.inspecting.notices import Notice
-    from prooflight.inspecting.outcomes import Outcome
-    from prooflight.inspecting.recording import Recorder
-    from prooflight.inspecting.running import Running
-    from prooflight.inspecting.status import Status
+    from prooflight.line.notices import Notice
+    from prooflight.line.outcomes import Outcome
+    from prooflight.line.recording import Recorder
+    from prooflight.line.runner import Running
+    from prooflight.line.status import Status
     from prooflight.reporting.live import Recent
 
 REFRESH_S: Final = 0.25

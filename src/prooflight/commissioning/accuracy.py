@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
-from prooflight.predicting.predict import looked_up
+from prooflight.prediction.predict import looked_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.predicting.tables import SensorModel
-    from prooflight.printing.reflectance import ReflectanceModel
-    from prooflight.sensing.camera import Camera
+    from prooflight.camera.camera import Camera
+    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.prediction.tables import SensorModel
 
 RANDOM_RECIPES = 20_000
 

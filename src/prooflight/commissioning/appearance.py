@@ -11,7 +11,7 @@ from prooflight import spectra
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.printing.reflectance import ReflectanceModel
+    from prooflight.inks.reflectance import ReflectanceModel
 
 STEPS = 9
 

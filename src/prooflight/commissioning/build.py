@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.camera.camera import with_pixels
+from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
+from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.commissioning.appearance import appearance_srgb
+from prooflight.commissioning.camera.gaussianity import clipped_share
 from prooflight.commissioning.characterise import calibrate_columns, signal_dn, tables, variance_dn2
-from prooflight.commissioning.gaussianity import clipped_share
 from prooflight.commissioning.inks import packed
 from prooflight.errors import PressFileError
-from prooflight.predicting.tables import SensorModel
-from prooflight.press import Press
-from prooflight.printing.ink_model import InkModel
-from prooflight.sensing.camera import with_pixels
-from prooflight.sensing.lens_correction import SHORT_REACH_PIXELS, lens_correction
-from prooflight.sensing.sensor import draw_fixed_pattern
+from prooflight.inks.ink_model import InkModel
+from prooflight.prediction.tables import SensorModel
+from prooflight.press.artefact import Press
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import LineSensor
     from prooflight.commissioning.characterise import ColumnCalibration
-    from prooflight.press_file import PressFile
-    from prooflight.sensing.camera import Camera
-    from prooflight.sensing.sensor import LineSensor
+    from prooflight.press.press_file import PressFile
 
 SUPERSAMPLING = 2
 """Raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from where it is printed."""

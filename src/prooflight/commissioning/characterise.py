@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.predicting.tables import NODES, node_fractions
-from prooflight.sensing.camera import expose_flat
-from prooflight.sensing.sensor import read_out
+from prooflight.camera.camera import expose_flat
+from prooflight.camera.sensor import read_out
+from prooflight.kernels.prediction.look_up import NODES
+from prooflight.prediction.tables import node_fractions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.printing.reflectance import ReflectanceModel
-    from prooflight.sensing.camera import Camera
-    from prooflight.sensing.sensor import FixedPattern, LineSensor
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import FixedPattern, LineSensor
+    from prooflight.inks.reflectance import ReflectanceModel
 
 ROUNDING_DN2 = 1 / 12
 """Variance that rounding to integers adds (a uniform error of one code)."""

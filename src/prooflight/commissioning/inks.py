@@ -7,18 +7,18 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.errors import PressError
-from prooflight.ink_schema import OF_MODEL, OF_SPREAD, SPREAD
-from prooflight.press import REBUILD
-from prooflight.printing.ink_model import InkModel, Spread
-from prooflight.printing.reflectance import LogLinear
-from prooflight.printing.selection import MODELS, Score
-from prooflight.schema import part_of
+from prooflight.files.ink_schema import OF_MODEL, OF_SPREAD, SPREAD
+from prooflight.files.schema import part_of
+from prooflight.inks.ink_model import InkModel, Spread
+from prooflight.inks.reflectance import LogLinear
+from prooflight.inks.selection import MODELS, Score
+from prooflight.press.artefact import REBUILD
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.press import Press
-    from prooflight.printing.reflectance import ReflectanceModel
+    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.press.artefact import Press
 
 
 def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tifffile
 
-from prooflight.atomic import whole_file
 from prooflight.errors import JobError, RequestError
+from prooflight.files.atomic import whole_file
 from prooflight.pages.memory import file_size, refuse_oversize
 from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Self
 
 from prooflight.errors import JobError, RequestError
-from prooflight.given_files import shortly
+from prooflight.files.given import shortly
 from prooflight.pages import files
 from prooflight.pages.memory import file_size
+from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page
-from prooflight.pages.rip import PdfJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

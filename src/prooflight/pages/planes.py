@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.pages.plane_kernels import compose_rows
+from prooflight.kernels.planes import compose_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,13 +14,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy import sparse
 
+from prooflight.kernels.prediction.lens_correction import NEAR_REACH
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-NEAR_REACH = 3
-"""Camera pixels to each side that a lens correction weighs one by one."""
-FAR_BLOCK, FARTHER_BLOCK = 4, 16
-"""Sides of the square blocks of camera pixels that it weighs beyond."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

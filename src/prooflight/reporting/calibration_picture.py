@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 
-from prooflight.atomic import whole_file
+from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.commissioning.calibrate import Calibration
+    from prooflight.commissioning.chart.calibrate import Calibration
 
 _PANEL_INCH: Final = (4.6, 3.9)
 _MOST_MAPS: Final = 3

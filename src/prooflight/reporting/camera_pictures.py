@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from prooflight.atomic import whole_file
+from prooflight.files.atomic import whole_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

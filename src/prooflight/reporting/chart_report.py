@@ -11,7 +11,7 @@ from jinja2 import Environment
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from prooflight.atomic import whole_file
+from prooflight.files.atomic import whole_file
 from prooflight.spectra import WAVE_NM, delta_e00, lab, xyz
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.printing.chart import Chart, Recipes
-    from prooflight.printing.selection import CrossValidation, Score
+    from prooflight.inks.chart import Chart, Recipes
+    from prooflight.inks.selection import CrossValidation, Score
 
 _SHOWN: Final = {
     "paper": (0, 0, 0, 0),

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.errors import ProoflightError
-from prooflight.inspecting.inspector import not_inspected
-from prooflight.inspecting.job import name_of
-from prooflight.inspecting.reasons import reason_of
+from prooflight.inspection.inspector import not_inspected
+from prooflight.inspection.job import name_of
+from prooflight.inspection.reasons import reason_of
 from prooflight.reporting.report import PageEntry, page_entry, unpictured_entry
 
 if TYPE_CHECKING:
-    from prooflight.deciding.verdict import Verdict
-    from prooflight.inspecting.inspection import Inspection
-    from prooflight.inspecting.job import InspectPage, Pair
+    from prooflight.detectors.base import Verdict
+    from prooflight.inspection.inspection import Inspection
+    from prooflight.inspection.job import InspectPage, Pair
 
 UNUSABLE = (ProoflightError, OSError, MemoryError)
 

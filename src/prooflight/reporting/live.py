@@ -17,20 +17,20 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.deciding.channels import drift_channels
 from prooflight.errors import plain, sentence
-from prooflight.inspecting.status import Phase
+from prooflight.line.monitor.channels import drift_channels
+from prooflight.line.status import Phase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import RenderableType
 
-    from prooflight.deciding.channels import Channel
-    from prooflight.deciding.run_level import Announcement
-    from prooflight.inspecting.notices import Notice
-    from prooflight.inspecting.outcomes import Outcome
-    from prooflight.inspecting.status import Status
+    from prooflight.line.monitor.channels import Channel
+    from prooflight.line.monitor.run import Announcement
+    from prooflight.line.notices import Notice
+    from prooflight.line.outcomes import Outcome
+    from prooflight.line.status import Status
 
 STRIP: Final = 240
 """Sheets shown."""

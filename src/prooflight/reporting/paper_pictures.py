@@ -13,7 +13,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from scipy import special
 
-from prooflight.atomic import whole_file
+from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
 from prooflight.reporting.pictures import SATURATION, SCALE
 from prooflight.spectra import WAVE_NM

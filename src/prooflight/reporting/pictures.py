@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from prooflight.acquiring.placement import IN_PLACE
-from prooflight.comparing.evidence import BLOCK_PIXELS
+from prooflight.detectors.paper.evidence import BLOCK_PIXELS
+from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.acquiring.placement import Placement
-    from prooflight.deciding.verdict import Region
-    from prooflight.inspecting.inspection import Inspection
+    from prooflight.detectors.base import Region
+    from prooflight.inspection.inspection import Inspection
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
+    from prooflight.scans.placement import Placement
 
 SATURATION = 12.0
 """Block means this many of their standard deviations off have the scale's end colours."""

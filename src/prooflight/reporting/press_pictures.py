@@ -9,8 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.atomic import whole_file
-from prooflight.predicting.tables import NODES, node_fractions
+from prooflight.files.atomic import whole_file
+from prooflight.kernels.prediction.look_up import NODES
+from prooflight.prediction.tables import node_fractions
 from prooflight.reporting.camera_pictures import COLOURS, DASHES
 from prooflight.reporting.pictures import appearance
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.predicting.tables import SensorModel
-    from prooflight.press import Press
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.press.artefact import Press
 
 RAMPS: Final = {
     "cyan": ((1, 0, 0, 0), "#0093d3", "-"),

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight.atomic import whole_file
-from prooflight.deciding.verdict import Region, Verdict
-from prooflight.inspecting.inspection import Inspection
-from prooflight.inspecting.inspector import not_inspected
-from prooflight.inspecting.job import lacks_scan
+from prooflight.detectors.base import Region, Verdict
+from prooflight.files.atomic import whole_file
+from prooflight.inspection.inspection import Inspection
+from prooflight.inspection.inspector import not_inspected
+from prooflight.inspection.job import lacks_scan
 from prooflight.reporting import pictures, wording
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from prooflight.pages.raster import Page
-    from prooflight.press import Press
+    from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
-    from prooflight.simulating.misprints import Misprint
+    from prooflight.simulation.misprints.kinds import Misprint
 
 PAGE_PICTURE_PX = 320
 ZOOM_SCREEN_PX = 360

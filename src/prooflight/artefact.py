@@ -1,0 +1,58 @@
+"""Files of named arrays with a few texts (safetensors), read within bounds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from safetensors import SafetensorError, safe_open
+
+from prooflight.files.schema import Misfit
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+MOST_BYTES: Final = 1 << 30
+"""Of a file; assumed: a press's tables take 10 MiB a sensor, the forests of a large study some hundred."""
+MOST_HEADER_BYTES: Final = 8 << 20
+"""Of names, shapes and texts, which are read before anything is known of them."""
+KINDS: Final = frozenset({"F64", "F32", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8"})
+"""Of numbers that numpy has as well."""
+
+
+class Damaged(Exception):
+    """No such file, or one that is cut off or longer than it says."""
+
+
+class Tensors:
+    """An open file: its texts first, its arrays when they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Damaged: it is no such file. Misfit: it is larger than any of ours."""
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise Misfit("file", f"is of {size >> 20} MiB, must be of {MOST_BYTES >> 20} at most")
+        with path.open("rb") as file:
+            header = int.from_bytes(file.read(8), "little")
+        if not 0 < header <= min(MOST_HEADER_BYTES, size - 8):
+            raise Damaged
+        try:
+            with safe_open(path, framework="numpy") as file:
+                self.texts: dict[str, str] = dict(file.metadata() or {})
+        except (SafetensorError, ValueError) as error:
+            raise Damaged from error
+        self._path = path
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of them, by name; they take no more memory than the file. Damaged, Misfit: as above."""
+        found: dict[str, NDArray[Any]] = {}
+        try:
+            with safe_open(self._path, framework="numpy") as file:
+                for name in file.keys():  # noqa: SIM118 - not a dict
+                    if (kind := file.get_slice(name).get_dtype()) not in KINDS:
+                        raise Misfit(name, f"is of {kind}, which nothing of ours is")
+                    found[name] = file.get_tensor(name)
+        except (SafetensorError, OverflowError, TypeError) as error:
+            raise Damaged from error
+        return found

@@ -1,0 +1,230 @@
+"""The whole camera: light, lens and sensors; what it answers to a colour and to a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight import spectra
+from prooflight.camera.sensor import FixedPattern, LineSensor, Noise, read_out
+from prooflight.pages.sampling import Footprint, page_taps
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.camera.light import Light
+    from prooflight.camera.optics import Lens
+
+REACH_PIXELS = 4.0
+"""How far a footprint reaches from its centre; diffraction leaves 0.2 % of an edge beyond (2 / (pi^3 f_c d))."""
+FOOTPRINT_STEPS_PER_PIXEL = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorResponse:
+    """What one sensor answers to uniform colours on the axis; every array has the shape of the colours (...)."""
+
+    name: str
+    irradiance_photons: NDArray[np.float64]
+    """(..., 36) [photons s-1 m-2 nm-1], before the lens's blur."""
+    illuminance_lux: NDArray[np.float64]
+    electrons: NDArray[np.float64]
+    """Photo-electrons, without dark signal. [e-]"""
+    volts: NDArray[np.float64]
+    """Electrons times conversion gain, without dark signal. [V]"""
+    dn_mean: NDArray[np.float64]
+    """With dark signal and black level, after clipping, unrounded. [DN]"""
+    dn_sigma_temporal: NDArray[np.float64]
+    """From line to line in one column: shot, dark, read, rounding. [DN]"""
+    dn_sigma_total: NDArray[np.float64]
+    """Over columns as well: PRNU and DSNU included. [DN]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Camera:
+    """Light, lens and one or more line sensors that see the same line of the page."""
+
+    light: Light
+    lens: Lens
+    sensors: tuple[LineSensor, ...]
+    speed_mm_s: float | None = None
+    """Speed of the paper; None: in step with the sensor, lines as far apart as pixels are wide. [mm/s]"""
+    binning_along: int = 1
+
+    def __post_init__(self) -> None:
+        if not self.sensors:
+            message = "a camera needs at least one sensor"
+            raise ValueError(message)
+        first = self.sensors[0]
+        for other in self.sensors[1:]:
+            for field in ("pixels", "pixel_pitch_um", "line_rate_hz"):
+                if getattr(other, field) != getattr(first, field):
+                    message = f"sensors must share {field}: {first.name} and {other.name} differ"
+                    raise ValueError(message)
+
+    @property
+    def pixel_pitch_mm(self) -> float:
+        """Pixel pitch laid on the page. [mm]"""
+        return self.sensors[0].pixel_pitch_um * 1e-3 / self.lens.magnification
+
+    @property
+    def line_travel_mm(self) -> float:
+        """How far the page moves in one line of the sensor. [mm]"""
+        if self.speed_mm_s is None:
+            return self.pixel_pitch_mm
+        return self.speed_mm_s / self.sensors[0].line_rate_hz
+
+    @property
+    def line_pitch_mm(self) -> float:
+        """Distance of the lines of a scan on the page, after binning. [mm]"""
+        return self.line_travel_mm * self.binning_along
+
+    @property
+    def field_mm(self) -> float:
+        """Width of paper that the sensors see. [mm]"""
+        return self.sensors[0].pixels * self.pixel_pitch_mm
+
+    def irradiance_photons(self, reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """On-axis image irradiance of uniform reflectances, both (..., 36) [photons s-1 m-2 nm-1]."""
+        return reflectance * (self.light.radiance_photons * self.lens.irradiance_per_radiance)
+
+    def column_light(self) -> NDArray[np.float64]:
+        """Relative illumination of each column by cos^4, (pixels,), 1 on the axis."""
+        sensor = self.sensors[0]
+        height_mm = (np.arange(sensor.pixels) + 0.5 - sensor.pixels / 2) * sensor.pixel_pitch_um * 1e-3
+        return self.lens.relative_illumination(height_mm)
+
+    def footprint(self, sensor: LineSensor, *, reach_pixels: float = REACH_PIXELS) -> Footprint:
+        """What one pixel of ``sensor`` sees of the page: lens, aperture, motion, TDI smear, binning.
+
+        The lens's line-spread function is the one of white paper's photo-electrons: diffraction MTFs weighted by
+        light x QE, cut at ``reach_pixels`` and scaled back to 1. The aperture is the whole pixel: its fill factor
+        scales light, not its shape (ISETCam's box).
+        """
+        weight = self.light.radiance_photons * sensor.quantum_efficiency
+        pitch_mm = self.pixel_pitch_mm
+        travel_pixels = self.line_travel_mm / pitch_mm
+        smear_pixels = sensor.tdi_stages * abs(travel_pixels - 1)
+        # Binned lines follow one another without a gap, so their motion is one box.
+        along_widths = (1.0, self.binning_along * travel_pixels, smear_pixels)
+        steps = np.ceil((reach_pixels + sum(along_widths) - 2) * FOOTPRINT_STEPS_PER_PIXEL)
+        reach = float(steps / FOOTPRINT_STEPS_PER_PIXEL)
+        lens = self.lens
+
+        def cumulative(widths: Sequence[float]) -> NDArray[np.float64]:
+            return _cumulative_spread(
+                widths, reach=reach, pitch_mm=sensor.pixel_pitch_um * 1e-3, lens=lens, weight=weight
+            )
+
+        return Footprint(reach_mm=reach * pitch_mm, across=cumulative((1.0,)), along=cumulative(along_widths))
+
+
+def _cumulative_spread(
+    widths: Sequence[float], *, reach: float, pitch_mm: float, lens: Lens, weight: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Integral of a line-spread function over -reach .. reach pixels, from 0 to 1; lens and boxes of given widths.
+
+    Formed in the frequency domain on a window eight times as long, so that the tails that wrap around are negligible;
+    a box of width w pixels has the transfer function sinc(w f).
+    """
+    steps = 2 * round(reach * FOOTPRINT_STEPS_PER_PIXEL)
+    size = 8 * steps
+    frequency = np.fft.rfftfreq(size, d=1 / FOOTPRINT_STEPS_PER_PIXEL)  # cycles per pixel
+    mtf = lens.mtf(frequency[:, None] / pitch_mm, wave_nm=spectra.WAVE_NM) @ (weight / weight.sum())
+    for width in widths:
+        mtf = mtf * np.sinc(width * frequency)
+    spread = np.fft.fftshift(np.fft.irfft(mtf, size))
+    middle = spread[size // 2 - steps // 2 : size // 2 + steps // 2 + 1].clip(min=0.0)
+    cumulative = np.concatenate([[0.0], np.cumsum((middle[1:] + middle[:-1]) / 2)])
+    return cumulative / cumulative[-1]
+
+
+def respond(camera: Camera, reflectance: NDArray[np.float64]) -> tuple[SensorResponse, ...]:
+    """Answer of each sensor to uniform reflectances (..., 36), on the axis of the lens."""
+    irradiance = camera.irradiance_photons(reflectance)
+    lux = (irradiance / spectra.photons_per_joule()) @ (
+        spectra.luminous_efficiency() * (spectra.LUMINOUS_EFFICACY_LM_W * spectra.STEP_NM)
+    )
+    answers = []
+    for sensor in camera.sensors:
+        electrons = sensor.electrons(irradiance)
+        mean, temporal = sensor.dn_moments(electrons, sensor.variance_temporal_e2(electrons))
+        _, total = sensor.dn_moments(electrons, sensor.variance_total_e2(electrons))
+        answers.append(
+            SensorResponse(
+                name=sensor.name,
+                irradiance_photons=irradiance,
+                illuminance_lux=lux,
+                electrons=electrons,
+                volts=electrons * (sensor.conversion_gain_uv_per_e * 1e-6),
+                dn_mean=mean,
+                dn_sigma_temporal=temporal,
+                dn_sigma_total=total,
+            )
+        )
+    return tuple(answers)
+
+
+def expose_flat(
+    camera: Camera,
+    reflectance: NDArray[np.float64],
+    *,
+    lines: int,
+    patterns: Sequence[FixedPattern],
+    rng: np.random.Generator,
+    noise: Noise = Noise.ALL,
+) -> NDArray[np.uint16]:
+    """A scan of ``lines`` lines of one even colour (36,), zeros for a covered lens: (sensors, lines, pixels) [DN]."""
+    column_light = camera.column_light()
+    scan = []
+    for sensor, pattern in zip(camera.sensors, patterns, strict=True):
+        line_e = sensor.electrons(camera.irradiance_photons(reflectance)) * column_light
+        electrons = np.broadcast_to(line_e, (lines, sensor.pixels))
+        scan.append(read_out(sensor, electrons, pattern=pattern, rng=rng, noise=noise))
+    return np.stack(scan)
+
+
+def expose_raster(
+    camera: Camera,
+    electrons: NDArray[np.float32],
+    *,
+    raster_pixel_mm: float,
+    centres_x_mm: NDArray[np.float64],
+    centres_y_mm: NDArray[np.float64],
+    backing_e: Sequence[float],
+    patterns: Sequence[FixedPattern],
+    rng: np.random.Generator,
+    noise: Noise = Noise.ALL,
+) -> NDArray[np.uint16]:
+    """A scan of a page, given what each raster pixel alone would yield on the axis.
+
+    electrons (sensors, rows, columns) [e-]: reflected light of the raster, in photo-electrons of a whole pixel; blur
+    and area sampling act on it, as they act on light, never on ink values. centres_x_mm (pixels,) and centres_y_mm
+    (lines,): where camera pixels lie on the page; off the page the camera sees backing_e (sensors,).
+    Returns (sensors, lines, pixels) [DN].
+    """
+    column_light = camera.column_light()
+    scan = []
+    for index, (sensor, pattern) in enumerate(zip(camera.sensors, patterns, strict=True)):
+        footprint = camera.footprint(sensor)
+        across, along = page_taps(
+            footprint,
+            centres_x_mm=centres_x_mm,
+            centres_y_mm=centres_y_mm,
+            raster_pixel_mm=raster_pixel_mm,
+            raster_shape=electrons[index].shape,
+        )
+        # Only the light above the backing's is filtered, so what is off the page comes out as backing.
+        seen = across.apply(along.apply(electrons[index] - np.float32(backing_e[index])).T).T
+        light = (seen + backing_e[index]) * column_light
+        scan.append(read_out(sensor, light.astype(np.float64), pattern=pattern, rng=rng, noise=noise))
+    return np.stack(scan)
+
+
+def with_pixels(camera: Camera, pixels: int) -> Camera:
+    """The same camera with longer or shorter line sensors."""
+    return replace(camera, sensors=tuple(replace(sensor, pixels=pixels) for sensor in camera.sensors))

@@ -1,0 +1,70 @@
+"""How much contrast of a fine pattern reaches the digital numbers: the modulation transfer function (MTF)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight import spectra
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from prooflight.camera.camera import Camera
+    from prooflight.camera.sensor import LineSensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sharpness:
+    """MTFs at the sensor, each of the shape of the frequencies asked for. [-]"""
+
+    lens: NDArray[np.float64]
+    """The lens alone, at its working F-number."""
+    across: NDArray[np.float64]
+    """Lens and pixel: patterns that vary across the web."""
+    along: NDArray[np.float64]
+    """Lens, pixel, motion, TDI smear, binning: patterns that vary along the travel."""
+
+
+def sharpness(
+    camera: Camera, sensor: LineSensor, frequency_per_mm: ArrayLike, *, wave_nm: float | None = None
+) -> Sharpness:
+    """MTFs of ``camera`` at frequencies (...) [cycles/mm on the sensor] through ``sensor``.
+
+    wave_nm: light of one wavelength; None: what the sensor counts of white paper, light x QE, in photo-electrons.
+
+    A box of width w has the transfer function sinc(w f). Across, the aperture is the whole pixel: its fill factor
+    scales light, not its shape (ISETCam's box). Along, the paper moves by one line's travel while a line is exposed,
+    and binning adds neighbouring lines: one box as long as all of them. TDI smears by stages x |travel - pixel| (the
+    limit of many stages).
+    """
+    frequency = np.asarray(frequency_per_mm, dtype=np.float64)
+    lens = _lens_mtf(camera, sensor, frequency, wave_nm)
+    per_pixel = frequency * (sensor.pixel_pitch_um * 1e-3)
+    travel_pixels = camera.line_travel_mm / camera.pixel_pitch_mm
+    smear_pixels = sensor.tdi_stages * abs(travel_pixels - 1)
+    across = lens * np.abs(np.sinc(per_pixel))
+    motion = np.sinc(camera.binning_along * travel_pixels * per_pixel) * np.sinc(smear_pixels * per_pixel)
+    return Sharpness(lens=lens, across=across, along=across * np.abs(motion))
+
+
+def nyquist_per_mm(sensor: LineSensor) -> float:
+    """The finest pattern that pixels across the web can show, half a cycle a pixel. [cycles/mm on the sensor]"""
+    return 1 / (2 * sensor.pixel_pitch_um * 1e-3)
+
+
+def _lens_mtf(
+    camera: Camera, sensor: LineSensor, frequency: NDArray[np.float64], wave_nm: float | None
+) -> NDArray[np.float64]:
+    if wave_nm is not None:
+        return camera.lens.mtf(frequency, wave_nm=wave_nm)
+    weight = camera.light.radiance_photons * sensor.quantum_efficiency
+    if not weight.any():
+        message = f"sensor {sensor.name} sees nothing of this light"
+        raise ValueError(message)
+    return np.asarray(
+        camera.lens.mtf(frequency[..., None], wave_nm=spectra.WAVE_NM) @ (weight / weight.sum()),
+        dtype=np.float64,
+    )

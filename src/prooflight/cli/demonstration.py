@@ -1,0 +1,145 @@
+"""The demonstration: a job printed on the simulated press with some misprints, and every print inspected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.errors import RequestError
+from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.pages.job import opened
+from prooflight.pages.parallel import in_order
+from prooflight.press.press_file import PressFile
+from prooflight.reporting.report import PageEntry, page_entry
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest, SimulatedScan, page_rng, scan_page
+from prooflight.simulation.worlds import Gate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+FEWEST_PRINTS = 8
+"""A shorter job is printed several times, so that each kind of misprint can be shown beside good prints."""
+MISPRINT_SHARE = 2 / 7
+LEAST_SEVERITY = 0.8
+"""Severities that a person sees at a glance: 0.8 to 1 of ``worlds.toml``."""
+AT_A_GLANCE = Gate(blurred_peak_percent=math.inf, rms_percent=1.0)
+"""assumed: what a person sees at a glance changes an A4 page by as much as 6 mm2 of solid black, a short word."""
+MARGIN_MM = 2.0
+"""Room that a widened line leaves beside a page that is too wide for the prototype's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Print:
+    """One sheet of the run."""
+
+    index: int
+    """Place in the run, from 0."""
+    page: int
+    """Number of the job's page."""
+    copy: int
+    """1 for the first time this page is printed."""
+    first_kind: str | None
+    """Kind of misprint to try first; None: a good print."""
+
+    @property
+    def suffix(self) -> str:
+        """What tells later copies of a page from the first."""
+        return f"-{self.copy}" if self.copy > 1 else ""
+
+
+def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
+    """Which pages are printed, and which of them go wrong: about two in seven.
+
+    prints: how many; None: the job once, or as often as makes 8.
+    """
+    count = prints or max(job_pages, math.ceil(FEWEST_PRINTS / job_pages) * job_pages)
+    rng = np.random.default_rng(seed)
+    bad = sorted(rng.permutation(count)[: max(1, round(count * MISPRINT_SHARE))].tolist())
+    kinds = {index: KINDS[turn % len(KINDS)] for turn, index in enumerate(bad)}
+    return tuple(
+        Print(index=i, page=i % job_pages + 1, copy=i // job_pages + 1, first_kind=kinds.get(i))
+        for i in range(count)
+    )
+
+
+def demo_press(
+    sizes_mm: Sequence[tuple[float, float]], *, seed: int, progress: Callable[[str], None]
+) -> Press:
+    """The paper's rig; its line is widened if some page does not fit either way round."""
+    press_file = PressFile.prototype()
+    geometry = press_file.geometry(press_file.camera())
+    widest_mm = max(min(size) for size in sizes_mm)
+    pixels = None
+    if not geometry.sees(widest_mm):
+        pixels = math.ceil((widest_mm + 2 * MARGIN_MM) / geometry.pixel_pitch_mm)
+        progress(f"widening the line to {pixels} pixels for pages {widest_mm:.0f} mm wide")
+    return build_press(press_file, seed=seed, pixels=pixels, progress=progress)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintAndInspect:
+    """The work on one print; small and picklable, so that it travels to worker processes."""
+
+    job: JobSource
+    press: Press
+    seed: int
+    titles: tuple[str, ...] = ()
+    """What each page of the job is, for people; may be empty."""
+
+    def __call__(self, sheet: Print) -> PageEntry:
+        """Rip, print, scan, inspect and picture one sheet."""
+        page = self._laid(sheet.page)
+        page = replace(page, name=page.name + sheet.suffix)
+        scan = self._scan(page, sheet)
+        inspection = inspect_page(
+            page,
+            scan.dn,
+            press=self.press,
+            judge=detector("chi-square", self.press),
+            scan_name=page.name,
+            seed=self.seed + sheet.index,
+        )
+        title = self.titles[sheet.page - 1] if self.titles else ""
+        return page_entry(page, inspection, self.press, truth=scan.misprint, title=title)
+
+    def _laid(self, number: int) -> Page:
+        return self.press.geometry.lay(opened(self.job).page(number))
+
+    def _scan(self, page: Page, sheet: Print) -> SimulatedScan:
+        """A print, with a misprint of the kind to try first, or of the next that shows on this page."""
+        rng = page_rng(self.seed, sheet.index)
+        others = tuple(number for number in range(1, len(opened(self.job)) + 1) if number != sheet.page)
+        requests: list[MisprintRequest | None] = [None]
+        if sheet.first_kind is not None:
+            turn = KINDS.index(sheet.first_kind)
+            severity = float(rng.uniform(LEAST_SEVERITY, 1.0))
+            kinds = KINDS[turn:] + KINDS[:turn]
+            requests = [*(MisprintRequest(kind=kind, severity=severity) for kind in kinds), None]
+        for request in requests:
+            try:
+                return scan_page(
+                    page,
+                    press=self.press,
+                    request=request,
+                    others=others,
+                    fetch=self._laid,
+                    rng=rng,
+                    least=AT_A_GLANCE,
+                )
+            except RequestError:
+                continue  # this kind shows nothing on this page
+        raise AssertionError  # the last request is for a good print, which never fails
+
+
+def run(work: PrintAndInspect, sheets: Sequence[Print]) -> Iterator[PageEntry]:
+    """Print and inspect every sheet, in the order of the run."""
+    return in_order(work, sheets)

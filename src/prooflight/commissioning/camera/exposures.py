@@ -1,0 +1,224 @@
+"""Dark and flat exposures of a line camera, reduced to what photon transfer needs: lines repeat the same columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.errors import RequestError, ScanError
+from prooflight.files.given import shortly
+from prooflight.scans.recorded import recorded_scans
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+LEAST_LINES = 16
+LEAST_COLUMNS = 100
+"""A fixed pattern's size from fewer columns would be known to 7 % at best, 1 / sqrt(2 n)."""
+DARK_SIGMAS = 3.0
+"""An exposure within so many temporal standard deviations of the lowest is dark as well."""
+_LINES_AT_A_TIME = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Exposure:
+    """One sensor's statistics of one exposure to even light, or to none."""
+
+    name: str
+    lines: int
+    column_mean_dn: NDArray[np.float64]
+    """(pixels,) mean over lines. [DN]"""
+    variance_dn2: float
+    """Temporal variance of one pixel, mean over columns, without what all columns share. [DN^2]"""
+    line_variance_dn2: float
+    """Variance from line to line that all columns share (lamp, supply). [DN^2]"""
+    lowest_share: float
+    """Share of samples at code 0. [-]"""
+    highest_dn: int
+    highest_share: float
+    """Share of samples at the highest code of this exposure. [-]"""
+    line_rate_hz: float | None = None
+    """Of a dark exposure taken at another line rate than the rest."""
+
+    @property
+    def mean_dn(self) -> float:
+        """Mean over lines and columns. [DN]"""
+        return float(self.column_mean_dn.mean())
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Of ``variance_dn2``; for variances from differences of L neighbouring lines, 2 (L-1)^2 / (3 L - 4) a column.
+
+        The variance of a Gaussian's variance estimate is 2 sigma^4 / degrees of freedom (von Neumann 1941 for
+        successive differences).
+        """
+        return 2 * (self.lines - 1) ** 2 / (3 * self.lines - 4) * self.column_mean_dn.size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExposureRequest:
+    """A file or folder that a user names, and the line rate of its dark exposures if it is another than the rest's."""
+
+    path: Path
+    line_rate_hz: float | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ExposureRequest:
+        """``dark.tif`` or ``dark.tif@277`` (line rate in Hz); a path that exists as written is taken as it is."""
+        path = Path(text)
+        stem, at, rate = text.rpartition("@")
+        if not at or path.exists():
+            return cls(path=path)
+        try:
+            line_rate_hz = float(rate)
+        except ValueError:
+            return cls(path=path)
+        if not (np.isfinite(line_rate_hz) and line_rate_hz > 0):
+            raise RequestError(
+                shortly(text),
+                f"{shortly(rate)} is not a line rate",
+                remedy="give FILE@HZ with a rate above 0",
+            )
+        return cls(path=Path(stem), line_rate_hz=line_rate_hz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExposureRequests:
+    """What a user names: dark exposures, flat ones, and some to be told apart by their level."""
+
+    dark: tuple[ExposureRequest, ...]
+    flat: tuple[ExposureRequest, ...]
+    either: tuple[ExposureRequest, ...]
+
+    @classmethod
+    def parse(cls, *, dark: Iterable[str], flat: Iterable[str], either: Iterable[str]) -> ExposureRequests:
+        """RequestError if nothing is named."""
+        kinds = [tuple(ExposureRequest.parse(text) for text in kind) for kind in (dark, flat, either)]
+        if not any(kinds):
+            remedy = "give DARK... FLAT..., or --dark and --flat"
+            raise RequestError("camera characterise", "no exposures are named", remedy=remedy)
+        return cls(dark=kinds[0], flat=kinds[1], either=kinds[2])
+
+
+def statistics(dn: NDArray[np.uint16], *, name: str, line_rate_hz: float | None = None) -> Exposure:
+    """Reduce one sensor's exposure (lines, pixels) [DN]; ScanError if it is too small to say anything.
+
+    The temporal variance is half the mean square difference of neighbouring lines, the two-image method of EMVA 1288
+    (Release 4.0 Linear, temporal noise) with lines as images: slow drift of the lamp does not enter, nor does, like the
+    images' mean difference there, what all columns of a line share.
+    """
+    lines, pixels = dn.shape
+    if lines < LEAST_LINES or pixels < LEAST_COLUMNS:
+        what = f"has {lines} lines of {pixels} pixels"
+        remedy = f"record at least {LEAST_LINES} lines of {LEAST_COLUMNS} pixels, better 500 full lines"
+        raise ScanError(name, what, remedy=remedy)
+    total = np.zeros(pixels)
+    own = shared = 0.0
+    lowest = int(dn.min())
+    highest = int(dn.max())
+    at_zero = at_highest = 0
+    for start in range(0, lines, _LINES_AT_A_TIME):
+        block = dn[start : start + _LINES_AT_A_TIME + 1].astype(np.float64)
+        difference = np.diff(block, axis=0)
+        jump = difference.mean(axis=1)
+        own += float(np.square(difference - jump[:, None]).sum())
+        shared += float(np.square(jump).sum())
+        block = block[:_LINES_AT_A_TIME]
+        total += block.sum(axis=0)
+        at_highest += int((block == highest).sum())
+        at_zero += int((block == 0).sum()) if lowest == 0 else 0
+    variance = own / (2 * (lines - 1) * (pixels - 1))
+    return Exposure(
+        name=name,
+        lines=lines,
+        column_mean_dn=total / lines,
+        variance_dn2=variance,
+        line_variance_dn2=max(shared / (2 * (lines - 1)) - variance / pixels, 0.0),
+        lowest_share=at_zero / dn.size,
+        highest_dn=highest,
+        highest_share=at_highest / dn.size,
+        line_rate_hz=line_rate_hz,
+    )
+
+
+def read_exposures(
+    requests: ExposureRequests,
+    *,
+    sensors: int | None = None,
+    shown: Callable[[Sequence[ExposureRequest]], Iterable[ExposureRequest]] = iter,
+) -> tuple[list[tuple[Exposure, ...]], list[tuple[Exposure, ...]]]:
+    """Dark and flat exposures, each with one statistic a sensor; ScanError if a file cannot be used.
+
+    sensors: of the camera; None: as many as images in the first file. shown: passes requests on one by one, e.g. with a
+    progress bar.
+    """
+    named = [*requests.dark, *requests.flat, *requests.either]
+    count = _images_in(named[0].path) if sensors is None else sensors
+    read = [_exposures_of(request, sensors=count) for request in shown(named)]
+    _same_width([exposure for several in read for exposure in several])
+    end = len(requests.dark) + len(requests.flat)
+    dark, flat = told_apart([exposure for several in read[end:] for exposure in several])
+    return (
+        [exposure for several in read[: len(requests.dark)] for exposure in several] + dark,
+        [exposure for several in read[len(requests.dark) : end] for exposure in several] + flat,
+    )
+
+
+def _images_in(path: Path) -> int:
+    """Images in the first TIFF that ``path`` names: the sensors of a camera that no press file describes."""
+    first = recorded_scans(path, sensors=1)
+    return sum(scan.path == first[0].path for scan in first)
+
+
+def _exposures_of(request: ExposureRequest, *, sensors: int) -> list[tuple[Exposure, ...]]:
+    """Every exposure of a file or folder, one statistic for each sensor; ScanError if it cannot be used."""
+    scans = recorded_scans(request.path, sensors=sensors)
+    made = []
+    for scan in scans:
+        name = str(scan.path)
+        if scan.first_image or sum(other.path == scan.path for other in scans) > 1:
+            name = f"{name} exposure {scan.first_image // sensors + 1}"
+        made.append(
+            tuple(statistics(image, name=name, line_rate_hz=request.line_rate_hz) for image in scan.read())
+        )
+    return made
+
+
+def _same_width(exposures: Iterable[Sequence[Exposure]]) -> None:
+    """ScanError if two exposures have lines of different lengths."""
+    first: Exposure | None = None
+    for exposure in (sensors[0] for sensors in exposures):
+        first = first or exposure
+        wide, wanted = exposure.column_mean_dn.size, first.column_mean_dn.size
+        if wide != wanted:
+            what = f"is {wide} pixels wide where {first.name} is {wanted}"
+            raise ScanError(
+                exposure.name, what, remedy="record all exposures with one camera and whole lines"
+            )
+
+
+def told_apart(
+    exposures: Sequence[tuple[Exposure, ...]],
+) -> tuple[list[tuple[Exposure, ...]], list[tuple[Exposure, ...]]]:
+    """Dark exposures and flat ones, by level: dark is what has a line rate, or lies at the lowest level of all.
+
+    exposures, each with one entry a sensor. At the lowest level: within 3 temporal standard deviations, in each.
+    """
+    plain = [exposure for exposure in exposures if exposure[0].line_rate_hz is None]
+    if not plain:
+        return list(exposures), []
+    lowest = min(plain, key=lambda exposure: sum(sensor.mean_dn for sensor in exposure))
+    limits = [sensor.mean_dn + DARK_SIGMAS * sensor.variance_dn2**0.5 for sensor in lowest]
+
+    def is_dark(exposure: tuple[Exposure, ...]) -> bool:
+        levels = zip(exposure, limits, strict=True)
+        return exposure[0].line_rate_hz is not None or all(
+            sensor.mean_dn <= limit for sensor, limit in levels
+        )
+
+    return [e for e in exposures if is_dark(e)], [e for e in exposures if not is_dark(e)]

@@ -1,0 +1,1 @@
+"""A printed chart's scans: found, read, and made a press."""

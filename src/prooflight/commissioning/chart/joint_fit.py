@@ -1,0 +1,196 @@
+"""One model of the inks from all scans of a chart, with what each print and scan did of its own taken out.
+
+A print's inks are a little stronger at one side than at the other and stronger than another print's, and a sensor's
+black level, which dims nothing, makes dark patches lighter where the lamp is weak. Each is a small known shape times an
+unknown amount with a known usual size; patches lie shuffled over the sheet, so that none looks like a property of a
+recipe. Amounts are found from what the model leaves at left-out patches, by least squares held towards nought, and the
+model again from the patches without them, in turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.chart.dn_model import SignalModel
+from prooflight.inks.reflectance import INKS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.chart.patch_reading import PatchReadings
+    from prooflight.inks.chart_layout import PlacedRecipes
+
+_TILT: Final = 0.01  # assumed: usual relative change of an ink from the middle to an edge of the sheet
+_LEVEL: Final = (
+    0.02  # assumed: usual relative change of an ink, and of its tone value at 50 %, from print to print
+)
+_BLACK: Final = 0.02  # assumed: usual black level over paper's light
+_ROUNDS: Final = 3
+_OUTLIER: Final = 6.0  # robust standard deviations
+_SPOILT: Final = 0.02  # assumed: root of light that no honest model is off by
+_TRUSTED: Final = 2.0  # sigmas
+_DARK: Final = 0.01  # below, a root's own error is as large as what black level does to it
+_KNOWN: Final = 1e-2  # relative variance of bare paper, whose light is 1 by definition
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointFit:
+    """The inks, and every reading beside what they say; arrays over all readings of all scans (n,)."""
+
+    model: SignalModel
+    black: NDArray[np.float64]
+    """(sensors,) black level over paper's light where the column gain is 1. [-]"""
+    scan: NDArray[np.int64]
+    """(n,) which scan."""
+    recipe: NDArray[np.int64]
+    """(n,) which of the chart's recipes."""
+    light: NDArray[np.float64]
+    """(n, sensors) read, without what print and scan did. [-]"""
+    fitted: NDArray[np.float64]
+    """(n, sensors) what the model says. [-]"""
+    used: NDArray[np.bool_]
+    """(n,) not set aside as spoilt."""
+
+    def left_out_light(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Measured minus predicted from all other recipes, as light, (recipes, sensors), for the model's recipes."""
+        root = self.model.root(cmyk)
+        return np.asarray(2 * root * self.model.left_out)
+
+
+def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> JointFit:
+    """The inks of a chart from the readings of all its scans."""
+    recipe = np.concatenate([reading.recipe for reading in readings])
+    scan = np.repeat(np.arange(len(readings)), [reading.recipe.size for reading in readings])
+    light = np.concatenate([reading.light.T for reading in readings])
+    variance = np.concatenate([reading.light_variance.T for reading in readings])
+    gain = np.concatenate([reading.gain.T for reading in readings])
+    centre = np.concatenate([reading.centre_mm for reading in readings])
+    place = centre / (placed.layout.width_mm / 2, placed.layout.height_mm / 2) - 1
+    known, which = np.unique(placed.cmyk[recipe], axis=0, return_inverse=True)
+    root = np.sqrt(np.maximum(light, 1e-5))
+    noise = (variance / (4 * np.maximum(light, 1e-3))).mean(axis=1)
+    noise = 0.5 * (noise / max(float(np.median(noise)), 1e-30) + 1)
+    used = np.ones(recipe.size, dtype=bool)
+    own = np.zeros_like(root)
+    model: SignalModel | None = None
+    theta = np.zeros(0)
+    for turn in range(_ROUNDS):
+        rows, mean, relative = _averaged(which, root - own, noise, used, known)
+        recipes = known[rows]
+        if turn == 0 or model is None or len(model.cmyk) != len(recipes):
+            model = SignalModel.fit(recipes, mean**2, relative)
+        else:
+            model = model.refit(mean**2, relative)
+        predicted = np.full((len(known), root.shape[1]), np.nan)
+        predicted[rows] = mean - model.left_out
+        left = root - np.where(np.isfinite(predicted[which]), predicted[which], model.root(known)[which])
+        shapes, usual = _shapes(model, known[which], root, place, gain, scan)
+        used = _unspoilt(left - own, used)
+        theta = _amounts(left, shapes, usual, noise, used)
+        own = np.einsum("nsk,k->ns", shapes, theta)
+    rows, mean, relative = _averaged(which, root - own, noise, used, known)
+    assert model is not None
+    model = (
+        model.refit(mean**2, relative)
+        if len(rows) == len(model.cmyk)
+        else SignalModel.fit(known[rows], mean**2, relative)
+    )
+    sensors = root.shape[1]
+    return JointFit(
+        model=model,
+        black=theta[-sensors:],
+        scan=scan,
+        recipe=recipe,
+        light=np.maximum(root - own, 0) ** 2,
+        fitted=model.light(known)[which],
+        used=used,
+    )
+
+
+def _averaged(
+    which: NDArray[np.int64],
+    root: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    known: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Recipes that were read, their mean root (m, sensors) and its relative variance (m,)."""
+    weight = np.where(used, 1 / noise, 0.0)
+    total = np.bincount(which, weight, len(known))
+    rows = np.flatnonzero(total > 0)
+    summed = np.stack([np.bincount(which, weight * column, len(known)) for column in root.T], axis=1)
+    mean = np.asarray(summed[rows] / total[rows, None], dtype=np.float64)
+    relative = 1 / total[rows]
+    paper = (known[rows] == 0).all(axis=1)
+    mean[paper] = 1.0
+    relative[paper] = _KNOWN * relative.min()
+    return rows, mean, relative
+
+
+def _shapes(
+    model: SignalModel,
+    cmyk: NDArray[np.float64],
+    root: NDArray[np.float64],
+    place: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    scan: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How each amount changes the root of each reading, (n, sensors, amounts), and the amounts' usual sizes."""
+    distinct, which = np.unique(cmyk, axis=0, return_inverse=True)
+    slopes = model.root_slopes(distinct)[which]
+    strength = slopes * cmyk[:, None, :]
+    tone = slopes * (4 * cmyk * (1 - cmyk))[:, None, :]
+    columns, usual = [], []
+    scans = int(scan.max()) + 1
+    for index in range(scans):
+        here = (scan == index).astype(float)[:, None, None]
+        for axis in (0, 1):
+            columns.append(strength * here * place[:, axis, None, None])
+            usual += [_TILT] * len(INKS)
+        if scans > 1:  # only what differs between prints: what they share is the inks'
+            apart = here - here.mean()
+            columns += [strength * apart, tone * apart]
+            usual += [_LEVEL] * (2 * len(INKS))
+    sensors = root.shape[1]
+    black = np.zeros((*root.shape, sensors))
+    # About the mean of 1 / gain, so that it cannot pass for a property of dark recipes; the black level's own part in
+    # hundred is left out thereby.
+    apart = 1 / gain - (1 / gain).mean(axis=0)
+    for sensor in range(sensors):
+        light = root[:, sensor] ** 2
+        black[:, sensor, sensor] = apart[:, sensor] * (1 - light) / (2 * np.sqrt(np.maximum(light, _DARK)))
+    return np.concatenate([*columns, black], axis=2), np.array([*usual, *[_BLACK] * sensors])
+
+
+def _unspoilt(left: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings that lie within six robust sigmas of the model in every sensor."""
+    away = np.abs(left - np.median(left[used], axis=0))
+    sigma = 1.48 * np.median(away[used], axis=0)
+    return np.asarray((away <= np.maximum(_OUTLIER * sigma, _SPOILT)).all(axis=1))
+
+
+def _amounts(
+    left: NDArray[np.float64],
+    shapes: NDArray[np.float64],
+    usual: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    used: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Least squares of what is left by the shapes, each amount held towards nought by its usual size."""
+    sigma = 1.48 * np.median(np.abs(left[used] / np.sqrt(noise[used])[:, None]), axis=0)
+    error = np.maximum(sigma, 1e-6) * np.sqrt(noise)[:, None]
+    flat = shapes.reshape(-1, shapes.shape[2])
+    amounts = np.zeros(shapes.shape[2])
+    for _ in range(_ROUNDS):
+        # Huber's weights: at the corners of the ink cube left-out patches are off by more than their noise.
+        away = np.abs(left.ravel() - flat @ amounts).reshape(left.shape) / error
+        weight = np.where(used[:, None], 1 / error**2 / np.maximum(away / _TRUSTED, 1.0), 0.0)
+        weighted = flat * weight.reshape(-1, 1)
+        normal = weighted.T @ flat + np.diag(1 / usual**2)
+        amounts[:] = np.linalg.solve(normal, weighted.T @ left.ravel())
+    return np.asarray(amounts)

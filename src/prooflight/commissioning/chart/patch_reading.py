@@ -1,0 +1,308 @@
+"""Patches of a found chart, read against the paper around them.
+
+The paper between the patches is the scan's own white reference. It gives each column's gain (lamp, lens, pixel), each
+line's (a lamp that flickers) and the slow rest (clouds in the paper); patches are read in units of it. What light
+strays a millimetre and more, by diffraction or glare, makes paper beside dark patches darker and dark patches brighter;
+its strength is fitted to the paper and taken out of both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.commissioning.chart.stray_light import strayed, strength_of
+from prooflight.errors import ScanError
+from prooflight.inks.chart_layout import STEPS_PER_MM
+from prooflight.inks.chart_print import painted
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.chart.finding import FoundChart
+    from prooflight.commissioning.chart.scan import ChartScan
+    from prooflight.inks.chart_layout import PlacedRecipes
+
+_GUARD_MM, _GUARD_PIXELS = 0.3, 1.6  # paper: so far from any ink, the greater of both
+_INSIDE_MM, _INSIDE_PIXELS = 0.7, 3.0  # a patch's inside: so far from its edge
+_BORDER_MM: Final = 1.0  # paper: so far from the edge of the page
+_NOTE_MM: Final = (100.0, 6.5)  # the line of text that the PDF has between the lower marks
+_CLOUD_MM: Final = 3.0  # standard deviation of the window in which the paper's slow rest is averaged
+_OUTLIER: Final = 4.0  # robust standard deviations
+_LEAST_PIXELS: Final = 30
+_CLIPPED_SHARE: Final = 0.02
+_ROUNDS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PatchReadings:
+    """The patches of one scan; arrays over patches (n,) or sensors and patches (s, n)."""
+
+    recipe: NDArray[np.int64]
+    """(n,) row in the chart's recipes."""
+    page: int
+    light: NDArray[np.float64]
+    """(s, n) over the paper's around them. [-]"""
+    light_variance: NDArray[np.float64]
+    """(s, n) of ``light``, from the spread between pixels. [-]"""
+    dn: NDArray[np.float64]
+    """(s, n) as they stand in the scan. [DN]"""
+    pixel_variance_dn2: NDArray[np.float64]
+    """(s, n) between neighbouring lines of a column: temporal noise and halftone, no fixed pattern. [DN^2]"""
+    pixels: NDArray[np.float64]
+    """(n,) pixels read."""
+    centre_mm: NDArray[np.float64]
+    """(n, 2) on the chart. [mm]"""
+    white_dn: NDArray[np.float64]
+    """(s,) of the paper in the middle of the field. [DN]"""
+    column_gain: NDArray[np.float64]
+    """(s, pixels) of the paper's, over the middle's; NaN where no paper was seen. [-]"""
+    gain: NDArray[np.float64]
+    """(s, n) of the columns that saw the patch. [-]"""
+    paper_variance_dn2: NDArray[np.float64]
+    """(s,) between neighbouring lines, of bare paper. [DN^2]"""
+    stray_mm: NDArray[np.float64]
+    """(s,) strength k of stray light, k / r^3 of what lies at a distance r. [mm]"""
+    backing_dn: NDArray[np.float64]
+    """(s,) beyond the page; NaN where none is seen. [DN]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Maps:
+    """What each pixel of a scan sees."""
+
+    patch: NDArray[np.int32]
+    """(lines, pixels) 1 + index of the patch whose inside it lies in, else 0."""
+    paper: NDArray[np.bool_]
+    beyond: NDArray[np.bool_]
+
+
+def read_patches(scan: ChartScan, found: FoundChart, placed: PlacedRecipes) -> PatchReadings:
+    """Read every patch of the page that was found; ScanError: paper is clipped, or patches lie off the scan."""
+    here = np.flatnonzero(placed.place[:, 0] == found.page)
+    maps = _maps(scan, found, placed, here)
+    pixels = np.bincount(maps.patch.ravel(), minlength=len(here) + 1)[1:]
+    off = int((pixels < _LEAST_PIXELS).sum())
+    if off:
+        what = f"{off} of {len(here)} patches of page {found.page} lie off the scan or are too small in it"
+        raise ScanError(scan.path, what, remedy="scan the whole page, at 100 dpi or more")
+    _refuse_clipping(scan, maps)
+    boxes = np.array([placed.layout.patch_box(row, column) for _, row, column in placed.place[here].tolist()])
+    centre = boxes[:, :2] + boxes[:, 2:] / 2
+    per_sensor = [_read_sensor(dn, found, placed, here, maps) for dn in scan.dn]
+
+    def stacked(name: str) -> NDArray[np.float64]:
+        return np.stack([np.asarray(values[name], dtype=np.float64) for values in per_sensor])
+
+    names = ("light", "light_variance", "dn", "pixel_variance_dn2", "white_dn", "column_gain", "gain")
+    return PatchReadings(
+        recipe=here,
+        page=found.page,
+        pixels=pixels.astype(np.float64),
+        centre_mm=centre,
+        **{name: stacked(name) for name in (*names, "paper_variance_dn2", "stray_mm", "backing_dn")},
+    )
+
+
+def _maps(scan: ChartScan, found: FoundChart, placed: PlacedRecipes, here: NDArray[np.int64]) -> _Maps:
+    layout, steps = placed.layout, STEPS_PER_MM
+    pitch = max(found.pitch_mm)
+    guard = max(_GUARD_MM, _GUARD_PIXELS * pitch)
+    inside = max(_INSIDE_MM, _INSIDE_PIXELS * pitch)
+    size = (round(layout.height_mm * steps), round(layout.width_mm * steps))
+    border = round(_BORDER_MM * steps)
+    paper = np.zeros(size, np.uint8)
+    paper[border:-border, border:-border] = 1
+    for (x, y, width, height), _ in painted(placed, found.page):
+        left, top, right, bottom = (
+            round(edge * steps) for edge in (x - guard, y - guard, x + width + guard, y + height + guard)
+        )
+        paper[max(top, 0) : bottom, max(left, 0) : right] = 0
+    across, high = (round(extent * steps) for extent in _NOTE_MM)
+    low = size[0] - round(layout.margin_mm * steps)
+    paper[low - high : low, (size[1] - across) // 2 : (size[1] + across) // 2] = 0
+    labels = np.zeros(size, np.int16)
+    for number, (_, row, column) in enumerate(placed.place[here].tolist(), start=1):
+        x, y, width, height = layout.patch_box(row, column)
+        left, top = round((x + inside) * steps), round((y + inside) * steps)
+        labels[top : round((y + height - inside) * steps), left : round((x + width - inside) * steps)] = (
+            number
+        )
+    page = np.ones(size, np.uint8)
+    return _Maps(
+        patch=_seen(labels, scan, found).astype(np.int32),
+        paper=_seen(paper, scan, found).astype(bool),
+        beyond=cv2.erode(1 - _seen(page, scan, found), np.ones((3, 3)), iterations=round(_BORDER_MM / pitch))
+        > 0,
+    )
+
+
+def _seen(raster: NDArray[np.generic], scan: ChartScan, found: FoundChart) -> NDArray[np.generic]:
+    """A raster of the chart, ``STEPS_PER_MM``, at the scan's pixels; 0 off the chart."""
+    to_raster = found.to_chart * STEPS_PER_MM
+    to_raster[:, 2] -= 0.5
+    lines, pixels = scan.dn.shape[1:]
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(raster, to_raster, (pixels, lines), flags=flags))
+
+
+def _refuse_clipping(scan: ChartScan, maps: _Maps) -> None:
+    """ScanError if the paper, or a patch beside the blackest, sits at an end of a sensor's range."""
+    for name, dn in zip(scan.names, scan.dn, strict=True):
+        paper = dn[maps.paper]
+        greatest = float(dn.max())
+        share = float((paper >= greatest).mean())
+        if share > _CLIPPED_SHARE:
+            what = f"sensor {name} is saturated: {share:.0%} of the bare paper reads {greatest:g}"
+            raise ScanError(
+                scan.path, what, remedy="lower exposure or brightness so that paper stays below the top"
+            )
+        inked = dn[maps.patch > 0]
+        share = float((inked <= 0).mean())
+        if share > 0.3:
+            what = f"sensor {name}: {share:.0%} of the pixels in patches read 0"
+            raise ScanError(
+                scan.path, what, remedy="raise black level or exposure, or switch tone correction off"
+            )
+
+
+def _read_sensor(
+    dn: NDArray[np.float32],
+    found: FoundChart,
+    placed: PlacedRecipes,
+    here: NDArray[np.int64],
+    maps: _Maps,
+) -> dict[str, object]:
+    """One sensor's part of ``PatchReadings``."""
+    columns, lines = _gains(dn, maps.paper)
+    order, starts = _by_patch(maps.patch, len(here))
+    stray = np.zeros_like(dn)
+    for _ in range(2):  # what strays depends on the patches, and their light a little on what strays
+        flat = dn / (columns * lines[:, None]) + stray
+        light, _ = _trimmed(flat.ravel()[order], starts)
+        paper = _clean(flat, maps.paper)
+        spread = strayed(placed, found, here, light, dn.shape)
+        strength = strength_of(dn / (columns * lines[:, None]), paper, spread)
+        stray = np.float32(strength) * spread
+        columns, lines = _gains(dn / (1 - stray), maps.paper)
+    flat = dn / (columns * lines[:, None])
+    corrected = (flat + stray) / _cloud(flat + stray, paper, found)
+    light, kept = _trimmed(corrected.ravel()[order], starts)
+    values, member = corrected.ravel()[order][kept], np.repeat(np.arange(len(here)), np.diff(starts))[kept]
+    count = np.bincount(member, minlength=len(here))
+    variance = np.bincount(member, (values - light[member]) ** 2, minlength=len(here)) / count
+    middle = np.nanmedian(columns[len(columns) // 3 : -(len(columns) // 3)])
+    gain = np.bincount(member, np.broadcast_to(columns, dn.shape).ravel()[order][kept]) / count / middle
+    seen = np.bincount(member, dn.ravel()[order][kept]) / count
+    steady = dn / lines[:, None]
+    return {
+        "light": light,
+        "light_variance": variance / count,
+        "dn": seen,
+        "pixel_variance_dn2": _line_variance(steady, maps.patch, len(here)),
+        "white_dn": middle,
+        "column_gain": np.where(_seen_columns(maps.paper), columns / middle, np.nan),
+        "gain": gain,
+        "paper_variance_dn2": _line_variance(steady, paper.astype(np.int32), 1)[0],
+        "stray_mm": strength,
+        "backing_dn": np.median(dn[maps.beyond]) if maps.beyond.sum() > 500 else np.nan,
+    }
+
+
+def _seen_columns(paper: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return paper.sum(axis=0) >= _LEAST_PIXELS
+
+
+def _gains(
+    dn: NDArray[np.float32], paper: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Paper's light in each column (pixels,) [DN] and each line's over the mean (lines,) [-], outliers left out.
+
+    Columns that see no paper take their neighbours'; lines likewise.
+    """
+    kept = paper.copy()
+    white = np.where(kept, dn, 0)
+    columns = lines = np.ones(1, np.float32)
+    for turn in range(_ROUNDS):
+        scaled = white / lines[:, None] if turn else white
+        columns = _means(scaled, kept, axis=0)
+        lines = _means(white / columns, kept, axis=1)
+        lines /= lines.mean()
+        away = np.abs(dn / (columns * lines[:, None]) - 1)
+        kept = paper & (away < _OUTLIER * 1.48 * np.median(away[kept]))
+        white = np.where(kept, dn, 0)
+    return columns, lines
+
+
+def _means(values: NDArray[np.floating], kept: NDArray[np.bool_], *, axis: int) -> NDArray[np.float32]:
+    """Means along an axis of what is kept; where that is too little, between neighbours."""
+    count = kept.sum(axis=axis)
+    means = values.sum(axis=axis, dtype=np.float64) / np.maximum(count, 1)
+    enough = np.flatnonzero(count >= _LEAST_PIXELS)
+    return np.interp(np.arange(count.size), enough, means[enough]).astype(np.float32)
+
+
+def _clean(flat: NDArray[np.float32], paper: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Paper without its specks."""
+    away = np.abs(flat - 1)
+    return paper & (away < _OUTLIER * 1.48 * np.median(away[paper]))
+
+
+def _by_patch(patch: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Flat indices of patches' pixels, patch by patch, and where each begins (count + 1,)."""
+    flat = patch.ravel()
+    inside = np.flatnonzero(flat)
+    order = inside[np.argsort(flat[inside], kind="stable")]
+    return order, np.searchsorted(flat[order], np.arange(1, count + 2))
+
+
+def _trimmed(
+    values: NDArray[np.float32], starts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Mean of each patch and which of its pixels count: those within four robust sigmas of its median."""
+    means = np.empty(len(starts) - 1)
+    kept = np.zeros(values.size, dtype=bool)
+    for at, (first, last) in enumerate(pairwise(starts.tolist())):
+        part = values[first:last]
+        away = np.abs(part - np.median(part))
+        # A sigma of nothing: digital numbers that do not vary at all.
+        kept[first:last] = away <= max(_OUTLIER * 1.48 * float(np.median(away)), 1e-3)
+        means[at] = part[kept[first:last]].mean(dtype=np.float64)
+    return means, kept
+
+
+def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], found: FoundChart) -> NDArray[np.float32]:
+    """The paper's slow rest, (lines, pixels), about 1: its mean in a Gaussian window."""
+    sigma = [_CLOUD_MM / pitch for pitch in found.pitch_mm]
+    step = max(round(min(sigma) / 6), 1)
+    small = tuple(extent // step for extent in flat.shape)
+
+    def binned(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return cv2.resize(values, small[::-1], interpolation=cv2.INTER_AREA)
+
+    weight = cv2.GaussianBlur(
+        binned(paper.astype(np.float32)), (0, 0), sigma[0] / step, sigmaY=sigma[1] / step
+    )
+    rest = binned(np.where(paper, flat - 1, 0).astype(np.float32))
+    rest = cv2.GaussianBlur(rest, (0, 0), sigma[0] / step, sigmaY=sigma[1] / step)
+    mean = rest / np.maximum(weight, 1e-3)
+    return 1 + cv2.resize(mean, flat.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def _line_variance(dn: NDArray[np.float32], label: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """Half the mean square of differences between neighbouring lines inside a label, outliers left out. (count,)"""
+    both = (label[1:] == label[:-1]) & (label[1:] > 0)
+    member = label[1:][both] - 1
+    square = ((dn[1:][both] - dn[:-1][both]) ** 2).astype(np.float64) / 2
+    kept = np.ones(square.size, dtype=bool)
+    mean = np.zeros(count)
+    for _ in range(2):
+        mean = np.bincount(member[kept], square[kept], count) / np.maximum(
+            np.bincount(member[kept], minlength=count), 1
+        )
+        kept = square <= 16 * np.maximum(mean[member], 1e-9)
+    return mean

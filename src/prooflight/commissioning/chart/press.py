@@ -1,0 +1,175 @@
+"""What scans of a chart taught, put together as a press artefact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.appearance import STEPS, appearance_srgb
+from prooflight.commissioning.characterise import unbiased_nodes
+from prooflight.commissioning.chart.edge_spread import footprint_of
+from prooflight.detectors.cost import RunningCosts
+from prooflight.inks.built_in import built_in_inks
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.prediction.tables import SensorModel, node_fractions
+from prooflight.press.artefact import ClippedShare, Press
+from prooflight.press.blocks import DecisionBlock, InspectionBlock
+from prooflight.scans.geometry import ScanGeometry
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.chart.dn_model import SignalModel
+    from prooflight.commissioning.chart.joint_fit import JointFit
+    from prooflight.commissioning.chart.patch_noise import SignalNoise
+    from prooflight.commissioning.chart.scan_reading import ScanRead
+    from prooflight.inks.chart_layout import Layout
+
+SUPERSAMPLING: Final = 2
+COLOUR: Final = ("red", "green", "blue")
+_FOUR_SIGMA: Final = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Learned:
+    """All that the scans of a chart taught."""
+
+    scans: tuple[ScanRead, ...]
+    fit: JointFit
+    noise: tuple[SignalNoise, ...]
+    """Of each sensor."""
+
+    @property
+    def white_dn(self) -> NDArray[np.float64]:
+        """Paper in the middle of the field, mean of all scans (sensors,), black level included. [DN]"""
+        return np.mean([scan.patches.white_dn for scan in self.scans], axis=0)
+
+    @property
+    def black_dn(self) -> NDArray[np.float64]:
+        """Black level (sensors,). [DN]"""
+        return self.fit.black * self.white_dn
+
+
+def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mapping[str, str]) -> Press:
+    """A whole press; what no scan says are the defaults of a press file."""
+    light = _light_at_nodes(learned.fit.model)
+    sensors = tuple(_sensor_model(index, light[..., index], learned) for index in range(light.shape[-1]))
+    return Press(
+        name=name,
+        geometry=_geometry(learned, layout),
+        sensors=sensors,
+        supersampling=SUPERSAMPLING,
+        appearance_srgb=_appearance(learned),
+        fringes=InspectionBlock().fringes,
+        costs=RunningCosts(),
+        good_pages_per_false_alarm=DecisionBlock().good_pages_per_false_alarm,
+        origin=origin,
+        ink_facts={"name": f"{len(learned.fit.model.cmyk)} patches", "model": learned.fit.model.name},
+        clipped=tuple(_clipped(sensor) for sensor in sensors),
+    )
+
+
+def _light_at_nodes(model: SignalModel) -> NDArray[np.float64]:
+    """Light of every node of the tables, (33, 33, 33, 33, sensors); of the solid itself at the last one."""
+    axis = np.minimum(node_fractions(), 1.0)
+    slabs = [
+        model.light(np.stack(np.meshgrid([cyan], axis, axis, axis, indexing="ij"), axis=-1)[0])
+        for cyan in axis
+    ]
+    return np.stack(slabs)
+
+
+def _nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Node values whose interpolation errs evenly (``unbiased_nodes``) and meets the solids.
+
+    exact (33, 33, 33, 33): the last of each axis is that of byte 255; the node there, 256, lies on the line through it,
+    for solids are measured, and nothing is known beyond them.
+    """
+    moved = unbiased_nodes(exact).astype(np.float64)
+    for axis in range(exact.ndim):
+        values, result = np.moveaxis(exact, axis, 0), np.moveaxis(moved, axis, 0)
+        result[-1] += (values[-1] - values[-2]) / (NODE_STEP - 1)
+        second = values[-1] - 2 * values[-2] + values[-3]
+        result[-1] += second / 12  # what unbiased_nodes took off a node that now is none
+    return moved.astype(np.float32)
+
+
+def _sensor_model(index: int, light: NDArray[np.float64], learned: Learned) -> SensorModel:
+    """One sensor as prediction sees it; light (33, 33, 33, 33) over paper's."""
+    white, black = float(learned.white_dn[index]), float(learned.black_dn[index])
+    noise = learned.noise[index]
+    columns = _column_light(index, learned)
+    across, along = ([edge for scan in learned.scans for edge in scan.edges[index][axis]] for axis in (0, 1))
+    backings = np.array([scan.patches.backing_dn[index] for scan in learned.scans])
+    # Where no scan shows what lies beyond the page: assumed white, as a flatbed's lid is.
+    backing = float(np.nanmean(backings)) if np.isfinite(backings).any() else white
+    return SensorModel(
+        name=learned.scans[0].sensors[index],
+        mean_dn=_nodes(light * white - black),
+        variance_dn2=_nodes(noise.variance_dn2(light * white)),
+        footprint=footprint_of(across, along, _pitch_mm(learned)),
+        column_offset_dn=np.full(columns.size, black, np.float32),
+        column_gain=((white * columns - black) / (white - black)).astype(np.float32),
+        dark_variance_dn2=float(noise.variance_dn2(np.array(black))),
+        backing_dn=max(backing - black, 0.0),
+        backing_variance_dn2=float(noise.variance_dn2(np.array(backing))),
+        top_code_dn=max(scan.top_code_dn for scan in learned.scans),
+    )
+
+
+def _column_light(index: int, learned: Learned) -> NDArray[np.float64]:
+    """Paper's light in each column over the middle's, mean of all scans; beyond the paper as at its edge."""
+    gains = np.array([scan.patches.column_gain[index] for scan in learned.scans])
+    seen = np.isfinite(gains)
+    mean = np.where(seen, gains, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    known = np.flatnonzero(seen.any(axis=0))
+    return np.interp(np.arange(mean.size), known, mean[known])
+
+
+def _pitch_mm(learned: Learned) -> tuple[float, float]:
+    """Of columns and of lines, means of all scans. [mm]"""
+    across, along = np.mean([scan.chart.pitch_mm for scan in learned.scans], axis=0).tolist()
+    return across, along
+
+
+def _geometry(learned: Learned, layout: Layout) -> ScanGeometry:
+    """How the camera samples a page: pitches from the marks, lead-in and lead-out the means of all scans."""
+    across, along = _pitch_mm(learned)
+    corners = np.array([[x, y, 1.0] for x in (0, layout.width_mm) for y in (0, layout.height_mm)])
+    ends = []
+    for scan in learned.scans:
+        line = corners @ scan.chart.to_pixel[1]
+        ends.append((line.min() + 0.5, scan.lines - 0.5 - line.max()))
+    lead_in, lead_out = np.maximum(np.mean(ends, axis=0), 0.0) * along
+    return ScanGeometry(
+        pixels=learned.scans[0].pixels,
+        pixel_pitch_mm=across,
+        line_pitch_mm=along,
+        lead_in_mm=round(float(lead_in), 3),
+        lead_out_mm=round(float(lead_out), 3),
+    )
+
+
+def _appearance(learned: Learned) -> NDArray[np.uint8]:
+    """What recipes look like, for pictures: red, green and blue as they were seen, else the built-in inks."""
+    if learned.scans[0].sensors != COLOUR:
+        return appearance_srgb(built_in_inks())
+    axis = np.linspace(0, 1, STEPS)
+    light = learned.fit.model.light(np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1))
+    light = np.clip(light, 0, 1)
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    return np.round(255 * encoded).astype(np.uint8)
+
+
+def _clipped(sensor: SensorModel) -> ClippedShare:
+    """Shares of nodes within four sigma of the ends of the range."""
+    mean = sensor.mean_dn + float(sensor.column_offset_dn.mean())
+    reach = _FOUR_SIGMA * np.sqrt(sensor.variance_dn2)
+    assert mean.size == NODES**4
+    return ClippedShare(
+        black=float((mean - reach < 0).mean()), saturation=float((mean + reach > sensor.top_code_dn).mean())
+    )

@@ -1,0 +1,1 @@
+"""A detector trained on simulated and real prints."""

@@ -1,0 +1,352 @@
+"""Good pages (and misprints, where there are any) -> ``TolerancePress``: the detector of one press."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+from scipy import optimize
+
+from prooflight.commissioning.training.ranking import even, forested, weighed
+from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
+from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
+from prooflight.detectors.matched_filter.model import TolerancePress, compressed, families_of
+from prooflight.detectors.matched_filter.ranking import (
+    Forest,
+    Logit,
+    Outright,
+    every_column,
+    family_columns,
+    group_columns,
+    mixed_columns,
+    scores_of,
+)
+from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.operating import conformal_threshold
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+RIDGE: Final = 3.0
+"""Of the baseline: as if so many more pages had shown no influence of their content."""
+FOLDS: Final = 3
+"""Parts of the good designs that are judged by a baseline that the others taught."""
+TAIL_FROM: Final = 0.8
+STEPS: Final = 81
+LEAST_EXCESS: Final = 0.02
+POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
+"""Exceedances that all families together lend to each."""
+LEAST_SQUARES: Final = 1.3
+COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
+"""Of columns among which a cut is chosen: that tells all misprints from good pages, and one kind by itself."""
+LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
+OUTRIGHT: Final = 0.001
+"""Share of good learning pages that the score that no misprint taught alarms at by itself (assumed: a tenth of what
+presses promise)."""
+CLASSES: Final = 8
+LEAST_CLASSES: Final = 4
+LEAST_NOISE: Final = 0.3
+LEAST_PLACES: Final = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pages:
+    """What scans said: a row each."""
+
+    values: NDArray[np.float32]
+    """(pages, statistics)"""
+    portraits: NDArray[np.float64]
+    """(pages, PORTRAIT)"""
+    design: NDArray[np.int64]
+    bad: NDArray[np.bool_]
+    kind: NDArray[np.str_] | None = None
+    """Of misprint; empty where good; None: not known."""
+
+    @classmethod
+    def of(cls, rows: Mapping[str, NDArray[Any]]) -> Self:
+        """From columns ``values``, ``portrait``, ``design`` and ``kind``."""
+        return cls(
+            values=rows["values"],
+            portraits=rows["portrait"],
+            design=rows["design"],
+            bad=rows["kind"] != "",
+            kind=rows["kind"],
+        )
+
+    def beside(self, others: Pages) -> Pages:
+        """These and others, one after the other; kinds if both know them."""
+        known = self.kind is not None and others.kind is not None
+        return Pages(
+            values=np.concatenate([self.values, others.values]),
+            portraits=np.concatenate([self.portraits, others.portraits]),
+            design=np.concatenate([self.design, others.design]),
+            bad=np.concatenate([self.bad, others.bad]),
+            kind=np.concatenate([self.kind, others.kind]) if known else None,
+        )
+
+    def rows(self, which: NDArray[np.bool_]) -> Pages:
+        """Some of them."""
+        return Pages(
+            values=self.values[which],
+            portraits=self.portraits[which],
+            design=self.design[which],
+            bad=self.bad[which],
+            kind=None if self.kind is None else self.kind[which],
+        )
+
+
+def pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Draws (designs, ..., n, 3) -> (..., designs x n, 3), as ``learn_scatter`` wants them."""
+    moved = np.moveaxis(values, 0, -3)
+    return moved.reshape(*moved.shape[:-3], -1, 3)
+
+
+def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:
+    """Noise and tolerance of every mode and size from draws (..., n, 3) of N', D' and edges on good prints."""
+    found = {}
+    for name, drawn in samples.items():
+        shape = drawn.shape[:-2]
+        out = np.empty((*shape, 3))
+        for place in np.ndindex(*shape):
+            out[place] = _scattered(drawn[place].astype(np.float64))
+        found[name] = out
+    return Scatter(**found)
+
+
+def _scattered(drawn: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Of the variance of N' as c F + c' G + t^2 D'^2: c, c', t^2; each class's greatest half per cent is left out."""
+    own, power, edges = drawn[np.isfinite(drawn).all(axis=1) & (drawn[:, 1] > 1e-2)].T
+    if own.size < LEAST_PLACES:
+        return 1.0, 1.0, 0.0
+    share = np.clip(edges / power, 0, 1)
+    place = _class(power, CLASSES) * CLASSES + np.minimum((share * CLASSES).astype(int), CLASSES - 1)
+    model, seen = [], []
+    for index in np.unique(place):
+        here = place == index
+        if here.sum() < LEAST_PLACES // 10:
+            continue
+        squares = own[here] ** 2 / power[here]
+        of_edges = float(share[here].mean())
+        model.append((1 - of_edges, of_edges, float(np.median(power[here]))))
+        seen.append(float(squares[squares <= np.quantile(squares, 0.995)].mean()))
+    if len(seen) < LEAST_CLASSES:
+        return 1.0, 1.0, 0.0
+    x, y = np.array(model), np.array(seen)
+    found = np.array([1.0, 1.0, 0.0])
+    for _ in range(20):
+        trusted = x @ found
+        found = optimize.nnls(x / trusted[:, None], y / trusted)[0]
+        found[:2] = found[:2].clip(min=LEAST_NOISE)
+    return float(found[0]), float(found[1]), float(found[2])
+
+
+def _class(values: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Which of so many quantile classes each value is in."""
+    bounds = np.quantile(values, np.linspace(0, 1, count + 1))
+    return np.clip(np.searchsorted(bounds, values) - 1, 0, count - 1)
+
+
+def learn_tolerance(
+    pages: Pages,
+    *,
+    names: Sequence[str],
+    scatter: Scatter,
+    spread: Spread | None = None,
+    prior: Tolerance | None = None,
+    rng: np.random.Generator,
+    ranked: bool = True,
+    trees: int = 300,
+) -> TolerancePress:
+    """The detector, its threshold yet to be set. ranked: misprints among the pages teach a ranking as well."""
+    families = families_of(names)
+    kinds = tuple(sorted(set(families)))
+    good = pages.rows(~pages.bad)
+    blank = TolerancePress(
+        names=tuple(names),
+        families=kinds,
+        family=np.array([kinds.index(one) for one in families], np.int32),
+        scatter=scatter,
+        spread=spread or Spread(),
+        prior=prior or Tolerance(),
+        **_baseline(good),
+        quantiles=np.zeros((len(kinds), STEPS)),
+        tail=np.ones((len(kinds), 3)),
+        tail_from=TAIL_FROM,
+        logit=None,
+        forest=None,
+        mix=None,
+        outright=None,
+        kinds=(),
+        kind_forests=(),
+        name_forests=(),
+        threshold=np.inf,
+        good_designs=0,
+    )
+    deviations = _out_of_fold(pages, blank)
+    found = replace(blank, **_tails(deviations[~pages.bad], blank))
+    if not ranked or not pages.bad.any():
+        return found
+    evidence = found.family_evidence(deviations)
+    groups = group_columns(evidence, kinds)
+    columns = every_column(evidence, pages.portraits, deviations)
+
+    def rankings(which: NDArray[np.bool_], count: int) -> _Rankings:
+        return _Rankings.of(pages.rows(which), groups[which], columns[which], rng=rng, trees=count)
+
+    said = []
+    fold = _folds(pages.design)
+    for index in range(FOLDS):
+        mine = fold == index
+        said.append((np.flatnonzero(mine), rankings(~mine, trees // 2).said(groups[mine], columns[mine])))
+    place, mixed = (np.concatenate(part) for part in zip(*said, strict=True))
+    mix = weighed(mixed, pages.bad[place], even(pages.bad[place]))
+    good_place = place[~pages.bad[place]]
+    outright = Outright(
+        guard=float(np.quantile(found.guard(evidence[good_place]), 1 - OUTRIGHT)),
+        score=float(np.quantile(mix.score(mixed)[~pages.bad[place]], 1 - OUTRIGHT)),
+    )
+    every = rankings(np.ones(len(pages.bad), bool), trees)
+    return replace(
+        found,
+        logit=every.logit,
+        forest=every.forest,
+        kinds=every.kinds,
+        kind_forests=every.kind_forests,
+        name_forests=_names(pages, every.kinds, family_columns(evidence), rng, trees // 3),
+        mix=mix,
+        outright=outright,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rankings:
+    """What misprints teach: all of them against good pages, added up and by a forest, and each kind by itself."""
+
+    logit: Logit
+    forest: Forest
+    kinds: tuple[str, ...]
+    kind_forests: tuple[Forest, ...]
+
+    @classmethod
+    def of(
+        cls,
+        pages: Pages,
+        groups: NDArray[np.float64],
+        columns: NDArray[np.float64],
+        *,
+        rng: np.random.Generator,
+        trees: int,
+    ) -> Self:
+        """From ``group_columns`` and ``every_column``; kinds by themselves if there are two or more."""
+
+        def against_good(kind: str) -> Forest:
+            which = ~pages.bad | (kinds_seen == kind)
+            bad, count = pages.bad[which], trees // 4
+            return forested(columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE)
+
+        weight = even(pages.bad)
+        kinds_seen = np.zeros(len(pages.bad), "U1") if pages.kind is None else pages.kind
+        kinds = tuple(np.unique(kinds_seen[pages.bad]).tolist())
+        kinds = kinds if len(kinds) > 1 else ()
+        return cls(
+            logit=weighed(groups, pages.bad, weight),
+            forest=forested(columns, pages.bad, weight, rng=rng, trees=trees, column_share=COLUMN_SHARE),
+            kinds=kinds,
+            kind_forests=tuple(against_good(kind) for kind in kinds),
+        )
+
+    def said(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``mixed_columns``."""
+        of_kinds = scores_of(self.kind_forests, columns)
+        return mixed_columns(self.logit.score(groups), self.forest.score(columns), of_kinds)
+
+
+def _names(
+    pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
+) -> tuple[Forest, ...]:
+    """Each kind of misprint told from all others."""
+    if pages.kind is None:
+        return ()
+    kind, columns = pages.kind[pages.bad], columns[pages.bad]
+    return tuple(
+        forested(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
+        for one in kinds
+    )
+
+
+def certain_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Our score of pages (pages,); a scan that shows another page is certain."""
+    score = found.score(pages.values, pages.portraits)
+    return np.where(another, np.maximum(score, WRONG_PAGE), score)
+
+
+def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:
+    """The detector with a threshold that a new design's good page exceeds at most so often (split conformal).
+
+    good: pages of designs that taught nothing. ValueError: so few designs cannot promise that.
+    """
+    score = found.score(good.values, good.portraits)
+    threshold = conformal_threshold(score, good.design, false_alarm_rate=false_alarm_rate)
+    return replace(found, threshold=threshold, good_designs=int(np.unique(good.design).size))
+
+
+def _baseline(good: Pages) -> dict[str, Any]:
+    """What good pages give as a linear function of what they are like, by ridge regression."""
+    mean, sd = good.portraits.mean(axis=0), good.portraits.std(axis=0) + 1e-6
+    x = np.column_stack([np.ones(len(good.design)), ((good.portraits - mean) / sd).clip(-3, 3)])
+    y = compressed(good.values)
+    ridge = np.eye(x.shape[1]) * RIDGE
+    ridge[0, 0] = 0
+    baseline = np.linalg.solve(x.T @ x + ridge, x.T @ y)
+    left = y - x @ baseline
+    free = max(len(x) - 0.7 * x.shape[1], 3.0)
+    return {
+        "centre": np.stack([mean, sd]),
+        "baseline": baseline,
+        "sd": np.sqrt((left**2).sum(axis=0) / free) + 0.02,
+    }
+
+
+def _out_of_fold(pages: Pages, blank: TolerancePress) -> NDArray[np.float64]:
+    """Deviations (pages, statistics), each design's from a baseline that other designs taught."""
+    found = np.zeros(pages.values.shape)
+    fold = _folds(pages.design)
+    for index in range(FOLDS):
+        mine = fold == index
+        others = replace(blank, **_baseline(pages.rows(~mine & ~pages.bad)))
+        found[mine] = others.deviations(pages.values[mine], pages.portraits[mine])
+    return found
+
+
+def _folds(design: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Which part each page's design is in."""
+    return np.asarray(np.unique(design, return_inverse=True)[1] % FOLDS)
+
+
+def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, Any]:
+    """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
+
+    By the method of moments; a family's few exceedances say little by themselves, so that its mean excess and its
+    shape are drawn towards the families' medians.
+    """
+    quantiles = np.empty_like(blank.quantiles)
+    beyond = []
+    for index in range(len(blank.families)):
+        greatest = deviations[:, blank.family == index].max(axis=1)
+        quantiles[index] = np.quantile(greatest, np.linspace(0, TAIL_FROM, STEPS))
+        begin = quantiles[index, -1]
+        above = greatest[greatest > begin] - begin
+        beyond.append(above if above.size else np.zeros(1))
+    count = np.array([above.size for above in beyond])
+    excess = np.array([above.mean() for above in beyond])
+    squares = np.array([(above**2).mean() for above in beyond]) / np.maximum(excess, LEAST_EXCESS) ** 2
+    excess = (excess * count + POOLED_EXCESS * np.median(excess)) / (count + POOLED_EXCESS)
+    squares = (squares * count + POOLED_SHAPE * np.median(squares)) / (count + POOLED_SHAPE)
+    squares = np.maximum(squares, LEAST_SQUARES)
+    # <x^2> / <x>^2 of a generalised Pareto distribution is 2 (1 - shape) / (1 - 2 shape).
+    shape = ((squares - 2) / (2 * squares - 2)).clip(LEAST_SHAPE, MOST_SHAPE)
+    scale = np.maximum(excess, LEAST_EXCESS) * (1 - shape)
+    return {"quantiles": quantiles, "tail": np.stack([quantiles[:, -1], scale, shape], axis=1)}

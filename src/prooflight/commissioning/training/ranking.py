@@ -1,0 +1,75 @@
+"""Misprints and good pages -> how to rank pages: a weighted sum by ridge regression of log odds, and a forest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy import optimize
+
+from prooflight.detectors.matched_filter.ranking import Forest, Logit
+from prooflight.kernels.statistics.growing import grow
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+LEAST_ROWS: Final = 2
+RIDGE: Final = 2.0
+"""Half the inverse variance of weights of columns in standard deviations, beside log losses of one."""
+
+
+def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights with which both sides count the same."""
+    return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
+
+
+def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]) -> Logit:
+    """Logistic regression with a ridge: columns (pages, columns), weight (pages,) of each page."""
+    mean, sd = columns.mean(axis=0), columns.std(axis=0) + 1e-9
+    x = np.column_stack([np.ones(len(bad)), (columns - mean) / sd])
+    ridge = np.full(x.shape[1], RIDGE)
+    ridge[0] = 0
+    sign = np.where(bad, 1.0, -1.0)
+
+    def loss(amounts: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        right = sign * (x @ amounts)
+        slope = -weight * sign / (1 + np.exp(right))
+        total = weight @ np.logaddexp(0, -right) + ridge @ amounts**2
+        return float(total), x.T @ slope + 2 * ridge * amounts
+
+    found = optimize.minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B").x
+    weights = found[1:] / sd
+    return Logit(weights=weights, start=float(found[0] - weights @ mean))
+
+
+def forested(
+    columns: NDArray[np.floating],
+    bad: NDArray[np.bool_],
+    weight: NDArray[np.floating],
+    *,
+    rng: np.random.Generator,
+    trees: int = 300,
+    column_share: float = 0.2,
+) -> Forest:
+    """Extremely randomised trees (Geurts, Ernst, Wehenkel 2006): cuts are drawn, of some columns the best is kept."""
+    pages, tries = len(columns), max(int(column_share * columns.shape[1]), 1)
+    across = np.ascontiguousarray(columns.T, dtype=np.float32)
+    weights = np.asarray(weight, np.float64)
+    column, left, right = np.empty((3, 2 * pages), np.int32)
+    cut, share = np.empty((2, 2 * pages), np.float32)
+    grown, root = [], [0]
+    for _ in range(trees):
+        nodes = grow(across, bad, weights, tries, LEAST_ROWS, rng, column, cut, left, right, share)
+        ends = column[:nodes] < 0
+        down = [np.where(ends, -1, side[:nodes] + root[-1]) for side in (left, right)]
+        grown.append((column[:nodes].copy(), cut[:nodes].copy(), *down, share[:nodes].copy()))
+        root.append(root[-1] + nodes)
+    columns_, cuts, lefts, rights, shares = (np.concatenate(part) for part in zip(*grown, strict=True))
+    return Forest(
+        column=columns_,
+        cut=cuts,
+        left=lefts.astype(np.int32),
+        right=rights.astype(np.int32),
+        share=shares,
+        root=np.array(root[:-1], np.int32),
+    )

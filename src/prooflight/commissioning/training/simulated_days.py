@@ -1,0 +1,249 @@
+"""Prints of a press that has not printed yet: designs on simulated press days, looked at as its scans will be."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.calibrated import shows_another
+from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
+from prooflight.detectors.matched_filter.statistics.families import all_said, samples
+from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.paper.windows import window_statistics
+from prooflight.simulation.captures import Room
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.worlds import Amounts, amounts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.paper.evidence import Evidence
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.simulation.captures import Printed
+
+    Rows = dict[str, NDArray[Any]]
+
+DESIGNS_A_DAY: Final = 4
+"""assumed: few, since days differ by more than prints of a day do."""
+LONGEST: Final = 1.45
+"""Height over width at which a page that is cut to the field is cut off: A4's and a little."""
+LEAST_TIMES: Final = 0.2
+"""assumed: that much is found of what good prints do even where they do none of it."""
+SESSION, PRINT = 11, 12
+"""What tells random numbers of days from those of designs."""
+
+
+def good_spread(press: Press) -> Spread:
+    """What good prints of a press scatter by: as many times what they do in the press world as ``[variation]`` says.
+
+    Nothing where it says that nothing varies.
+    """
+    if amounts_of(press).exact:
+        return Spread.none()
+    world = Spread()
+    return Spread(
+        edge=world.edge * _times(press, "page.warp_along_um", "register.plane_um") ** 2,
+        contrast=world.contrast * _times(press, "ink.halftone_contrast") ** 2,
+        share=world.share * _times(press, "paper.cloudiness_percent"),
+        dark=world.dark * _times(press, "camera.table_shape_percent"),
+    )
+
+
+def good_prior(press: Press) -> Tolerance:
+    """What good prints of a press do, likewise.
+
+    Where nothing varies, that of the press world: nothing of it is excused, and all of it is evidence.
+    """
+    world = Tolerance()
+    if amounts_of(press).exact:
+        return world
+    return Tolerance(
+        white=world.white * _times(press, "camera.table_gain_percent", "paper.white_channel_percent"),
+        common=world.common * _times(press, "paper.white_percent"),
+        lamp=world.lamp * _times(press, "lamp.profile_percent", "lamp.profile_print_percent"),
+        lamp_length=world.lamp_length,
+        shape=world.shape * _times(press, "camera.table_shape_percent"),
+        gain=world.gain * _times(press, "ink.gain_session_percent", "ink.gain_print_percent"),
+        tilt=world.tilt * _times(press, "ink.gain_tilt_percent"),
+        dot=world.dot * _times(press, "ink.dot_gain_percent"),
+        plane_mm=world.plane_mm * _times(press, "register.plane_um"),
+        most_plane_mm=world.most_plane_mm * _times(press, "register.plane_clip_um"),
+    )
+
+
+def _times(press: Press, *names: str) -> float:
+    """How many times as much as in the press world amounts vary, added up as independent ones."""
+    own, world = (
+        math.hypot(*(attrgetter(name)(of) for name in names)) for of in (amounts_of(press), Amounts.stated())
+    )
+    return max(own / world, LEAST_TIMES)
+
+
+class Designs(Protocol):
+    """Where page designs come from, as many as are asked for; small, and may be sent to worker processes."""
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+
+
+def fitted(page: Page, geometry: ScanGeometry) -> Page:
+    """A design as it enters the press; of one that is wider than the field, the middle."""
+    if geometry.sees(page.width_mm):
+        return page
+    rows, columns = page.cmyk.shape[:2]
+    width = int(geometry.field_mm / page.pixel_mm)
+    height = min(rows, int(LONGEST * width))
+    left, top = (columns - width) // 2, (rows - height) // 2
+    return replace(page, cmyk=np.ascontiguousarray(page.cmyk[top : top + height, left : left + width]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressDay:
+    """A press on one day, with its page designs at hand."""
+
+    room: Room
+    page: Callable[[int], Page]
+    """A design as it enters the press."""
+    spread: Spread
+    """What good prints are taken to scatter by ..."""
+    prior: Tolerance
+    """... and to do."""
+
+    @classmethod
+    def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
+        """The day on which design ``first`` is printed first."""
+        room = Room.enter("press", press, np.random.default_rng([seed, first, SESSION]))
+
+        def page(index: int) -> Page:
+            return fitted(pages.page(index), press.geometry)
+
+        return cls(room=room, page=page, spread=good_spread(press), prior=good_prior(press))
+
+    def design(self, index: int) -> tuple[Printed, PreparedPage]:
+        """A good print of a design, and what is known of it ahead of its scans."""
+        press, good = self.room.press, self.room.good(self.page(index))
+        known = prepare_page(
+            good.page,
+            good.expected,
+            sensors=press.sensors,
+            geometry=press.geometry,
+            fringes=press.fringes,
+            tolerance=self.prior,
+        )
+        return good, known
+
+    def wrong(
+        self, good: Printed, kind: str, others: Sequence[int], rng: np.random.Generator
+    ) -> Printed | None:
+        """``Room.wrong`` among the day's designs."""
+        return self.room.wrong(good, kind, others=others, fetch=self.page, rng=rng)
+
+    def scan(self, printed: Printed, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """One more print of it, as the camera records it."""
+        return self.room.recorded(self.room.seen(printed, rng), rng)
+
+    def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
+        """A scan looked at as this press's are."""
+        press = self.room.press
+        return look(
+            known,
+            scan,
+            sensors=press.sensors,
+            geometry=press.geometry,
+            tolerance=self.prior,
+            spread=self.spread,
+        )
+
+    def said(
+        self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
+    ) -> tuple[list[Said], bool]:
+        """What a scan says, and whether it shows another page."""
+        looked = self.looked(known, scan)
+        return all_said(looked.sums, looked.fit, looked.found, scatter), shows_another(looked.found)
+
+    def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
+        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
+        drawn: dict[str, list[Any]] = defaultdict(list)
+        for index, rng in designs:
+            good, known = self.design(index)
+            looked = self.looked(known, self.scan(good, rng))
+            for name, values in samples(looked.sums, rng).items():
+                drawn[name].append(values)
+        return {name: np.stack(values) for name, values in drawn.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScatterWork:
+    """Good prints of a day's designs -> draws that ``learn_scatter`` learns from; travels to worker processes."""
+
+    press: Press
+    pages: Designs
+    seed: int
+
+    def __call__(self, designs: tuple[int, ...]) -> Rows:
+        """``PressDay.scatter_draws``."""
+        day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
+        return day.scatter_draws(
+            (index, np.random.default_rng([self.seed, index, PRINT])) for index in designs
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SaidWork:
+    """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
+
+    Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page);
+    with ``compare`` also windows (3 sensors,), the paper's statistics.
+    """
+
+    press: Press
+    pages: Designs
+    seed: int
+    scatter: Scatter
+    misprints: bool
+    compare: Callable[[Page, NDArray[np.uint16], Press], Evidence] | None = None
+
+    def __call__(self, designs: tuple[int, ...]) -> Rows:
+        """Rows in the order of designs; ``names`` of the statistics beside them."""
+        day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
+        columns: dict[str, list[Any]] = defaultdict(list)
+        names: list[str] = []
+        for index in designs:
+            rng = np.random.default_rng([self.seed, index, PRINT])
+            good, known = day.design(index)
+            scans = {"": day.scan(good, rng)}
+            if self.misprints:
+                others = [other for other in designs if other != index]
+                wrong = day.wrong(good, KINDS[index % len(KINDS)], others, rng)
+                if wrong is not None:
+                    scans[wrong.kind] = day.scan(wrong, rng)
+            for kind, scan in scans.items():
+                said, another = day.said(known, scan, self.scatter)
+                names = [one.name for one in said]
+                row: dict[str, Any] = {
+                    "design": index,
+                    "kind": kind,
+                    "values": stated(said),
+                    "portrait": known.portrait,
+                    "another": another,
+                }
+                if self.compare is not None:
+                    evidence = self.compare(good.page, scan, self.press)
+                    row["windows"] = window_statistics(evidence.block_z).ravel()
+                for name, value in row.items():
+                    columns[name].append(value)
+        rows = {name: np.array(values) for name, values in columns.items()}
+        return rows | {"kind": rows["kind"].astype("U16"), "names": np.array(names, "U48")}

@@ -1,0 +1,171 @@
+"""A press's detectors, taught on simulated prints before it has printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.learn import (
+    Pages,
+    certain_score,
+    learn_scatter,
+    learn_tolerance,
+    pooled,
+)
+from prooflight.commissioning.training.simulated_days import (
+    DESIGNS_A_DAY,
+    SaidWork,
+    ScatterWork,
+    good_prior,
+    good_spread,
+)
+from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
+from prooflight.errors import RequestError
+from prooflight.pages.parallel import in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.training.simulated_days import Designs, Rows
+    from prooflight.detectors.matched_filter.model import TolerancePress
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.detectors.paper.evidence import Evidence
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+    Compare = Callable[[Page, NDArray[np.uint16], Press], Evidence]
+    Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
+
+LEAST_RANKED: Final = 200
+"""Designs from which misprints teach a ranking: with 112 the score that none taught cost less, with 300 more."""
+FEWEST: Final = 24
+"""Designs below which nothing is worth learning: 6 for scatter, 9 to learn and 9 to calibrate."""
+PILOT_SHARE: Final = 1 / 8
+PILOT: Final = (6, 40)
+BINS: Final = 8
+"""Of the paper's network: a few hundred pages do not fill more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Numbers of designs that teach how statistics scatter, that teach all else, and that set the threshold."""
+
+    pilot: range
+    learn: range
+    tune: range
+
+    @classmethod
+    def of(cls, designs: int) -> Plan:
+        """So many altogether; RequestError: too few."""
+        if designs < FEWEST:
+            raise RequestError("designs", f"{designs} teach too little", remedy=f"ask for {FEWEST} or more")
+        low, high = PILOT
+        pilot = min(max(round(designs * PILOT_SHARE), low), high)
+        half = pilot + (designs - pilot) // 2
+        return cls(pilot=range(pilot), learn=range(pilot, half), tune=range(half, designs))
+
+
+def taught(
+    press: Press,
+    pages: Designs,
+    *,
+    designs: int,
+    seed: int,
+    compare: Compare | None = None,
+    processes: int | None = None,
+    shown: Shown = lambda items, _total, _what: iter(items),
+) -> Press:
+    """The press with our detector; with ``compare``, which gives the paper's evidence, also with the paper's.
+
+    designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
+    half and half all else and the threshold. compare: misprints of half of the designs are then printed as well, and
+    teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
+    """
+    plan = Plan.of(designs)
+    work = ScatterWork(press=press, pages=pages, seed=seed)
+    drawn = _gathered(
+        shown(in_order(work, _days(plan.pilot), processes=processes), *_named(plan.pilot, "scatter"))
+    )
+    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
+
+    def said(which: range, what: str, *, wrong: Compare | None) -> Rows:
+        of_pages = SaidWork(
+            press=press,
+            pages=pages,
+            seed=seed,
+            scatter=scatter,
+            misprints=wrong is not None,
+            compare=wrong,
+        )
+        return _gathered(shown(in_order(of_pages, _days(which), processes=processes), *_named(which, what)))
+
+    learn = said(plan.learn, "good prints" if compare is None else "good prints and misprints", wrong=compare)
+    tune = said(plan.tune, "false alarms", wrong=None)
+    ours = _ours(press, learn, tune, scatter, np.random.default_rng([seed, 13]))
+    return replace(press, ours=ours, bayes=None if compare is None else _bayes(press, learn))
+
+
+def _ours(
+    press: Press, learn: Rows, tune: Rows, scatter: Scatter, rng: np.random.Generator
+) -> CalibratedDetector:
+    """Learned from the learning rows; what good pages of the tuning rows score sets the threshold."""
+    tolerance = learn_tolerance(
+        Pages.of(learn),
+        names=learn["names"].tolist(),
+        scatter=scatter,
+        spread=good_spread(press),
+        prior=good_prior(press),
+        rng=rng,
+        ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
+    )
+    return calibrated_for(press, tolerance, tune)
+
+
+def calibrated_for(press: Press, tolerance: TolerancePress, good: Rows) -> CalibratedDetector:
+    """The detector with the threshold that keeps what the press file asks for; good: rows that taught nothing."""
+    pages = Pages.of(good)
+    score = certain_score(tolerance, pages, good["another"])
+    return CalibratedDetector.calibrated(
+        tolerance,
+        simulated=GoodScores.of(score, pages.design).worst,
+        false_alarm_rate=1 / press.good_pages_per_false_alarm,
+        misprint_rate=press.costs.misprint_rate,
+    )
+
+
+def _bayes(press: Press, learn: Rows) -> BayesDetector:
+    """The paper's network, on all sensors' statistics; it alarms where stopping pays."""
+    network = BayesianNetwork.learn(
+        learn["windows"].astype(np.float64),
+        [MISPRINT if kind else CORRECT for kind in learn["kind"].tolist()],
+        misprint_rate=press.costs.misprint_rate,
+        bins=BINS,
+    )
+    return BayesDetector(
+        network=network,
+        threshold=press.costs.stopping_probability,
+        unit=np.ones(len(press.sensors)),
+    )
+
+
+def _days(designs: range) -> list[tuple[int, ...]]:
+    return [tuple(designs[at : at + DESIGNS_A_DAY]) for at in range(0, len(designs), DESIGNS_A_DAY)]
+
+
+def _named(designs: range, what: str) -> tuple[int, str]:
+    return len(_days(designs)), f"learning {what}, {len(designs)} designs"
+
+
+def _gathered(pieces: Iterable[Rows]) -> Rows:
+    """Rows of all days, one after the other; names once."""
+    every = list(pieces)
+    return {
+        name: every[0][name] if name == "names" else np.concatenate([piece[name] for piece in every])
+        for name in every[0]
+    }

@@ -1,0 +1,1 @@
+"""Measured against expected: is it a misprint, where, of what kind, and what costs least."""

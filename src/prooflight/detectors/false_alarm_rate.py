@@ -1,0 +1,100 @@
+"""How rarely a good page may alarm, and on what that rests: a count of good designs, or their tail drawn on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.operating import conformal_threshold, least_promise
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+TAIL_SHARE: Final = 0.2
+"""Of the designs, whose scores beyond the others make the tail."""
+LEAST_IN_TAIL: Final = 5
+FURTHEST: Final = 10.0
+"""A tail is drawn on to no rarer than a tenth of what the designs promise by count; whoever asks for less gets that."""
+UNSURE: Final = 1.28
+"""Standard deviations by which a tail's mean excess is taken too large: its upper 90 % bound."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Promise:
+    """What a threshold promises."""
+
+    rate: float
+    """One good page in 1 / rate alarms. [-]"""
+    simulated: int
+    """Simulated good designs that it was set by."""
+    real: int = 0
+    """Real good pages that it was set by."""
+    conformal: bool = True
+    """False: fewer designs than such a rate needs; their scores' tail is taken to go on as it began."""
+    asked: float = 0.0
+    """What was asked for; 0: the same. [-]"""
+
+    def __str__(self) -> str:
+        odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
+        if 0 < self.asked < self.rate:
+            odds += f" (one in {1 / self.asked:,.0f} was asked for, and is refused)"
+        sources = [f"{self.real} real good pages"] if self.real else []
+        sources += [f"{self.simulated} simulated good designs"] if self.simulated else []
+        basis = " and ".join(sources)
+        if self.conformal:
+            return f"{odds}; by count, from {basis}"
+        least = 1 / least_promise(self.simulated + self.real)
+        return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoodScores:
+    """Scores of good pages of designs that taught nothing, the worst of each design, rising."""
+
+    worst: NDArray[np.float64]
+    """(designs,)"""
+
+    @classmethod
+    def of(cls, score: NDArray[np.float64], design: NDArray[np.int64]) -> GoodScores:
+        """Of pages (pages,) with their designs; each design counts once."""
+        designs, place = np.unique(design, return_inverse=True)
+        worst = np.full(designs.size, -np.inf)
+        np.maximum.at(worst, place, score)
+        return cls(worst=np.sort(worst))
+
+    @property
+    def least_rate(self) -> float:
+        """Rarest rate that these designs allow to speak of, by drawing on their tail. [-]"""
+        return least_promise(self.worst.size) / FURTHEST
+
+    def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
+        """Which score a new design's good page exceeds at most so often, and whether that is by count (conformal).
+
+        Where these are too few for such a rate: the tail's beginning plus its mean excess, taken at its upper bound,
+        times ln(share in the tail / rate), and no less than the greatest score seen.
+        """
+        count = self.worst.size
+        if false_alarm_rate >= least_promise(count):
+            every = np.arange(count)
+            return conformal_threshold(self.worst, every, false_alarm_rate=false_alarm_rate), True
+        begin, excess, share = self._tail
+        return max(begin + excess * float(np.log(share / false_alarm_rate)), float(self.worst[-1])), False
+
+    def p_value(self, score: float) -> float:
+        """Share of good designs that score so high: by count, one more counted, or less if the tail says so."""
+        count = self.worst.size
+        above = count - int(np.searchsorted(self.worst, score, side="left"))
+        begin, excess, share = self._tail
+        drawn = share * float(np.exp(-min(max(score - begin, 0.0) / excess, 500.0)))
+        return (1 + above) / (count + 1) if score <= begin else min((1 + above) / (count + 1), drawn)
+
+    @property
+    def _tail(self) -> tuple[float, float, float]:
+        """Where the tail begins, its mean excess at the upper bound, and the share of designs in it."""
+        known = self.worst[np.isfinite(self.worst)]
+        inside = min(max(round(TAIL_SHARE * known.size), LEAST_IN_TAIL), known.size - 1)
+        begin = float(known[-inside - 1])
+        excess = float((known[-inside:] - begin).mean()) * (1 + UNSURE / np.sqrt(inside))
+        return begin, max(excess, 1e-3), (inside + 1) / (self.worst.size + 1)

@@ -1,0 +1,1 @@
+"""A scan against one that was taken for good."""

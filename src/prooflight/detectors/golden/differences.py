@@ -1,0 +1,179 @@
+"""A scan against a golden one, where no raster says what was printed: what edges and levels do not excuse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.golden.levels import level_difference
+from prooflight.detectors.golden.place import GoldenPlace, place
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["GoldenDifference", "GoldenPlace", "Tolerance", "compare", "in_contrasts"]
+
+LEAST_CONTRAST: Final = 0.1
+"""Of a channel, as a share of its lightest: a golden page of bare paper has none of its own."""
+EXTREMES_PERCENT: Final = (0.1, 99.9)
+FLAT: Final = 0.1
+"""A golden that varies by no more within the edge tolerance is flat there. [contrast]"""
+EDGE_SIGMAS: Final = 4.0
+"""Less variation than this within the edge tolerance is noise, which excuses nothing."""
+NOISE_SIGMAS: Final = 6.0
+"""A difference must stand out so far from those of the whole page at its scale."""
+LEAST_SD: Final = 0.002
+"""Of a pixel: rounding of both scans to 8 bits (sqrt(2 / 12) / 255). [contrast]"""
+MAD_TO_SD: Final = 1.4826
+LEVELS: Final = 8
+"""Steps of lightness at which noise is measured."""
+LEAST_SAMPLES: Final = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """What a good print may do beside the golden one; tuned on half of a set of real pairs (docs/results/golden.md)."""
+
+    edge_pixels: float = 2.0
+    """An edge may lie so far from where the golden has it, once the page as a whole is in place."""
+    least: tuple[tuple[int, float], ...] = ((1, 0.4), (5, 0.2), (17, 0.08))
+    """Side of a window [pixels, odd] and the least mean difference in it that counts [contrast].
+
+    The last two: a good print differs from another by 2.7 % of an ink (worlds.toml: sqrt(2) times the root of 1.2 and
+    1.5 % squared and added), and three times that make 0.08.
+    """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenDifference:
+    """What a scan shows that its golden does not explain."""
+
+    excess: NDArray[np.float32]
+    """(lines, pixels) difference beyond what edges may move by, of the channel where it is greatest; above 0: lighter
+    than the golden. [contrast]"""
+    weight: NDArray[np.float32]
+    """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
+    place: GoldenPlace
+
+
+def in_contrasts(
+    golden: NDArray[np.floating], *scans: NDArray[np.floating]
+) -> tuple[NDArray[np.float32], ...]:
+    """``golden`` and scans (channels, lines, pixels), 0 the golden's darkest and 1 its lightest, by channel."""
+    scaled = [np.empty(image.shape, np.float32) for image in (golden, *scans)]
+    for channel, sheet in enumerate(golden):
+        dark, light = (float(np.percentile(sheet[::2, ::2], percent)) for percent in EXTREMES_PERCENT)
+        contrast = max(light - dark, LEAST_CONTRAST * light, 1e-9)
+        for image, target in zip((golden, *scans), scaled, strict=True):
+            target[channel] = (image[channel] - np.float32(dark)) / np.float32(contrast)
+    return tuple(scaled)
+
+
+def compare(
+    golden: NDArray[np.floating],
+    scan: NDArray[np.floating],
+    *,
+    tolerance: Tolerance | None = None,
+    where: GoldenPlace | None = None,
+) -> GoldenDifference:
+    """Difference of two scans of one page, both (channels, lines, pixels) in any one unit of light.
+
+    The golden is moved to where the scan shows it (``where``, if that is known), evened to the scan's levels, and not
+    smoothed; its noise counts as the scan's does.
+    """
+    allowed = tolerance or Tolerance()
+    golden, scan = in_contrasts(golden, scan)
+    if where is None:
+        where = place(golden.mean(axis=0), scan.mean(axis=0))
+    excess = np.zeros(golden.shape[1:], np.float32)
+    weight = np.zeros_like(excess)
+    for one, other in zip(golden, scan, strict=True):
+        found, counted = _of_channel(where.moved(one), other, allowed)
+        stronger = np.abs(found) > np.abs(excess)
+        excess[stronger] = found[stronger]
+        np.maximum(weight, counted, out=weight)
+    return GoldenDifference(excess=excess, weight=weight, place=where)
+
+
+def _of_channel(
+    moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Excess and weight of one channel."""
+    known = np.isfinite(moved)
+    moved = np.where(known, moved, scan)
+    disc = _disc(allowed.edge_pixels)
+    varying = _range(moved, disc)
+    flat = known & (varying < FLAT)
+    moved = moved + level_difference(moved, scan, varying)
+    sd = _noise_sd(moved, scan - moved, flat)
+    excess = np.where(known, _excess(moved, scan, disc, EDGE_SIGMAS * sd / np.sqrt(2)), 0)
+    weight = np.zeros_like(excess)
+    for side, least in allowed.least:
+        if side == 1:
+            mean, noise = excess, sd
+        else:
+            # What a smaller window has found is left out with its surroundings, which only blur its outline.
+            seen = cv2.dilate((weight > 0).astype(np.uint8), np.ones((side, side), np.uint8))
+            mean = cv2.blur(np.where(seen, 0, excess), (side, side), borderType=cv2.BORDER_REFLECT)
+            noise = np.minimum(np.float32(_sd(mean[flat])), least / 2)
+        enough = np.abs(mean) > np.maximum(least, NOISE_SIGMAS * noise)
+        if side > 1:
+            enough &= np.abs(excess) > least / 2
+        np.maximum(weight, np.where(enough, np.abs(mean), 0), out=weight)
+    return excess, weight
+
+
+def _excess(
+    golden: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    disc: NDArray[np.uint8],
+    noise: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Scan minus golden, less what either image shows within the edge tolerance of a pixel.
+
+    Each image must lie within the other's local range: a line that is missing lies within the golden's range but not
+    within the scan's. Where either varies by less than ``noise`` its range excuses nothing.
+    """
+    difference = scan - golden
+    greatest = np.zeros_like(difference)
+    for image, sign in ((golden, 1.0), (scan, -1.0)):
+        above = cv2.dilate(image, disc) - image
+        below = image - cv2.erode(image, disc)
+        above[above < noise] = 0
+        below[below < noise] = 0
+        off = np.float32(sign) * difference
+        left = np.float32(sign) * (np.maximum(off - above, 0) - np.maximum(-off - below, 0))
+        greatest = np.where(np.abs(left) > np.abs(greatest), left, greatest)
+    return greatest
+
+
+def _disc(radius: float) -> NDArray[np.uint8]:
+    reach = int(np.ceil(radius))
+    along, across = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return (across**2 + along**2 <= radius**2 + 1e-9).astype(np.uint8)
+
+
+def _range(image: NDArray[np.float32], disc: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return cv2.dilate(image, disc) - cv2.erode(image, disc)
+
+
+def _sd(values: NDArray[np.float32]) -> float:
+    return MAD_TO_SD * float(np.median(np.abs(values))) if values.size else 0.0
+
+
+def _noise_sd(
+    golden: NDArray[np.float32], difference: NDArray[np.float32], flat: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """Standard deviation of the difference of both scans at each pixel's lightness (lines, pixels). [contrast]"""
+    level, off = golden[flat][::7], difference[flat][::7]
+    step = np.clip((level * LEVELS).astype(np.intp), 0, LEVELS - 1)
+    found = [_sd(off[step == at]) if (step == at).sum() > LEAST_SAMPLES else np.nan for at in range(LEVELS)]
+    sds = np.array(found)
+    told = np.isfinite(sds)
+    centres = (np.arange(LEVELS) + 0.5) / LEVELS
+    if not told.any():
+        return np.full(golden.shape, LEAST_SD, np.float32)
+    return np.maximum(np.interp(golden, centres[told], sds[told]), LEAST_SD).astype(np.float32)

@@ -1,0 +1,84 @@
+"""From differences to a golden scan to places: joined where they lie close, weighed, boxed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.golden.differences import GoldenDifference
+
+JOINING_PIXELS: Final = 4
+"""Differences within twice this of each other are one; tuned with the next on one half of docs/results/golden.md."""
+LEAST_VOLUME: Final = 6.0
+"""Of a region that is reported. [contrast pixels]"""
+AROUND: Final = 3
+"""Side of the neighbourhood that a pixel's difference is weighed by. [pixels]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """One place where a scan differs from its golden; sides in pixels, the last ones not included."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    volume: float
+    """Sum of the difference, each pixel's by the share of its 3 x 3 neighbourhood that differs as well: the edge strips
+    that a tolerance leaves count little. A region of n pixels from dark to light has nearly n. [contrast pixels]"""
+    lighter: bool
+    """Than the golden."""
+
+    def grown(self, margin: int) -> tuple[int, int, int, int]:
+        """Left, top, right, bottom with a margin all around. [pixels]"""
+        return self.left - margin, self.top - margin, self.right + margin, self.bottom + margin
+
+
+def marks(
+    difference: GoldenDifference, *, joining_pixels: int = JOINING_PIXELS, least_volume: float = LEAST_VOLUME
+) -> tuple[Mark, ...]:
+    """Places that differ by at least ``least_volume``, the greatest first.
+
+    Only what is lighter is joined with lighter, and darker with darker: what is missing is not what is too much.
+    """
+    found = []
+    for lighter in (True, False):
+        weight = np.where((difference.excess > 0) == lighter, difference.weight, np.float32(0))
+        found += _of_sign(weight, lighter, joining_pixels, least_volume)
+    return tuple(sorted(found, key=lambda mark: -mark.volume))
+
+
+def _of_sign(
+    weight: NDArray[np.float32], lighter: bool, joining_pixels: int, least_volume: float
+) -> list[Mark]:
+    counted = (weight > 0).astype(np.uint8)
+    side = 2 * joining_pixels + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(cv2.dilate(counted, disc))
+    dense = weight * cv2.blur(counted.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    volumes = np.bincount(labels.ravel(), dense.ravel(), count)
+    found = []
+    for label in range(1, count):
+        if volumes[label] < least_volume:
+            continue
+        left, top, width, height = (int(value) for value in boxes[label, :4])
+        inside = (slice(top, top + height), slice(left, left + width))
+        own = (labels[inside] == label) & (counted[inside] > 0)
+        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+        found.append(
+            Mark(
+                left=left + int(columns[0]),
+                top=top + int(rows[0]),
+                right=left + int(columns[-1]) + 1,
+                bottom=top + int(rows[-1]) + 1,
+                volume=float(volumes[label]),
+                lighter=lighter,
+            )
+        )
+    return found

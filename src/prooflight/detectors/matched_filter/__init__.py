@@ -1,0 +1,1 @@
+"""The matched-filter detector, for presses that drift and jitter."""

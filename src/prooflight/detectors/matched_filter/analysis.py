@@ -1,0 +1,206 @@
+"""Our detector's look at a scan: what good prints of a press do is taken out, and what is left is summed up.
+
+``families`` makes statistics of that, and ``taught`` weighs them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.fit.binning import (
+    binned_geometry,
+    binned_prediction,
+    binned_scan,
+    binned_sensors,
+    bins_of,
+    lengthened,
+    thinned,
+)
+from prooflight.detectors.matched_filter.fit.modes import Modes, moved, portrait, prepare_modes, sight
+from prooflight.detectors.matched_filter.fit.nuisance import (
+    Spread,
+    Tolerance,
+    fit_nuisances,
+    page_colours,
+)
+from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
+from prooflight.detectors.matched_filter.fit.shared_prediction import SharedPrediction, planes_taken
+from prooflight.detectors.matched_filter.statistics.local_evidence import summed
+from prooflight.prediction.predict import predict
+from prooflight.registration.overlaps import overlaps_of
+from prooflight.registration.planes import register_by_fringes
+from prooflight.registration.register import prepare, register
+from prooflight.scans.placement import IN_PLACE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.registration.overlaps import Overlaps
+    from prooflight.registration.register import Landmarks, Registration
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PreparedPage:
+    """A design ready for its scans."""
+
+    page: Page
+    landmarks: Landmarks
+    overlaps: Overlaps | None = None
+    """Where planes share edges, if prediction is to follow their fringes; None: it follows registration alone."""
+    images: NDArray[np.float32]
+    """``Modes.images`` of the page in its place, in binned pixels."""
+    shared: SharedPrediction | None
+    """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
+    colours: Colours
+    portrait: NDArray[np.float64]
+
+
+def prepare_page(
+    page: Page,
+    expected: Prediction,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    sharing: bool = False,
+    fringes: bool = False,
+    tolerance: Tolerance | None = None,
+) -> PreparedPage:
+    """All that is known of a design ahead of its scans; expected: its prediction in its place.
+
+    sharing: copies share that prediction, moved to where each lies, instead of one each. fringes: where planes share
+    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share. tolerance: what good
+    prints do, by default those of the press world; ``look`` has to be given the same.
+    """
+    bins = bins_of(geometry)
+    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
+    modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
+    inside = sight(page, at, IN_PLACE).inside
+    shared = None
+    if sharing:
+        shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
+    landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
+    overlaps = None
+    if fringes and not sharing:
+        overlaps = overlaps_of(page, landmarks, good_mm=(tolerance or Tolerance()).most_plane_mm)
+    return PreparedPage(
+        page=page,
+        landmarks=landmarks,
+        overlaps=overlaps,
+        images=modes.images,
+        shared=shared,
+        colours=page_colours(modes.cover),
+        portrait=portrait(modes, inside),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Looked:
+    """What one scan says, before anything is decided."""
+
+    found: Registration
+    fit: Fit
+    sums: Sums
+    noise: NDArray[np.float64]
+    """(sensors,) true temporal variance over the prediction's. [-]"""
+
+
+def look(
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    tolerance: Tolerance | None = None,
+    spread: Spread | None = None,
+) -> Looked:
+    """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
+
+    A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page.
+    Where good prints are exact (``Spread.exact``) that is nothing: what registration and fit find is evidence alone.
+    """
+    page, spread, tolerance = prepared.page, spread or Spread(), tolerance or Tolerance()
+    bins = bins_of(geometry)
+    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
+    found = register(prepared.landmarks, scan)
+    if spread.exact:
+        placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
+    else:
+        placement, planes_mm = _followed(prepared, scan, found)
+    where = sight(page, at, placement)
+    if scan.shape[1] < geometry.lines(page.height_mm):
+        where = where.of_first(scan.shape[1] // bins)
+    if prepared.shared is None:
+        printed, planes_mm = in_register(page, planes_mm, good_mm=tolerance.most_plane_mm)
+        fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+        seen = binned_prediction(fine, bins)
+    else:
+        taken_mm, planes_mm = planes_taken(planes_mm, good_mm=tolerance.most_plane_mm)
+        seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
+    modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
+    measured = lengthened(binned_scan(scan, bins), where.inside.shape[0])
+    fit = fit_nuisances(
+        measured,
+        seen,
+        modes,
+        where,
+        sensors=taken_as,
+        colours=prepared.colours,
+        planes=planes_mm / at.pixel_pitch_mm,
+        pixel_mm=at.pixel_pitch_mm,
+        tolerance=tolerance,
+        spread=spread,
+    )
+    left, weight, of_edges, noise = residual_images(
+        measured,
+        seen,
+        modes,
+        where,
+        fit.emptied() if spread.exact else fit,
+        sensors=taken_as,
+        colours=prepared.colours,
+        spread=spread,
+    )
+    sums = summed(
+        left,
+        weight,
+        of_edges,
+        seen,
+        modes,
+        where,
+        sensors=taken_as,
+        geometry=at,
+        page_width_mm=page.width_mm,
+    )
+    return Looked(found=found, fit=fit, sums=sums, noise=noise)
+
+
+def _followed(
+    prepared: PreparedPage, scan: NDArray[np.uint16], found: Registration
+) -> tuple[Placement, NDArray[np.float64]]:
+    """The placement and the planes (4, 2) [mm] that prediction follows."""
+    if prepared.overlaps is None or not found.found:
+        return found.placement, found.planes_mm
+    fringes = register_by_fringes(
+        prepared.overlaps,
+        prepared.landmarks,
+        scan,
+        placement=found.placement,
+        planes_mm=found.planes_mm,
+        plane_parts=found.plane_parts,
+    )
+    if fringes is None:
+        return found.placement, found.planes_mm
+    x, y = (float(step) for step in np.add(found.placement.shift_mm, fringes.shift_mm))
+    return replace(found.placement, shift_mm=(x, y)), fringes.planes_mm

@@ -1,0 +1,200 @@
+"""What our detector found, in the words of the press room: why, where, and what each ink does."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.base import Ink, Region
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.detectors.matched_filter.analysis import Looked
+    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.registration.register import Registration
+
+INKS: Final = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
+LIGHTENING: Final = ("light", "void")
+"""Modes of which more makes a place lighter."""
+MOST_OF_PLANE: Final = 0.5
+GONE_PERCENT: Final = -60.0
+"""An ink of which less than 40 % is there is called missing, not weak."""
+LEAST_TOLD_MM: Final = 0.05
+"""A plane less far out of register is said without an amount: 0.0 mm would be read as nothing."""
+
+
+def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
+    """What a print does with the inks of ``present``, letters of CMYK.
+
+    A plane of which most lies further off than registration follows is that far out of register.
+    """
+    fit, found = looked.fit, looked.found
+    far = looked.sums.shifts[:, 1] > MOST_OF_PLANE
+    register_mm = found.planes_mm + np.where(far[:, None], looked.sums.shifts[:, 2:], 0)
+    return {
+        letter: Ink(
+            gain_percent=round(100 * float(fit.gain[ink, 0]), 2),
+            dot_gain_percent=round(100 * float(fit.dot[ink]), 2),
+            register_mm=(round(float(register_mm[ink, 0]), 4), round(float(register_mm[ink, 1]), 4)),
+        )
+        for ink, letter in enumerate(INKS)
+        if letter in present
+    }
+
+
+def regions_of(
+    strongest: Sequence[tuple[str, Said]],
+    kinds: Sequence[str],
+    *,
+    shift_mm: tuple[float, float],
+    size_mm: tuple[float, float],
+) -> tuple[Region, ...]:
+    """Places on the page, most telling first: statistics' boxes, the print's shift taken off, cut to the page.
+
+    Of boxes whose middle lies in one before them, none is given. No box at all: the page as a whole.
+    """
+    found: list[Region] = []
+    for (_, said), kind in zip(strongest, kinds, strict=True):
+        x, y, width, height = said.box
+        if math.isnan(x):
+            continue
+        left, right = (
+            min(max(v - shift_mm[0], 0.0), size_mm[0]) for v in (x, x + min(width, 2 * size_mm[0]))
+        )
+        top, bottom = (
+            min(max(v - shift_mm[1], 0.0), size_mm[1]) for v in (y, y + min(height, 2 * size_mm[1]))
+        )
+        middle = (left + right) / 2, (top + bottom) / 2
+        if right <= left or bottom <= top or any(_holds(one, middle) for one in found):
+            continue
+        found.append(_region((left, top, right - left, bottom - top), said, kind))
+    if not found and strongest:
+        found = [whole_page(size_mm, strongest[0][1], kinds[0])]
+    return tuple(found)
+
+
+def whole_page(size_mm: tuple[float, float], said: Said, kind: str) -> Region:
+    """The page as a whole, where no place says more than another."""
+    return _region((0.0, 0.0, *size_mm), said, kind)
+
+
+def _region(box: tuple[float, float, float, float], said: Said, kind: str) -> Region:
+    x, y, width, height = (round(v, 2) for v in box)
+    return Region(
+        x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=round(abs(float(said.value)), 1), kind=kind
+    )
+
+
+def _holds(region: Region, point: tuple[float, float]) -> bool:
+    across, down = point[0] - region.x_mm, point[1] - region.y_mm
+    return 0 <= across <= region.width_mm and 0 <= down <= region.height_mm
+
+
+def reason_for(
+    kind: str,
+    said: Said | None,
+    region: Region | None,
+    inks: dict[str, Ink],
+    found: Registration,
+) -> str:
+    """One line: what is wrong, with which ink, how much and where.
+
+    said: the statistic that says most; region: the first place, None if there is none.
+    """
+    ink = _ink_of(said)
+    match kind:
+        case "wrong-page":
+            return place_reason(found)
+        case "plane-register":
+            return _of_register(ink, inks)
+        case "density" | "missing-plane" | "swapped-planes":
+            return _of_gain(kind, ink, inks, said, region)
+        case "streak" if region is not None:
+            return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink)}"
+        case "banding":
+            return f"bands across the page{_in(ink)}"
+    what = {
+        "spots-voids": "spot" if _darker(said) else "void",
+        "ghost-smear": "ghost",
+        "local-blur": "blurred place",
+        "missing-content": "missing content",
+        "scum": "ink where there should be paper",
+    }.get(kind, "difference all over the page" if region is None else "difference")
+    return f"{what}{_in(ink)}{_around(region)}"
+
+
+def place_reason(found: Registration) -> str:
+    """Why a scan shows another page, or its own where no good print lies."""
+    if found.turned:
+        return "the page is turned by 180 degrees"
+    if found.foreign:
+        return "the scan shows another page: what is printed on it is not foretold by this one"
+    if not found.found:
+        return f"the scan does not show this page: {found.reason or 'its tiles show something else'}"
+    x, y = found.placement.shift_mm
+    return f"the page lies {x:+.1f}, {y:+.1f} mm and {found.placement.skew_deg:+.2f} degrees off its place"
+
+
+def _of_register(ink: str, inks: dict[str, Ink]) -> str:
+    off = {letter: math.hypot(*one.register_mm) for letter, one in inks.items()}
+    if not off:
+        return "planes out of register"
+    worst = ink if ink in off else max(off, key=lambda letter: off[letter])
+    amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
+    return f"register of {INKS[worst]}{amount}"
+
+
+def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, region: Region | None) -> str:
+    gains = {letter: one.gain_percent for letter, one in inks.items()}
+    named = ink if ink in gains else max(gains, key=lambda letter: abs(gains[letter]), default="")
+    local = said is not None and said.name.split("/")[0] in ("box", "apart", "spread")
+    where = _around(region) if local else ""
+    if not named:
+        return f"ink is off{where}"
+    gain = gains[named]
+    if kind == "missing-plane" and (local or gain < 0):
+        word = "missing" if gain < GONE_PERCENT or (local and not _darker(said)) else "weak"
+        return f"{word} {INKS[named]}{where}"
+    if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
+        return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
+    return f"{INKS[named]} {_amount(gain)}{where}"
+
+
+def _amount(percent: float) -> str:
+    return f"{abs(percent):.0f} % too {'strong' if percent > 0 else 'weak'}"
+
+
+def _ink_of(said: Said | None) -> str:
+    """Letter of the ink that a statistic speaks of; empty: of none by itself.
+
+    >>> from prooflight.detectors.matched_filter.statistics.families import Said
+    >>> [_ink_of(Said(name=n, value=1.0)) for n in ("box/gain-C-/8", "fit/plane-M", "ghost/K/0", "fit/gain-all")]
+    ['C', 'M', 'K', '']
+    """
+    for part in (said.name if said else "").split("/")[1:]:
+        letter = part.rstrip("+-").rpartition("-")[2]
+        if letter in INKS:
+            return letter
+    return ""
+
+
+def _darker(said: Said | None) -> bool:
+    """Whether a statistic says that a place is darker; of light and of voids, more is lighter."""
+    if said is None:
+        return False
+    mode = next((part for part in said.name.split("/")[1:] if part.endswith(("+", "-"))), "")
+    return mode.endswith("-") if mode.startswith(LIGHTENING) else mode.endswith("+")
+
+
+def _in(ink: str) -> str:
+    return f" in {INKS[ink]}" if ink else ""
+
+
+def _around(region: Region | None) -> str:
+    if region is None:
+        return ""
+    x, y = region.x_mm + region.width_mm / 2, region.y_mm + region.height_mm / 2
+    return f" around x = {x:.0f} mm, y = {y:.0f} mm ({region.width_mm:.0f} x {region.height_mm:.0f} mm)"

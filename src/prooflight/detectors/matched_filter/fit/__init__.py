@@ -1,0 +1,1 @@
+"""What good prints do anyway: fitted to a scan, and taken out of it."""

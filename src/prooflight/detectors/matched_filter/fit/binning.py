@@ -1,0 +1,154 @@
+"""Fine pixels taken together: what our detector tells apart is millimetres wide, and finer pixels only cost time.
+
+Registration sees the camera's own pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.residuals.binning import binned_rows, running_means, take_turns
+from prooflight.pages.sampling import Footprint, LensCorrection
+from prooflight.prediction.predict import Prediction
+from prooflight.scans.geometry import ScanGeometry
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.tables import SensorModel
+
+MOST_MM: Final = 0.26
+"""Pitch of pixels taken together: the press study's, at which a good press's register and a streak are still seen."""
+
+
+def bins_of(geometry: ScanGeometry) -> int:
+    """How many pixels are taken together each way: the most that divide a line and stay below ``MOST_MM``."""
+    pitch_mm = max(geometry.pixel_pitch_mm, geometry.line_pitch_mm)
+    return next(n for n in range(max(int(MOST_MM / pitch_mm), 1), 0, -1) if geometry.pixels % n == 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BinnedGeometry(ScanGeometry):
+    """Where binned pixels lie."""
+
+    camera: ScanGeometry
+    bins: int
+
+    def lines(self, page_height_mm: float) -> int:
+        """As many as ``binned`` makes of a scan: millimetres over the longer pitch may round to another number."""
+        return -(-self.camera.lines(page_height_mm) // self.bins)
+
+
+def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
+    """Where binned pixels lie."""
+    if bins == 1:
+        return geometry
+    return BinnedGeometry(
+        pixels=geometry.pixels // bins,
+        pixel_pitch_mm=geometry.pixel_pitch_mm * bins,
+        line_pitch_mm=geometry.line_pitch_mm * bins,
+        lead_in_mm=geometry.lead_in_mm,
+        lead_out_mm=geometry.lead_out_mm,
+        camera=geometry,
+        bins=bins,
+    )
+
+
+@lru_cache(maxsize=16)
+def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: float) -> SensorModel:
+    """A sensor of which one pixel is so many each way, ``pitch_mm`` apart; its tables are of one of them.
+
+    What the footprint misses of the lens is left to ``binned_prediction``.
+    """
+    if bins == 1:
+        return sensor
+    offset, gain = (
+        one.reshape(-1, bins).mean(axis=1, dtype=np.float64).astype(np.float32)
+        for one in (sensor.column_offset_dn, sensor.column_gain)
+    )
+    return replace(
+        sensor,
+        column_offset_dn=offset,
+        column_gain=gain,
+        footprint=widened(sensor.footprint, bins, pitch_mm),
+        correction=LensCorrection.none(),
+    )
+
+
+def binned_sensors(sensors: Sequence[SensorModel], bins: int, pitch_mm: float) -> list[SensorModel]:
+    """All of them."""
+    return [binned_sensor(sensor, bins, pitch_mm) for sensor in sensors]
+
+
+def widened(footprint: Footprint, bins: int, pitch_mm: float) -> Footprint:
+    """What so many pixels side by side see together."""
+    begins = (np.arange(bins) - (bins - 1) / 2) * pitch_mm
+    reach_mm = footprint.reach_mm + float(begins[-1])
+    places = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
+    steps = round(reach_mm / footprint.reach_mm * (footprint.across.size - 1) / 2)
+    wide = np.linspace(-reach_mm, reach_mm, 2 * steps + 1)
+    across, along = (
+        np.mean([np.interp(wide - begin, places, of, left=0, right=1) for begin in begins], axis=0)
+        for of in (footprint.across, footprint.along)
+    )
+    return Footprint(reach_mm=reach_mm, across=across, along=along)
+
+
+def thinned(page: Page, bins: int) -> Page:
+    """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
+    if bins == 1:
+        return page
+    words = page.words
+    taken = np.empty([-(-extent // bins) for extent in words.shape], np.uint32)
+    take_turns(words, bins, taken)
+    cmyk = taken[..., None].view(np.uint8)
+    return replace(page, cmyk=cmyk, dpi=page.dpi / bins)
+
+
+def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
+    """Means over squares of images (..., lines, pixels); the last line goes on where a square is not full."""
+    lines, pixels = images.shape[-2:]
+    flat = images.reshape(-1, lines, pixels)
+    out = np.empty((len(flat), -(-lines // bins), pixels // bins), np.float32)
+    for image, target in zip(flat, out, strict=True):
+        binned_rows(image, bins, target)
+    return out.reshape(*images.shape[:-2], *out.shape[1:])
+
+
+def binned_scan(scan: NDArray[np.uint16], bins: int) -> NDArray[np.generic]:
+    """A scan (sensors, lines, pixels) in binned pixels."""
+    return scan if bins == 1 else binned(scan, bins)
+
+
+def lengthened(scan: NDArray[np.generic], lines: int) -> NDArray[np.generic]:
+    """A scan (sensors, lines, pixels) with so many lines: 0 in those that it lacks."""
+    lacking = lines - scan.shape[1]
+    return np.pad(scan, ((0, 0), (0, lacking), (0, 0))) if lacking > 0 else scan
+
+
+def binned_prediction(seen: Prediction, bins: int) -> Prediction:
+    """What binned pixels must show; the variance is that of their mean."""
+    if bins == 1:
+        return seen
+    variance = binned(seen.variance_dn2, bins)
+    variance /= np.float32(bins * bins)
+    return Prediction(expected_dn=binned(seen.expected_dn, bins), variance_dn2=variance)
+
+
+def phased(image: NDArray[np.float32], bins: int) -> NDArray[np.float32]:
+    """What a binned pixel would see from each of the camera's pixels on: (bins, bins, lines, pixels).
+
+    [p, q, i, j] is the mean over the square that begins at line i bins + p and pixel j bins + q of image (lines,
+    pixels); its edge goes on beyond.
+    """
+    lines, pixels = image.shape
+    out = np.empty((bins, bins, -(-lines // bins), pixels // bins), np.float32)
+    running_means(image, out)
+    return out

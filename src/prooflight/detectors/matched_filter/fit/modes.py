@@ -1,0 +1,260 @@
+"""How the signal of one page answers to what presses do: more ink, less ink, dot gain, ink where there was none.
+
+Made once a design, ahead of its scans, at camera resolution with the page in its place; moved to where a scan's page
+lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
+from prooflight.kernels.residuals.page_features import portrait_sums
+from prooflight.pages.sampling import LensCorrection
+from prooflight.prediction.predict import predict_light
+from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
+from prooflight.prediction.tables import SensorModel, node_fractions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+INKS: Final = 4
+COVER_SCALE: Final = 4096.0
+"""Coverage is predicted as if it were a signal of so many DN."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Modes:
+    """Images (..., lines, pixels) of what each cause does to the light of bare columns; inks in the order CMYK."""
+
+    images: NDArray[np.float32]
+    """(channels, lines, pixels) all of them, for one move of all; its parts are the properties."""
+    sensors: int
+
+    @property
+    def gain(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) J a: by a whole gain of each ink. [DN]"""
+        return self._of_inks(0)
+
+    @property
+    def add(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not. [DN]"""
+        return self._of_inks(1)
+
+    @property
+    def dot(self) -> NDArray[np.float32]:
+        """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
+        return self._of_inks(2)
+
+    @property
+    def texture(self) -> NDArray[np.float32]:
+        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
+        return self.images[-INKS - self.sensors : -INKS]
+
+    @property
+    def cover(self) -> NDArray[np.float32]:
+        """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
+        return self.images[-INKS:]
+
+    def _of_inks(self, part: int) -> NDArray[np.float32]:
+        size = self.sensors * INKS
+        images = self.images[size * part : size * (part + 1)]
+        return images.reshape(self.sensors, INKS, *images.shape[1:])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModeSensor:
+    """Sensor models whose tables hold one cause's effect each, sign reversed where it darkens."""
+
+    gain: tuple[SensorModel, ...]
+    add: tuple[SensorModel, ...]
+    dot: tuple[SensorModel, ...]
+    texture: SensorModel
+
+
+@lru_cache(maxsize=8)
+def mode_sensor(sensor: SensorModel) -> ModeSensor:
+    """Tables over CMYK of every mode of one sensor."""
+    slopes = _on_nodes(mean_slopes(sensor))
+    axis = node_fractions()
+    areas = [axis.reshape([-1 if ink == i else 1 for i in range(INKS)]) for ink in range(INKS)]
+    darkening = [np.maximum(-slopes[..., ink], 0) for ink in range(INKS)]
+    variance = sum(j**2 * (a * (1 - a)).clip(min=0) for j, a in zip(darkening, areas, strict=True))
+    return ModeSensor(
+        gain=tuple(_as_sensor(sensor, j * a) for j, a in zip(darkening, areas, strict=True)),
+        add=tuple(_as_sensor(sensor, j * (1 - a).clip(min=0)) for j, a in zip(darkening, areas, strict=True)),
+        dot=tuple(
+            _as_sensor(sensor, j * (4 * a * (1 - a)).clip(min=0))
+            for j, a in zip(darkening, areas, strict=True)
+        ),
+        texture=_as_sensor(sensor, np.asarray(variance)),
+    )
+
+
+@lru_cache(maxsize=8)
+def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
+    """Sensor models that see nothing but the area of one ink."""
+    axis = node_fractions()
+    shape = np.zeros((NODES,) * INKS)
+    return tuple(
+        _as_sensor(sensor, shape + COVER_SCALE * axis.reshape([-1 if ink == i else 1 for i in range(INKS)]))
+        for ink in range(INKS)
+    )
+
+
+@lru_cache(maxsize=8)
+def shadow_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
+    """Sensor models that see how much lighter it would be without one ink. [DN]"""
+    mean = sensor.mean_dn
+    return tuple(_as_sensor(sensor, np.take(mean, [0], axis=ink) - mean) for ink in range(INKS))
+
+
+def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:
+    values = np.ascontiguousarray(table, np.float32)
+    pixels = sensor.column_gain.size
+    return replace(
+        sensor,
+        mean_dn=values,
+        variance_dn2=values,
+        column_offset_dn=np.zeros(pixels, np.float32),
+        column_gain=np.ones(pixels, np.float32),
+        dark_variance_dn2=0.0,
+        backing_dn=0.0,
+        backing_variance_dn2=0.0,
+        top_code_dn=2**30,
+        correction=LensCorrection.none(),
+    )
+
+
+def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Slopes at all nodes, linear between their own: (33, 33, 33, 33, 4)."""
+    fine = slopes
+    for ink in range(INKS):
+        along = np.moveaxis(fine, ink, 0)
+        wide = np.empty((EVERY * (SLOPE_NODES - 1) + 1, *along.shape[1:]), np.float32)
+        wide[::EVERY] = along
+        wide[1::EVERY] = (along[:-1] + along[1:]) / 2
+        fine = np.moveaxis(wide, 0, ink)
+    return fine
+
+
+def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Modes:
+    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
+    channels = len(sensors) * (3 * INKS + 1) + INKS
+    images = np.empty((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
+    modes = Modes(images=images, sensors=len(sensors))
+    present = [ink for ink in range(INKS) if page.cmyk[::2, ::2, ink].any()]
+    for ink in set(range(INKS)) - set(present):
+        for blank in (modes.gain[:, ink], modes.dot[:, ink], modes.cover[ink]):
+            blank[...] = 0
+    for index, sensor in enumerate(sensors):
+        tables = mode_sensor(sensor)
+        for of_inks, out, inks in (
+            (tables.add, modes.add[index], range(INKS)),
+            (tables.gain, modes.gain[index], present),
+            (tables.dot, modes.dot[index], present),
+        ):
+            seen = [of_inks[ink] for ink in inks], [out[ink] for ink in inks]
+            predict_light(page, *seen, geometry=geometry, sign=-1)
+        predict_light(page, [tables.texture], [modes.texture[index]], geometry=geometry)
+    areas, cover = cover_sensors(sensors[0]), modes.cover
+    predict_light(page, [areas[ink] for ink in present], [cover[ink] for ink in present], geometry=geometry)
+    cover /= np.float32(COVER_SCALE)
+    return modes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place.
+
+    Displacements are kept at nodes ``STRETCH`` pixels apart and are linear between them.
+    """
+
+    across: NDArray[np.float32]
+    """(rows, columns) of nodes: how far to the right of itself a pixel looks. [pixels]"""
+    along: NDArray[np.float32]
+    """How far below itself."""
+    inside: NDArray[np.bool_]
+    """(lines, pixels) whether that is on the page, ``margin`` pixels or more from its edge."""
+
+    def slant(self) -> NDArray[np.float64]:
+        """(lines,) how much further to the right than the middle line each line looks, halfway across. [pixels]"""
+        lines, pixels = self.inside.shape
+        nodes = self.across[:, pixels // 2 // STRETCH]
+        by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
+        return np.asarray(by_line - by_line[lines // 2])
+
+    def of_first(self, lines: int) -> Sight:
+        """The same of a scan that has only so many lines: nothing is known of those that would follow."""
+        inside = self.inside.copy()
+        inside[lines:] = False
+        return replace(self, inside=inside)
+
+
+def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> Sight:
+    """What the camera looks at where ``placement`` puts the page; linear between nodes."""
+    lines, pixels = geometry.lines(page.height_mm), geometry.pixels
+    down = np.arange(0, lines + STRETCH, STRETCH)
+    across = np.arange(0, pixels + STRETCH, STRETCH)
+    x0, y0 = geometry.centres_x_mm(page.width_mm)[0], geometry.centres_y_mm(1)[0]
+    x, y = np.meshgrid(x0 + across * geometry.pixel_pitch_mm, y0 + down * geometry.line_pitch_mm)
+    seen_x, seen_y = placement.seen_mm(x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
+    by_x = ((seen_x - x) / geometry.pixel_pitch_mm).astype(np.float32)
+    by_y = ((seen_y - y) / geometry.line_pitch_mm).astype(np.float32)
+    left, top = -x0 / geometry.pixel_pitch_mm, -y0 / geometry.line_pitch_mm
+    right = left + page.width_mm / geometry.pixel_pitch_mm
+    bottom = top + page.height_mm / geometry.line_pitch_mm
+    inside = np.empty((lines, pixels), np.uint8)
+    bounds = (left + margin, right - margin, top + margin, bottom - margin)
+    within(by_x, by_y, *(np.float32(bound) for bound in bounds), inside)
+    return Sight(across=by_x, along=by_y, inside=inside.view(np.bool_))
+
+
+def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
+    """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
+    out = np.empty_like(images)
+    some = np.array([image[::8].any() for image in images])
+    out[~some] = 0
+    move_smooth(images, np.flatnonzero(some), seen.across, seen.along, out)
+    return out
+
+
+PORTRAIT: Final = 15
+PORTRAIT_LINES: Final = 3
+"""Every so many-th line is enough for what a page is like."""
+
+
+def portrait(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """What a page is like, by which its own scatter is foretold: (PORTRAIT,) numbers.
+
+    Logarithms of each ink's mean area, its share of solids, how much is printed, how much of the scan is page, halftone
+    texture, edges of black, of the other inks, and of two inks at once, whose register nobody sees; share of more ink
+    than two solids.
+    """
+    sums, kept, every = portrait_sums(modes.cover, modes.texture[0], inside, PORTRAIT_LINES)
+    ink, solid, printed, heavy, texture, of_black, of_others, of_two = np.split(
+        sums, np.cumsum([4, 4, 1, 1, 1, 1, 1])
+    )
+    edges = np.concatenate([of_black, of_others, of_two]) / every
+    return np.concatenate(
+        [
+            np.log(ink / kept + 1e-4),
+            solid / kept,
+            np.log(printed / kept + 1e-3),
+            [inside.mean()],
+            np.log(texture / kept + 1),
+            np.log(edges + 1e-4),
+            heavy / kept,
+        ]
+    )

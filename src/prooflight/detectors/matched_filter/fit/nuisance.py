@@ -1,0 +1,378 @@
+"""What a good print does anyway, found in a scan and taken away; the amounts found are evidence.
+
+Measured minus expected is a sum of causes that act on the whole page: paper and lamp (light as a whole), tables that
+are a little off in some colours, ink gain and its tilt, dot gain, planes a little out of register. Each has a prior:
+what a good press does. The amounts are estimated from means over blocks, by robust weighted least squares
+with that prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+
+BLOCK: Final = 8
+"""Pixels in a side of the blocks whose means are fitted."""
+LAMP_WAVES: Final = 6
+COLOURS: Final = SHAPES
+"""Of a page's recipes, between which tables are taken to err smoothly."""
+COLOUR_LENGTH: Final = 0.5
+"""Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
+ROUNDS: Final = 4
+BLOCKS: Final = 5000
+"""So many, spread evenly, are enough."""
+TEMPER: Final = 0.2
+"""What blocks of one colour are off by is common to them: each counts for so many."""
+EDGE_BIAS: Final = 0.05
+"""By which edges of a block may all be wider or narrower: planes that hide each other's register. [pixels, assumed]"""
+FAR: Final = 4.685
+"""Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
+INKS: Final = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """Standard deviations of what good prints do, before one has been looked at; those of the press world."""
+
+    white: float = 0.013
+    """Of each sensor's light: table gain 1 %, white 0.5 % a channel. [-]"""
+    common: float = 0.008
+    """Of all sensors' light: white 0.8 %. [-]"""
+    lamp: float = 0.009
+    """Of the lamp's profile, 0.8 % a session and 0.4 % a print. [-]"""
+    lamp_length: float = 0.25
+    """Of the field, over which its correlation falls to 1/e."""
+    shape: float = 0.01
+    gain: float = 0.0192
+    """1.2 % a session and 1.5 % a print."""
+    tilt: float = 0.008
+    dot: float = 0.016
+    plane_mm: float = 0.048
+    """Of each plane; what registration found of it is no prior here."""
+    most_plane_mm: float = 0.114
+    """Planes are off by no more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """Nuisances of one scan."""
+
+    white: NDArray[np.float64]
+    """(sensors,) [-]"""
+    lamp: NDArray[np.float64]
+    """(LAMP_WAVES,) amplitudes of cos(k pi x / W). [-]"""
+    shape: NDArray[np.float64]
+    """(sensors, colours) weights of the page's features of colour, of the prior's standard deviation 1."""
+    gain: NDArray[np.float64]
+    """(4, 3) of each ink at the centre, and what is added at the right and lower edges. [-]"""
+    dot: NDArray[np.float64]
+    """(4,) ink area added at 50 %. [-]"""
+    planes: NDArray[np.float64]
+    """(4, 2) how far each plane lies too far right and down. [pixels]"""
+    surprise: NDArray[np.float64]
+    """(amounts,) each amount over the standard deviation it would have on good prints; in the order above."""
+    noise: NDArray[np.float64]
+    """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
+    spread: float
+    """Robust spread of blocks about the fit, in their standard deviations. [-]"""
+    lost: float
+    """Share of blocks that the fit does not explain. [-]"""
+    tolerance: Tolerance
+    """That it was made with."""
+
+    def emptied(self) -> Fit:
+        """The same with every amount 0: it explains nothing."""
+        amounts = ("white", "lamp", "shape", "gain", "dot", "planes")
+        return replace(self, **{name: np.zeros_like(getattr(self, name)) for name in amounts})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """What good prints scatter by besides the fit: learned."""
+
+    edge: float = 0.004
+    """Variance by the squared slope. [pixels^2]"""
+    contrast: float = 0.0009
+    """Variance by a halftone's at unit contrast."""
+    share: float = 0.002
+    """Standard deviation as a share of the light."""
+    dark: float = 0.02
+    """More of it where it is dark, times the squared natural logarithm of white over light: what an ink's film or a
+    table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
+
+    @classmethod
+    def none(cls) -> Spread:
+        """Of a press whose good prints are as predicted, but for the camera's noise."""
+        return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether good prints are as predicted: in their place, of the inks foretold."""
+        return self == Spread.none()
+
+    def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
+        depth = np.log(white / np.clip(light, 0.01 * white, white))
+        return np.asarray(self.share + self.dark * depth**2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Colours:
+    """Smooth functions of a page's colours, of independent amplitudes."""
+
+    centres: NDArray[np.float32]
+    """(n, 4) ink areas."""
+    root: NDArray[np.float32]
+    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
+
+    def bells(self) -> NDArray[np.float32]:
+        """Factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2); 0 beyond the centres."""
+        found = np.zeros((INKS, LEVELS, SHAPES), np.float32)
+        levels = np.linspace(0, 1, LEVELS)[None, :, None]
+        off = levels - self.centres.T[:, None].astype(np.float64)
+        found[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
+        return found
+
+    def weights(self, amounts: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Of bells, (SHAPES,): amounts (n,) are of features."""
+        found = np.zeros(SHAPES, np.float32)
+        found[: len(self.root)] = self.root.T @ amounts
+        return found
+
+
+def page_colours(cover: NDArray[np.float32]) -> Colours:
+    """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
+    steps = np.rint(cover[:, ::4, ::4].reshape(INKS, -1) * np.float32(16)).clip(0, 16).astype(np.int32)
+    found_at = np.bincount(np.ravel_multi_index(tuple(steps), (17,) * INKS), minlength=17**INKS)
+    found_at[0] += 1  # bare paper is always one of them
+    keys = np.flatnonzero(found_at)
+    count = found_at[keys]
+    colours = np.stack(np.unravel_index(keys, (17,) * INKS), axis=1) / 16
+    weight = np.sqrt(count)
+    left = np.ones(len(colours))
+    found = np.zeros((len(colours), 0))
+    chosen: list[int] = []
+    for _ in range(min(COLOURS, len(colours))):
+        pivot = (
+            int(np.flatnonzero((colours == 0).all(axis=1))[0])
+            if not chosen
+            else int(np.argmax(left * weight))
+        )
+        if left[pivot] < 0.02:
+            break
+        chosen.append(pivot)
+        kernel = np.exp(-((colours - colours[pivot]) ** 2).sum(axis=1) / COLOUR_LENGTH**2)
+        column = (kernel - found @ found[pivot]) / np.sqrt(left[pivot])
+        found = np.column_stack([found, column])
+        left = (left - column**2).clip(min=0)
+    centres = colours[chosen]
+    kernel = np.exp(-((centres[:, None] - centres) ** 2).sum(axis=2) / COLOUR_LENGTH**2)
+    factor = np.linalg.cholesky(kernel + 1e-6 * np.eye(len(chosen)))
+    return Colours(centres=centres.astype(np.float32), root=np.linalg.inv(factor).astype(np.float32))
+
+
+def fit_nuisances(
+    measured_dn: NDArray[np.generic],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    *,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+    planes: NDArray[np.float64],
+    pixel_mm: float,
+    tolerance: Tolerance,
+    spread: Spread,
+) -> Fit:
+    """Amounts of every nuisance in one scan; arrays (sensors, lines, pixels) at camera resolution, modes moved.
+
+    planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
+    """
+    means, places = _summed(measured_dn, seen, modes, where, sensors, colours)
+    noise = np.ones(len(sensors))
+    model = _Model.of(means, places, len(colours.centres), tolerance, pixel_mm, planes)
+    amounts, sd, robust, lost = model.solved(noise, spread, np.array([sensor.white_dn for sensor in sensors]))
+    parts = model.parted(amounts)
+    return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost, tolerance=tolerance)
+
+
+def _summed(
+    measured_dn: NDArray[np.generic],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means over blocks (sensors, channels, blocks), channel 0 their pixels; where these lie, -1 .. 1 (2, blocks)."""
+    rows, columns = (extent // BLOCK for extent in where.inside.shape)
+    cut = where.inside[: rows * BLOCK, : columns * BLOCK]
+    full = cut.reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3), dtype=np.int32)
+    used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
+    used = used[:: max(used.size // BLOCKS, 1)]
+    place = np.stack(np.divmod(used, columns))
+    corners = np.ascontiguousarray(place.T * BLOCK)
+    sums = np.empty((len(sensors), used.size, 22 + SHAPES), np.float32)
+    bells = colours.bells()
+    for index, sensor in enumerate(sensors):
+        block_sums(
+            measured_dn[index],
+            seen.expected_dn[index],
+            sensor.column_offset_dn,
+            seen.variance_dn2[index],
+            modes.gain[index],
+            modes.dot[index],
+            modes.texture[index],
+            modes.cover,
+            where.inside,
+            bells,
+            corners,
+            BLOCK,
+            sums[index],
+        )
+    count = len(colours.centres)
+    shapes = sums[..., 14 : 14 + count] @ colours.root.T
+    kept = np.concatenate([sums[..., :14], shapes, sums[..., 14 + SHAPES :]], axis=-1).astype(np.float64)
+    kept[..., 1:] /= np.maximum(kept[..., :1], 1)
+    return np.moveaxis(kept, -1, 1), 2 * (place + 0.5) / np.array([[rows], [columns]]) - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Model:
+    """Linear model of block means: rows are blocks of all sensors."""
+
+    sensors: int
+    colours: int
+    sums: NDArray[np.float64]
+    """(sensors, channels, blocks) means over each block's pixels; channel 0 their number."""
+    x: NDArray[np.float64]
+    """(sensors, blocks, amounts), scaled by the prior's standard deviations."""
+    y: NDArray[np.float64]
+    """(sensors, blocks) [DN]"""
+    scale: NDArray[np.float64]
+    """(amounts,) prior standard deviations."""
+    start: NDArray[np.float64]
+    """(amounts,) prior means."""
+
+    @classmethod
+    def of(
+        cls,
+        means: NDArray[np.float64],
+        places: NDArray[np.float64],
+        colours: int,
+        tolerance: Tolerance,
+        pixel_mm: float,
+        planes: NDArray[np.float64],
+    ) -> _Model:
+        count, used = len(means), means.shape[-1]
+        v, u = places
+        light = means[:, 2]
+        waves = np.arange(1, LAMP_WAVES + 1)
+        power = np.exp(-((np.pi * tolerance.lamp_length * waves) ** 2) / 4)
+        power /= 0.5 * power.sum() + 0.5
+        lamp = np.cos(np.pi * np.multiply.outer((u + 1) / 2, waves))
+        x, names = [], []
+        for s in range(count):
+            own = np.zeros((count, used))
+            own[s] = light[s]
+            x.append(own * tolerance.white)
+            names.append(tolerance.white)
+        x.append(light * tolerance.common)
+        names.append(tolerance.common)
+        for k in range(LAMP_WAVES):
+            sd = tolerance.lamp * np.sqrt(power[k])
+            x.append(light * lamp[:, k] * sd)
+            names.append(sd)
+        for s in range(count):
+            for j in range(colours):
+                own = np.zeros((count, used))
+                own[s] = means[s, 14 + j]
+                x.append(own * tolerance.shape)
+                names.append(tolerance.shape)
+        for ink in range(INKS):
+            x += [
+                means[:, 6 + ink] * tolerance.gain,
+                means[:, 6 + ink] * u * tolerance.tilt,
+                means[:, 6 + ink] * v * tolerance.tilt,
+            ]
+            names += [tolerance.gain, tolerance.tilt, tolerance.tilt]
+        for ink in range(INKS):
+            x.append(means[:, 10 + ink] * tolerance.dot)
+            names.append(tolerance.dot)
+        plane = 0.25 * tolerance.plane_mm / pixel_mm
+        for ink in range(INKS):
+            for axis in range(2):
+                x.append(-means[:, 14 + colours + 4 * axis + ink] * plane)
+                names.append(plane)
+        start = np.zeros(len(names))
+        start[-2 * INKS :] = planes.ravel() / plane
+        return cls(
+            sensors=count,
+            colours=colours,
+            sums=means,
+            x=np.stack(x, axis=-1),
+            y=means[:, 1],
+            scale=np.array(names),
+            start=start,
+        )
+
+    def solved(
+        self, noise: NDArray[np.float64], spread: Spread, white_dn: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+        """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
+        pixels, light = self.sums[:, 0], self.sums[:, 2]
+        variance = (
+            noise[:, None] * self.sums[:, 3]
+            + spread.contrast * self.sums[:, 5]
+            + 4 * spread.edge * self.sums[:, 4]
+        )
+        variance = variance / pixels + EDGE_BIAS**2 * self.sums[:, 4]
+        variance += (spread.share_of(light, white_dn[:, None]) * light) ** 2
+        weight = TEMPER / variance
+        robust = np.ones_like(weight)
+        size = self.x.shape[-1]
+        amounts, spread_found = self.start.copy(), 1.0
+        unsure: NDArray[np.float64] = np.eye(size)
+        for _ in range(ROUNDS):
+            w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
+            x = self.x.reshape(-1, size) * np.sqrt(w)[:, None]
+            normal = x.T @ x + np.eye(size)  # of one matrix: half the work
+            asked = x.T @ (np.sqrt(w) * self.y.ravel()) + self.start
+            unsure = np.asarray(np.linalg.inv(normal), np.float64)
+            amounts = unsure @ asked
+            z = (self.y - self.x @ amounts) / np.sqrt(variance)
+            spread_found = float(np.median(np.abs(z)) / 0.6745)
+            far = z / (FAR * max(spread_found, 1.0))
+            robust = np.where(np.abs(far) < 1, (1 - far**2) ** 2, 0) + 1e-4
+        # On good prints an estimate scatters by the prior's variance less what stays unknown.
+        sd = np.sqrt(np.maximum(1 - np.diag(unsure), 1e-4))
+        sd[-2 * INKS :] = 1
+        return amounts, sd, spread_found, float((robust < 0.01).mean())
+
+    def parted(self, amounts: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Amounts by name, in their own units."""
+        found = amounts * self.scale
+        s, n = self.sensors, self.colours
+        cuts = np.cumsum([s, 1, LAMP_WAVES, s * n, 3 * INKS, INKS])
+        white, common, lamp, shape, gain, dot, planes = np.split(found, cuts)
+        return {
+            "white": white + common[0],
+            "lamp": lamp,
+            "shape": shape.reshape(s, n),
+            "gain": gain.reshape(INKS, 3),
+            "dot": dot,
+            "planes": planes.reshape(INKS, 2),
+        }

@@ -1,0 +1,169 @@
+"""A scan without what good prints do: residuals, how sure they are, and the small displacements that remained."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.matched_filter.fit.nuisance import LAMP_WAVES
+from prooflight.kernels.residuals.residuals import residuals, slope_sums, take_slopes, variances
+from prooflight.pages.planes import displaced
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, Spread
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+
+MOST_PLANE: Final = 1.75
+"""Of the most that good planes are off: from each other they are off by up to twice that."""
+LOCAL_PIXELS: Final = 16
+LOCAL_SMOOTH: Final = 1.0
+"""Tiles over which local displacements are smoothed (standard deviation)."""
+LOCAL_SD: Final = 0.15
+"""Of displacements that registration leaves. [pixels]"""
+LOCAL_ROUNDS: Final = 2
+FLAT_SIGMAS: Final = 2.0
+"""Neighbours that differ by less are flat."""
+LEAST_FLAT: Final = 500
+NOISE_FACTORS: Final = (0.4, 2.6)
+"""Bounds of true over stated variance: sigma is wrong by 0.67 to 1.5 (worlds.toml), and a little more."""
+
+
+def residual_images(
+    measured_dn: NDArray[np.generic],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    fit: Fit,
+    *,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+    spread: Spread,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
+    """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
+
+    (sensors, lines, pixels) but for the last.
+
+    The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
+    """
+    pixels = where.inside.shape[1]
+    u = (np.arange(pixels) + 0.5) / pixels
+    lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
+    left = np.empty(seen.expected_dn.shape, np.float32)
+    weight, of_edges = np.empty_like(left), np.empty_like(left)
+    noise, bells = np.ones(len(sensors)), colours.bells()
+    for index, sensor in enumerate(sensors):
+        residuals(
+            measured_dn[index],
+            seen.expected_dn[index],
+            sensor.column_offset_dn,
+            where.inside,
+            modes.gain[index],
+            modes.dot[index],
+            modes.cover,
+            bells,
+            colours.weights(fit.shape[index]),
+            (fit.white[index] + lamp).astype(np.float32),
+            fit.gain.astype(np.float32),
+            fit.dot.astype(np.float32),
+            fit.planes.astype(np.float32),
+            left[index],
+        )
+        light = seen.expected_dn[index] - sensor.column_offset_dn
+        noise[index] = noise_factor(
+            left[index], seen.variance_dn2[index], light, modes.texture[index], where.inside, spread
+        )
+        variances(
+            light,
+            seen.variance_dn2[index],
+            modes.texture[index],
+            where.inside,
+            np.float32(noise[index]),
+            np.float32(spread.edge),
+            np.float32(spread.contrast),
+            np.float32(spread.share),
+            np.float32(spread.dark),
+            np.float32(sensor.white_dn),
+            weight[index],
+            of_edges[index],
+        )
+    for _ in range(0 if spread.exact else LOCAL_ROUNDS):
+        _take_local_moves(left, weight, seen, sensors)
+    return left, weight, of_edges, noise
+
+
+def in_register(
+    page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
+) -> tuple[Page, NDArray[np.float64]]:
+    """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
+
+    By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
+    is off by ``good_mm`` at most: what is left is small enough for the linear fit, and a misprint's plane stays one.
+    """
+    most_mm = MOST_PLANE * good_mm
+    steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
+    if not steps.any():
+        return page, planes_mm
+    return displaced(page, steps), planes_mm - steps * page.pixel_mm
+
+
+def _take_local_moves(
+    left: NDArray[np.float32], weight: NDArray[np.float32], seen: Prediction, sensors: Sequence[SensorModel]
+) -> None:
+    """Take out of the residuals what a smooth field of small displacements explains, in place."""
+    lines, pixels = left.shape[1:]
+    side = LOCAL_PIXELS
+    shape = (max(lines // side, 1), max(pixels // side, 1))
+    sums = np.zeros((5, *shape), np.float32)
+    lights = [
+        image - sensor.column_offset_dn for image, sensor in zip(seen.expected_dn, sensors, strict=True)
+    ]
+    for index, light in enumerate(lights):
+        slope_sums(left[index], weight[index], light, side, sums)
+    ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
+    known = 1 / LOCAL_SD**2
+    xx, yy = xx + known, yy + known
+    whole = xx * yy - xy * xy
+    by = [(yy * ax - xy * ay) / whole, (xx * ay - xy * ax) / whole]
+    fields = [
+        cv2.resize(np.asarray(one, np.float32), (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in by
+    ]
+    for index, light in enumerate(lights):
+        take_slopes(left[index], weight[index], light, *fields)
+
+
+def noise_factor(
+    left: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    light: NDArray[np.float32],
+    texture: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    spread: Spread,
+) -> float:
+    """True temporal variance over the stated one, from second differences over squares of flat paper.
+
+    r[i, j] - r[i + 1, j] - r[i, j + 1] + r[i + 1, j + 1] holds neither columns' gains nor lines' flicker.
+    """
+    rows, columns = (extent - extent % 2 for extent in left.shape)
+    a, b, c, d = (left[i:rows:2, j:columns:2] for i in (0, 1) for j in (0, 1))
+    crossed = a - b - c + d
+    flat = cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8))[:rows:2, :columns:2] > 0
+    steep = np.abs(light[1:rows:2, 1:columns:2] - light[:rows:2, :columns:2])
+    stated = variance[:rows:2, :columns:2]
+    flat &= steep < FLAT_SIGMAS * np.sqrt(stated)
+    if flat.sum() < LEAST_FLAT:
+        return 1.0
+    ratio = spread.contrast * texture[:rows:2, :columns:2][flat] / stated[flat]
+    plain = ratio <= max(0.02, float(np.quantile(ratio, 0.05)))
+    if ratio[plain].mean() > 1:
+        return 1.0
+    z = crossed[flat][plain] / (2 * np.sqrt(stated[flat][plain]))
+    return float(np.clip((np.median(np.abs(z)) / 0.6745) ** 2 - ratio[plain].mean(), *NOISE_FACTORS))

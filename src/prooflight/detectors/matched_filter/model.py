@@ -1,0 +1,427 @@
+"""What one press's good prints taught our detector, and what misprints did: from statistics to one score.
+
+A page's statistics are compared with what good pages of such content give, each family of them is calibrated by
+itself, and families are weighed against each other by what misprints taught; or, where none were seen, by how far the
+most telling ones are out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from prooflight.detectors.matched_filter.fit.modes import PORTRAIT
+from prooflight.detectors.matched_filter.fit.nuisance import INKS, Spread, Tolerance
+from prooflight.detectors.matched_filter.ranking import (
+    FOREST,
+    Forest,
+    Logit,
+    Outright,
+    every_column,
+    family_columns,
+    group_columns,
+    mixed_columns,
+    scores_of,
+)
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    GHOST_BOXES_MM,
+    LINE_MODES,
+    MODES,
+    SIZES,
+    SPANS,
+    WIDTHS,
+    Scatter,
+)
+from prooflight.files.schema import (
+    Block,
+    Chance,
+    Count,
+    Kept,
+    Misfit,
+    Name,
+    NotNegative,
+    Number,
+    check_arrays,
+    checked,
+    part_of,
+    rising,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.statistic import Said
+
+LEAST_P: Final = 1e-12
+MOST: Final = 8
+"""Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
+WHOLE: Final = ("ghost", "echo", "double", "excess", "swap")
+"""First words that name a family."""
+ALONE: Final = ("fit", "place", "energy")
+"""First words of statistics that are families of their own."""
+IN_DEVIATIONS: Final = ("white", "lamp", "gain", "tilt", "dot", "plane")
+"""What the fit states in standard deviations of what good prints do, whatever the page is like."""
+SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
+MOST_SHAPE: Final = 0.5
+"""Of a tail: beyond, its variance would be infinite."""
+STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
+
+
+def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Statistics of any size -> numbers of about 1: sign(v) log(1 + 3 |v|)."""
+    known = _known(values)
+    return np.asarray(np.sign(known) * np.log1p(3 * np.abs(known)))
+
+
+def _known(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1e6, neginf=-1e6)
+
+
+def families_of(names: Sequence[str]) -> list[str]:
+    """The family of each statistic: one cause with all its sizes, or a number that stands alone.
+
+    >>> families_of(["box/gain-C+/8", "apart/void-/4", "streak/void/1/full", "ghost/C/0", "place/skew"])
+    ['box/gain-C+', 'apart/void-', 'streak/void', 'ghost', 'place/skew']
+    """
+    found = []
+    for name in names:
+        first, *rest = name.split("/")
+        if first in WHOLE:
+            found.append(first)
+        elif first in ALONE:
+            found.append(name)
+        else:
+            found.append(f"{first}/{rest[0]}")
+    return found
+
+
+@lru_cache(maxsize=8)
+def in_deviations(names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Which statistics need no comparison with pages of such content: their scale is what presses do.
+
+    >>> in_deviations(("fit/gain-C", "fit/shape", "fit/white", "box/gain-C+/8")).tolist()
+    [True, False, True, False]
+    """
+    parts = [name.replace("-", "/").split("/") for name in names]
+    return np.array([first == "fit" and rest[0] in IN_DEVIATIONS for first, *rest in parts])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TolerancePress:
+    """What one press's good prints taught, and what misprints did; all arrays, so that a press artefact can hold it."""
+
+    names: tuple[str, ...]
+    """Of the statistics, in the order of ``families.all_said``."""
+    families: tuple[str, ...]
+    """Their families' names, sorted."""
+    family: NDArray[np.int32]
+    """(statistics,) which family each is of."""
+    scatter: Scatter
+    spread: Spread
+    prior: Tolerance
+    """What its good prints were taken to do before one was looked at."""
+    centre: NDArray[np.float64]
+    """(2, PORTRAIT) mean and standard deviation of learning pages' portraits."""
+    baseline: NDArray[np.float64]
+    """(1 + PORTRAIT, statistics) what a good page of such content gives: linear in its portrait."""
+    sd: NDArray[np.float64]
+    """(statistics,) of good pages about it."""
+    quantiles: NDArray[np.float64]
+    """(families, n) of the family's greatest deviation on good pages, at probabilities 0 to ``tail_from``, evenly."""
+    tail: NDArray[np.float64]
+    """(families, 3) where the tail begins, and scale and shape of a generalised Pareto distribution beyond."""
+    tail_from: float
+    logit: Logit | None
+    """Of ``group_columns``; None: no misprint was seen in learning."""
+    forest: Forest | None
+    """Of ``every_column``."""
+    mix: Logit | None
+    """Of ``mixed_columns``."""
+    outright: Outright | None
+    """Of the mix and ``guard``."""
+    kinds: tuple[str, ...]
+    """Kinds of misprints that were seen in learning."""
+    kind_forests: tuple[Forest, ...]
+    """For each: log odds against good pages, from ``every_column``."""
+    name_forests: tuple[Forest, ...]
+    """For each: log odds against all other kinds, from ``family_columns``."""
+    threshold: float
+    """Of ``score``; infinite until set."""
+    good_designs: int
+    """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
+
+    def deviations(
+        self, values: NDArray[np.floating], portraits: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Statistics (pages, n) over what good pages of such content give, in standard deviations."""
+        mean, sd = self.centre
+        x = np.column_stack([np.ones(len(portraits)), ((portraits - mean) / sd).clip(-3, 3)])
+        compared = (compressed(values) - x @ self.baseline) / self.sd
+        return np.where(in_deviations(self.names), _known(values), compared)
+
+    def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
+        """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
+        evidence = np.empty((len(deviations), len(self.families)))
+        steps = np.linspace(0, self.tail_from, self.quantiles.shape[1])
+        for index in range(len(self.families)):
+            greatest = deviations[:, self.family == index].max(axis=1)
+            begin, scale, shape = self.tail[index]
+            p = 1 - np.interp(greatest, self.quantiles[index], steps)
+            far = greatest > begin
+            beyond = 1 + shape * (greatest[far] - begin) / scale
+            p[far] = (1 - self.tail_from) * beyond ** (-1 / shape)
+            evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
+        return evidence
+
+    def guard(self, evidence: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The score that no misprint taught: (pages,)."""
+        most = -np.sort(-evidence, axis=1)[:, :MOST]
+        return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
+
+    def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Evidence for a misprint, higher is worse: (pages,); NaN where a family's is no finite number."""
+        deviations = self.deviations(values, portraits)
+        evidence = self.family_evidence(deviations)
+        score = self._summed(evidence, portraits, deviations)
+        return np.where(np.isfinite(evidence).all(axis=1), score, np.nan)
+
+    def _summed(
+        self,
+        evidence: NDArray[np.float64],
+        portraits: NDArray[np.floating],
+        deviations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        guard = self.guard(evidence)
+        if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
+            return guard
+        every = every_column(evidence, portraits, deviations)
+        summed = self.logit.score(group_columns(evidence, self.families))
+        mixed = self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
+        return self.outright.lifted(mixed, guard)
+
+    def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
+        """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
+        return scores_of(self.kind_forests, every)
+
+    def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
+        """The kind of misprint that each page looks like most; empty where none was seen in learning."""
+        if not self.name_forests:
+            return [""] * len(values)
+        columns = family_columns(self.family_evidence(self.deviations(values, portraits)))
+        return [self.kinds[index] for index in scores_of(self.name_forests, columns).argmax(axis=1)]
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What an artefact keeps as tensors."""
+        found: dict[str, NDArray[Any]] = {
+            name: getattr(self, name) for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")
+        }
+        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER}
+        if self.logit is not None and self.mix is not None:
+            found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
+        forests = {} if self.forest is None else {"forest": self.forest}
+        for of, those in (("kind", self.kind_forests), ("name", self.name_forests)):
+            forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
+        for which, forest in forests.items():
+            found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST}
+        return found
+
+    def facts(self) -> dict[str, Any]:
+        """The rest: what JSON can hold."""
+        # A press that is as others is what it was before there was this.
+        prior = {} if self.prior == Tolerance() else {"prior": asdict(self.prior)}
+        return prior | {
+            "names": list(self.names),
+            "families": list(self.families),
+            "spread": asdict(self.spread),
+            "tail_from": self.tail_from,
+            "starts": [None if one is None else one.start for one in (self.logit, self.mix)],
+            "outright": None if self.outright is None else asdict(self.outright),
+            "kinds": list(self.kinds),
+            "threshold": self.threshold,
+            "good_designs": self.good_designs,
+        }
+
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
+        """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
+        told = checked(ToleranceFacts, facts, under=under)
+        told.check(under)
+        forests = dict(_forests_of(told))
+        table = TABLE | (WEIGHTS if told.outright else {})
+        own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
+        sizes = told.sizes()
+        check_arrays(own, table, sizes, under=under)
+        known = {name: at for at, name in enumerate(told.families)}
+        if arrays["family"].tolist() != [known[one] for one in families_of(told.names)]:
+            raise Misfit(f"{under}family", "must say of which family each statistic is")
+        if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
+            raise Misfit(f"{under}tail", "must begin where quantiles end")
+        for which, columns in forests.items():
+            Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
+        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
+
+        def forest(which: str) -> Forest:
+            return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST})
+
+        def weights(which: str, start: float | None) -> Logit | None:
+            return None if start is None else Logit(weights=arrays[f"{which}.weights"], start=start)
+
+        kept = {name: arrays[name] for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")}
+        ranked = facts["starts"][0] is not None
+        return cls(
+            **kept,
+            names=tuple(facts["names"]),
+            families=tuple(facts["families"]),
+            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
+            spread=Spread(**facts["spread"]),
+            prior=Tolerance(**facts.get("prior", {})),
+            tail_from=facts["tail_from"],
+            logit=weights("logit", facts["starts"][0]),
+            forest=forest("forest") if ranked else None,
+            mix=weights("mix", facts["starts"][1]),
+            outright=Outright(**facts["outright"]) if ranked else None,
+            kinds=tuple(facts["kinds"]),
+            kind_forests=tuple(forest(f"kind{index}") for index in range(len(facts["kinds"]))),
+            name_forests=tuple(forest(f"name{index}") for index in range(len(facts["kinds"]))),
+            threshold=facts["threshold"],
+            good_designs=facts["good_designs"],
+        )
+
+    def strongest(
+        self, said: Sequence[Said], portrait_: NDArray[np.floating], *, most: int = 3
+    ) -> list[tuple[str, Said]]:
+        """The families that say most of one page, each with its most telling statistic and where that is."""
+        values = np.array([[one.value for one in said]])
+        deviations = self.deviations(values, portrait_[None])
+        evidence = self.family_evidence(deviations)[0]
+        found = []
+        for index in np.argsort(-evidence)[:most]:
+            members = np.flatnonzero(self.family == index)
+            best = members[int(np.argmax(deviations[0, members]))]
+            found.append((self.families[index], said[best]))
+        return found
+
+
+class OutrightFacts(Block):
+    """``Outright``."""
+
+    guard: Number
+    score: Number
+
+
+class SpreadFacts(Block):
+    """``Spread``; what an older press does not state is as it was then."""
+
+    edge: NotNegative = 0
+    contrast: NotNegative = 0
+    share: NotNegative = 0
+    dark: NotNegative = 0
+
+
+Deviation = Annotated[float, Field(strict=True, ge=1e-9, le=1e3, allow_inf_nan=False)]
+
+
+class PriorFacts(Block):
+    """``Tolerance``, likewise."""
+
+    white: Deviation = 1
+    common: Deviation = 1
+    lamp: Deviation = 1
+    lamp_length: Deviation = 1
+    shape: Deviation = 1
+    gain: Deviation = 1
+    tilt: Deviation = 1
+    dot: Deviation = 1
+    plane_mm: Deviation = 1
+    most_plane_mm: Deviation = 1
+
+
+class ToleranceFacts(Block):
+    """``TolerancePress.facts``."""
+
+    names: Annotated[
+        tuple[Annotated[str, Field(max_length=64, pattern=STATISTIC)], ...],
+        Field(min_length=1, max_length=10_000),
+    ]
+    families: tuple[Name, ...]
+    spread: SpreadFacts
+    prior: PriorFacts | None = None
+    tail_from: Chance
+    starts: tuple[Number | None, Number | None]
+    outright: OutrightFacts | None
+    kinds: Annotated[tuple[Name, ...], Field(max_length=100)]
+    threshold: Number | None
+    """None: infinite, not set; JSON knows no infinity."""
+    good_designs: Count
+
+    def check(self, under: str) -> None:
+        """Misfit unless its parts fit each other."""
+        if len(set(self.names)) < len(self.names):
+            raise Misfit(f"{under}names", "must differ from each other")
+        if list(self.families) != sorted(set(families_of(self.names))):
+            raise Misfit(f"{under}families", "must be those of its statistics, sorted")
+        if len(set(self.kinds)) < len(self.kinds):
+            raise Misfit(f"{under}kinds", "must differ from each other")
+        ranked = self.outright is not None
+        if any((start is not None) != ranked for start in self.starts) or (self.kinds and not ranked):
+            raise Misfit(f"{under}starts", "must be there if misprints taught a ranking, and only then")
+
+    def sizes(self) -> dict[str, int]:
+        """Extents of arrays, and columns of what rankings look at: as this version counts them."""
+        nothing = np.zeros((1, len(self.families)))
+        portrait, deviations = np.zeros((1, PORTRAIT)), np.zeros((1, len(self.names)))
+        mixed = mixed_columns(np.zeros(1), np.zeros(1), np.zeros((1, len(self.kinds))))
+        return {
+            "statistics": len(self.names),
+            "families": len(self.families),
+            "groups": group_columns(nothing, self.families).shape[1],
+            "mixed": mixed.shape[1],
+            "every": every_column(nothing, portrait, deviations).shape[1],
+            "of families": family_columns(nothing).shape[1],
+        }
+
+
+def _forests_of(facts: ToleranceFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
+    """Names of the forests, and which columns each looks at."""
+    if facts.outright is None:
+        return
+    yield "forest", "every"
+    for index in range(len(facts.kinds)):
+        yield f"kind{index}", "every"
+        yield f"name{index}", "of families"
+
+
+def _wrong_centre(centre: NDArray[np.floating]) -> str:
+    return "" if (centre[1] > 0).all() else "must have standard deviations above 0"
+
+
+def _wrong_tail(tail: NDArray[np.floating]) -> str:
+    sound = (tail[:, 1] > 0) & (tail[:, 2] > 0) & (tail[:, 2] < MOST_SHAPE)
+    return "" if sound.all() else f"must have scales above 0 and shapes between 0 and {MOST_SHAPE}"
+
+
+TABLE: Final = {
+    "family": Kept(dtype="int32", shape=("statistics",), low=0),
+    "centre": Kept(dtype="float64", shape=(2, PORTRAIT), rule=_wrong_centre),
+    "baseline": Kept(dtype="float64", shape=(1 + PORTRAIT, "statistics")),
+    "sd": Kept(dtype="float64", shape=("statistics",), above=0),
+    "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising()),
+    "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
+    "scatter.boxes": Kept(dtype="float64", shape=(len(MODES), len(SIZES), 3), low=0),
+    "scatter.streaks": Kept(dtype="float64", shape=(LINE_MODES, len(WIDTHS), len(SPANS), 3), low=0),
+    "scatter.bands": Kept(dtype="float64", shape=(len(MODES), 3), low=0),
+    "scatter.ghosts": Kept(dtype="float64", shape=(INKS, len(GHOST_BOXES_MM), 3), low=0),
+}
+WEIGHTS: Final = {
+    "logit.weights": Kept(dtype="float64", shape=("groups",)),
+    "mix.weights": Kept(dtype="float64", shape=("mixed",)),
+}

@@ -1,0 +1,147 @@
+"""What misprints taught: how what families say adds up. Columns, a weighted sum of them, and a forest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.files.schema import Kept, Misfit, check_arrays
+from prooflight.kernels.statistics.forest import shares_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+LEAST_CHANCE: Final = 0.01
+RANKS: Final = (0, 2, 5, 10, 20, 40)
+"""Of the families by what they say, beside the families themselves in what the forest looks at."""
+RUNS: Final = (0, 1, 4, 12, 40)
+"""Families are put in order by what they say; means of the first, of the second to fourth, and so on are looked at."""
+
+
+def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What every family says, and how much the first, third, ... of them, whichever it is."""
+    ranks = [rank for rank in RANKS if rank < evidence.shape[1]]
+    return np.hstack([evidence, -np.sort(-evidence, axis=1)[:, ranks]])
+
+
+def every_column(
+    evidence: NDArray[np.floating], portraits: NDArray[np.floating], deviations: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """``family_columns``, what the page is like, and every statistic by itself."""
+    return np.hstack([family_columns(evidence), portraits, deviations])
+
+
+def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> NDArray[np.float64]:
+    """What each group of families says most (those of one first word), and how broadly the page is off."""
+    first = np.array([family.split("/")[0] for family in families])
+    groups = np.stack([evidence[:, first == one].max(axis=1) for one in dict.fromkeys(first)], axis=1)
+    ordered = -np.sort(-evidence, axis=1)
+    ends = [*RUNS[1:], ordered.shape[1]]
+    runs = [
+        ordered[:, begin:end].mean(axis=1)
+        for begin, end in zip(RUNS, ends, strict=True)
+        if begin < ordered.shape[1]
+    ]
+    return np.column_stack([*runs, np.sqrt(ordered[:, 0]), groups, np.sqrt(groups)])
+
+
+def mixed_columns(
+    summed: NDArray[np.floating], seen: NDArray[np.floating], of_kinds: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """What rankings say, made one row a page: (pages,) twice, and (pages, kinds) of each kind against good pages.
+
+    A page need look like one kind only: of the kinds the most counts, the next, the mean of three and the mean odds.
+    """
+    if not of_kinds.shape[1]:
+        return np.column_stack([summed, seen])
+    ordered = -np.sort(-of_kinds, axis=1)
+    odds = np.log(np.exp(of_kinds).mean(axis=1))
+    return np.column_stack([summed, seen, ordered[:, :2], ordered[:, :3].mean(axis=1), odds])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Logit:
+    """A weighted sum."""
+
+    weights: NDArray[np.float64]
+    """(columns,)"""
+    start: float
+
+    def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Log odds of rows (pages, columns): (pages,); unbounded, so that the worst stand out."""
+        return np.asarray(self.start + columns @ self.weights)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outright:
+    """Where the score that no misprint taught speaks for itself: forests say no more of a page that is further out."""
+
+    guard: float
+    """Of that score: hardly a good page is beyond."""
+    score: float
+    """Of the taught score: as few good pages are beyond."""
+
+    def lifted(self, score: NDArray[np.floating], guard: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Taught scores (pages,), those of pages beyond ``guard`` raised by how far they are."""
+        beyond = guard - self.guard
+        return np.where(beyond > 0, np.maximum(score, self.score) + beyond, score)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Forest:
+    """The mean of many deep decision trees, their nodes one after the other."""
+
+    column: NDArray[np.int32]
+    """(nodes,) what a node looks at; -1: it is an end."""
+    cut: NDArray[np.float32]
+    """(nodes,) above it goes right."""
+    left: NDArray[np.int32]
+    """(nodes,) where it goes else; right is beside it in ``right``."""
+    right: NDArray[np.int32]
+    share: NDArray[np.float32]
+    """(nodes,) of misprints among what ended there in learning."""
+    root: NDArray[np.int32]
+    """(trees,) first nodes."""
+
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], columns: int, *, under: str) -> None:
+        """Misfit unless ``arrays`` are a forest of rows of so many columns, in which every way down comes to an end.
+
+        Compiled loops follow its indices without looking.
+        """
+        check_arrays(arrays, FOREST, {}, under=under)
+        column, nodes = arrays["column"], arrays["column"].size
+        if column.max() >= columns:
+            raise Misfit(f"{under}column", f"holds {column.max()}, must be below {columns}")
+        if arrays["root"].max() >= nodes:
+            raise Misfit(f"{under}root", f"holds {arrays['root'].max()}, must be below {nodes}")
+        branching = np.flatnonzero(column >= 0)
+        for side in ("left", "right"):
+            down = arrays[side][branching]
+            if (down <= branching).any() or (down >= nodes).any():
+                raise Misfit(f"{under}{side}", f"must lead from each node to one behind it, of {nodes}")
+
+    def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Log odds of rows (pages, columns): (pages,); bounded, for no forest has seen more than so many pages."""
+        narrow, chance = np.ascontiguousarray(columns, np.float32), np.empty(len(columns))
+        shares_of(narrow, self.column, self.cut, self.left, self.right, self.share, self.root, chance)
+        return np.log((chance + LEAST_CHANCE) / (1 + LEAST_CHANCE - chance))
+
+
+FOREST: Final = {
+    "column": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "cut": Kept(dtype="float32", shape=("nodes",)),
+    "left": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "right": Kept(dtype="int32", shape=("nodes",), low=-1),
+    "share": Kept(dtype="float32", shape=("nodes",), low=0, high=1),
+    "root": Kept(dtype="int32", shape=("trees",), low=0),
+}
+
+
+def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What each forest says of rows (pages, columns): (pages, forests), none of which there may be."""
+    return np.array([forest.score(columns) for forest in forests]).reshape(-1, len(columns)).T

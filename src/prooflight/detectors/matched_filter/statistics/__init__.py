@@ -1,0 +1,1 @@
+"""What is left of a scan, as statistics with a place."""

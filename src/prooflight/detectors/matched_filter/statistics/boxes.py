@@ -1,0 +1,189 @@
+"""Tile sums added up to boxes of every size, and what is most and least among these; echoes of a page's own detail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    COMMON,
+    GHOST_BOXES_MM,
+    LEAST_POWER,
+    MODES,
+    SIZES,
+    flicker,
+    smooth_level,
+    without_common,
+)
+from prooflight.kernels.statistics.boxes import merged, squares
+from prooflight.kernels.statistics.echoes import boxed, echo_parts, t_of_boxes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
+
+SMALL: Final = 4
+COMMON_NEAR: Final = 0.001
+"""As ``COMMON``, within a few millimetres."""
+LAGS_MM: Final = (3.0, 60.0)
+DETAIL_MM: Final = 15.0
+LEAST_DETAIL: Final = 1e-3
+INKS: Final = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cells:
+    """Sums of squares of tiles; boxes are 2 x 2 of them and overlap by half."""
+
+    sums: NDArray[np.float32]
+    """(4, at least MODES, rows, columns): N, D, C, the edges' part of D."""
+    size: int
+    """Side of a box. [tiles]"""
+    gains: NDArray[np.float32]
+    """(rows,) share of C that is the lamp's flicker, to be taken from N."""
+    level: NDArray[np.float32]
+    """(rows, columns) share of a box's C that is smooth change of light, to be taken from its N."""
+    common: float
+    """Standard deviation of what else moves all light in a box alike."""
+
+    def box_mm(self, sums: Sums, row: int, column: int) -> tuple[float, float, float, float]:
+        """x, y, width, height of the box that begins at a cell."""
+        side = self.size * sums.tile_mm
+        return column * side / 2 + sums.left_mm, row * side / 2 + sums.top_mm, side, side
+
+
+def cells_of(sums: Sums) -> Iterator[Cells]:
+    """Cells for boxes of all ``SIZES`` in turn."""
+    own, gains, level = sums.tiles, flicker(sums), smooth_level(sums)
+    for size in SIZES:
+        if size > SIZES[0]:
+            extents = [-(-extent // 2) for extent in own.shape[-2:]]
+            larger = np.empty((4, len(MODES), *extents), np.float32)
+            merged(own, gains, larger)
+            own, gains = larger, np.zeros(extents[0], np.float32)
+            middle = [
+                np.minimum(2 * np.arange(n) + 1, m - 1) for n, m in zip(extents, level.shape, strict=True)
+            ]
+            level = level[np.ix_(*middle)]
+        near = size <= SMALL
+        yield Cells(
+            sums=own,
+            size=size,
+            gains=gains,
+            level=level if near else np.zeros_like(level),
+            common=COMMON_NEAR if near else COMMON,
+        )
+
+
+def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """N', D' and the edges' part of D' at all boxes, (modes, rows, columns) each."""
+    maps = cells.sums[:, : len(MODES)].copy()
+    maps[0] -= maps[2] * cells.gains[:, None]
+    down = np.pad(maps, [(0, 0)] * 2 + [(0, 1)] * 2)
+    maps = down[..., :-1, :-1] + down[..., 1:, :-1] + down[..., :-1, 1:] + down[..., 1:, 1:]
+    maps[0] -= maps[2] * cells.level
+    return without_common(maps, cells.common)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Echoes:
+    """What is needed to look for echoes of each ink's detail, on squares of 2 x 2 tiles."""
+
+    own: NDArray[np.float32]
+    """(inks, h, w) N' of each ink added."""
+    power: NDArray[np.float32]
+    edges: NDArray[np.float32]
+    detail: NDArray[np.float32]
+    """(inks, h, w) ink area less its local mean."""
+    present: NDArray[np.bool_]
+    """(inks,) whether an ink has any detail."""
+    lags: NDArray[np.int64]
+    """[squares]"""
+    square_mm: float
+
+    def bands(self, box_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where boxes (height, width) that overlap by three quarters begin and end: rows (n, 2), columns (m, 2)."""
+        found = []
+        for extent_mm, extent in zip(box_mm, self.own.shape[1:], strict=True):
+            side = max(round(extent_mm / self.square_mm), 1)
+            begin = np.arange(0, extent, max(side // 4, 1)) - side // 2
+            found.append(np.stack([begin, begin + side], axis=1).clip(0, extent))
+        return found[0], found[1]
+
+    def through(self, ink: int) -> list[EchoBoxes]:
+        """Echoes of one ink at all lags, in boxes of each of ``GHOST_BOXES_MM``; none of one without detail."""
+        if not self.present[ink]:
+            return []
+        bands = [self.bands(box_mm) for box_mm in GHOST_BOXES_MM]
+        rows, columns = (np.unique(np.concatenate([band[axis] for band in bands])) for axis in (0, 1))
+        above = np.zeros((self.detail.shape[2], self.lags[-1]), np.float32)
+        detail = np.concatenate([above, self.detail[ink].T], axis=1)
+        count = self.lags.size
+        parts = np.empty((rows.size - 1, columns.size - 1, 3 * count), np.float32)
+        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, count, rows, columns, parts)
+        found = []
+        for down, right in bands:
+            sums = np.empty((len(down), len(right), 3 * count), np.float32)
+            cuts = np.searchsorted(rows, down), np.searchsorted(columns, right)
+            boxed(parts, *cuts, sums)
+            middles = down.mean(axis=1) * self.square_mm, right.mean(axis=1) * self.square_mm
+            found.append(
+                EchoBoxes(
+                    sums=sums.reshape(*sums.shape[:2], 3, count), rows_mm=middles[0], columns_mm=middles[1]
+                )
+            )
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EchoBoxes:
+    """Echoes of one ink in boxes of one size."""
+
+    sums: NDArray[np.float32]
+    """(rows, columns, 3, lags) N', D', edges; from the most lag down."""
+    rows_mm: NDArray[np.float64]
+    """Middles of boxes, from the first tile."""
+    columns_mm: NDArray[np.float64]
+
+    def said(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
+        """T: (rows, columns, lags), from the least lag up; 0 where nothing is known."""
+        rows, columns, _, lags = self.sums.shape
+        t = np.empty((rows * columns, lags), np.float32)
+        how = (*(np.float32(one) for one in scatter), np.float32(LEAST_POWER))
+        t_of_boxes(self.sums.reshape(-1, 3, lags), *how, t)
+        return t.reshape(rows, columns, lags)[..., ::-1]
+
+
+def echoes(sums: Sums) -> Echoes:
+    """Tile sums and ink areas made ready for ``Echoes.through``."""
+    halves = [extent // 2 for extent in sums.tiles.shape[-2:]]
+    maps = _in_squares(sums.tiles[:, : INKS + 1], halves)
+    own, power, edges = without_common(maps)
+    square_mm = 2 * sums.tile_mm
+    wide = round(DETAIL_MM / square_mm) | 1
+    cover = _in_squares(sums.cover, halves) / np.float32(4)
+    detail = np.stack([one - cv2.blur(one, (wide, wide)) for one in cover])
+    first, last = (round(lag / square_mm) for lag in LAGS_MM)
+    return Echoes(
+        own=own[1:],
+        power=power[1:],
+        edges=edges[1:],
+        detail=detail,
+        present=detail.std(axis=(1, 2)) > LEAST_DETAIL,
+        lags=np.arange(first, min(last, halves[0] - 1) + 1),
+        square_mm=square_mm,
+    )
+
+
+def _in_squares(maps: NDArray[np.float32], halves: list[int]) -> NDArray[np.float32]:
+    """Sums of 2 x 2 tiles of maps (..., rows, columns)."""
+    out = np.empty((*maps.shape[:-2], *halves), np.float32)
+    for images, target in zip(maps, out, strict=True) if maps.ndim > 3 else [(maps, out)]:
+        squares(images, target)
+    return out

@@ -1,0 +1,272 @@
+"""What a fitted scan still says: matched filters for every way in which ink goes wrong, at every size and place.
+
+For a mode m with the effect P on the signal, residual r and variance V, a place says N = sum P r / V with the
+information D = sum P^2 / V; N / D is the amount and 1 / sqrt(D) its standard deviation. What moves all light alike
+(cloudy paper, lamp) is taken out of every other mode: N' = N - C N0 / (D0 + 1/t^2), D' = D - C^2 / (D0 + 1/t^2),
+C = sum P P0 / V. The statistic is T = N' / sqrt(c F + c' G + t^2 D'^2), F and G what flat places and edges add to D':
+noise, what registration leaves at edges, and the tolerance of good prints; c, c' and t are learned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
+from prooflight.kernels.residuals.residuals import column_gains, take_columns
+from prooflight.kernels.statistics.streaks import levelled_parts, widened
+from prooflight.kernels.statistics.tiles import line_sums, tile_sums
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.geometry import ScanGeometry
+
+TILE_MM: Final = 0.5
+MODES: Final = (
+    "light", "add-C", "add-M", "add-Y", "add-K", "gain-C", "gain-M", "gain-Y", "gain-K", "void", "blur", "gain-all",
+)  # fmt: skip
+LINE_MODES: Final = 10
+SIZES: Final = (2, 4, 8, 16, 32, 64)
+"""Sides of boxes, each twice the one before. [tiles]"""
+WIDTHS: Final = (1, 2, 4, 8, 16)
+"""Of streaks. [pixels at 0.254 mm]"""
+WIDTH_UNIT_MM: Final = 0.254
+SPANS: Final = ("quarter", "half", "full")
+SEGMENTS: Final = 4
+SPAN_SEGMENTS: Final = (1, 2, SEGMENTS)
+BASELINE_MM: Final = 24.0
+COMMON: Final = 0.003
+"""Standard deviation of what moves all light alike from place to place: paper 0.2 %, lamp, flicker. [-]"""
+LEVEL_MM: Final = 3.0
+COLUMN_SD: Final = 0.0015
+"""Of a column's gain that flat-fielding left (worlds.toml)."""
+COLUMN_MM: Final = 8.0
+FLICKER: Final = 0.0015
+PERIODS_MM: Final = (2.0, 40.0)
+HARMONICS: Final = 4
+GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
+"""Heights and widths of boxes in which echoes are looked for."""
+FLAT: Final = 0.25
+"""Places of which edges make up no more than so much of the variance are flat."""
+LEAST_POWER: Final = 1e-3
+"""Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sums:
+    """Pushes N, powers D and shared C of every mode."""
+
+    tiles: NDArray[np.float32]
+    """(4, modes + 1, tile rows, tile columns): N, D, C, and the edges' part of D; the last mode is the energy."""
+    columns: NDArray[np.float32]
+    """(4, LINE_MODES, SEGMENTS, pixels), columns of the page."""
+    flat_columns: NDArray[np.float32]
+    """The same of pixels away from edges."""
+    cover: NDArray[np.float32]
+    """(4, tile rows, tile columns) mean ink area."""
+    shifts: NDArray[np.float64]
+    """(4, 4) ``plane_shifts``."""
+    tile_mm: float
+    pixel_mm: float
+    left_mm: float
+    """Where the first tile begins on the page. [mm]"""
+    top_mm: float
+
+
+def summed(
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    of_edges: NDArray[np.float32],
+    seen: Prediction,
+    modes: Modes,
+    where: Sight,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    page_width_mm: float,
+) -> Sums:
+    """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
+    side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
+    lines, pixels = where.inside.shape
+    tiles = np.empty((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
+    columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
+    shift = -np.rint(where.slant()).astype(np.int64)
+    offset = np.stack([sensor.column_offset_dn for sensor in sensors])
+    light = seen.expected_dn - offset[:, None]
+    white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
+    images = left, weight, light, white, modes.add, modes.gain, of_edges
+    for index in range(len(sensors)):
+        own = (image[index] for image in images)
+        line_sums(*own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
+        gains = np.empty(pixels, np.float32)
+        column_gains(left[index], weight[index], light[index], np.float32(1 / COLUMN_SD**2), gains)
+        # What is smooth across is lamp or scum, not a column's own gain.
+        gains -= ndimage.uniform_filter1d(
+            gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
+        )
+        take_columns(left[index], weight[index], light[index], gains)
+    tile_sums(*images, side, tiles)
+    size = (pixels // side, lines // side)
+    cover = np.stack(
+        [
+            cv2.resize(c[: size[1] * side, : size[0] * side], size, interpolation=cv2.INTER_AREA)
+            for c in modes.cover
+        ]
+    )
+    return Sums(
+        tiles=tiles,
+        columns=columns[0],
+        flat_columns=columns[1],
+        cover=cover,
+        shifts=plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm),
+        tile_mm=side * geometry.pixel_pitch_mm,
+        pixel_mm=geometry.pixel_pitch_mm,
+        left_mm=-geometry.left_mm(page_width_mm),
+        top_mm=-geometry.lead_in_mm,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scatter:
+    """How T's denominator is made: learned from good prints; (..., 3): noise c, of edges c', tolerance t^2."""
+
+    boxes: NDArray[np.float64]
+    """(modes, sizes, 3)"""
+    streaks: NDArray[np.float64]
+    """(LINE_MODES, widths, spans, 3)"""
+    bands: NDArray[np.float64]
+    """(modes, 3) of rows of tiles."""
+    ghosts: NDArray[np.float64]
+    """(inks, boxes, 3)"""
+
+    @classmethod
+    def white(cls) -> Scatter:
+        """Nothing but noise."""
+        one = np.array([1.0, 1.0, 0.0])
+        shapes = [
+            (len(MODES), len(SIZES)),
+            (LINE_MODES, len(WIDTHS), len(SPANS)),
+            (len(MODES),),
+            (4, len(GHOST_BOXES_MM)),
+        ]
+        return cls(
+            **{
+                name: np.broadcast_to(one, (*shape, 3)).copy()
+                for name, shape in zip(("boxes", "streaks", "bands", "ghosts"), shapes, strict=True)
+            }
+        )
+
+
+def without_common(
+    sums: NDArray[np.float32], common: float = COMMON
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """N', D' and the edges' part of D' of all modes from (4, modes, ...) sums; the first mode is the common one."""
+    pushes, powers, shared, edges = sums
+    level = powers[0] + np.float32(1 / common**2)
+    own = pushes - shared * (pushes[0] / level)
+    power = np.maximum(powers - shared**2 / level, 0)
+    own[0], power[0] = pushes[0], powers[0]
+    return own, power, edges * np.minimum(power / np.maximum(powers, 1e-9), 1)
+
+
+def statistic(
+    own: NDArray[np.floating],
+    power: NDArray[np.floating],
+    edges: NDArray[np.floating],
+    scatter: NDArray[np.float64],
+) -> NDArray[np.floating]:
+    """T; 0 where there is no information."""
+    noise, at_edges, tolerance = (np.float32(one) for one in scatter)
+    power, edges = np.maximum(power, 0), np.maximum(edges, 0)
+    spread = noise * np.maximum(power - edges, 0) + at_edges * edges + tolerance * power * power
+    return np.where(power > LEAST_POWER, own / np.sqrt(spread + np.float32(1e-6)), 0)
+
+
+def flicker(sums: Sums) -> NDArray[np.float32]:
+    """The lamp's flicker from line to line, (tile rows,) [-]; what is smooth along the page is not its."""
+    push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
+    gain = push / (power + 1 / FLICKER**2)
+    gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")
+    return gain.astype(np.float32)
+
+
+def smooth_level(sums: Sums) -> NDArray[np.float32]:
+    """Change of light as a whole, smooth over ``LEVEL_MM``: (tile rows, tile columns) [-]."""
+    size = sums.tiles.shape[-1], sums.tiles.shape[-2]
+    halves = max(size[0] // 2, 1), max(size[1] // 2, 1)
+    push, power = (
+        cv2.GaussianBlur(
+            cv2.resize(sums.tiles[part, 0], halves, interpolation=cv2.INTER_AREA),
+            (0, 0),
+            LEVEL_MM / (2 * sums.tile_mm),
+        )
+        for part in (0, 1)
+    )
+    level = push / (power + np.float32(1e-3 + (sums.tile_mm / (COMMON * LEVEL_MM)) ** 2))
+    return cv2.resize(level, size, interpolation=cv2.INTER_LINEAR)
+
+
+def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
+    """Streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
+
+    Which width, which span, and N', D', edges of LINE_MODES: (3, modes, parts, pixels).
+    """
+    wide = round(BASELINE_MM / sums.pixel_mm) | 1
+    found = []
+    for length in SPAN_SEGMENTS:
+        parts = np.empty((3, LINE_MODES, SEGMENTS - length + 1, sums.columns.shape[-1]), np.float32)
+        levelled_parts(sums.columns, length, np.float32(1 / COMMON**2), wide, parts)
+        found.append(parts)
+    for w, width in enumerate(WIDTHS):
+        count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
+        for s, parts in enumerate(found):
+            maps = np.empty_like(parts)
+            widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
+            yield w, s, maps
+
+
+def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
+    """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
+    own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1))
+    return _levelled(own, power, round(2 * PERIODS_MM[1] / sums.tile_mm) | 1), power, edges
+
+
+def _levelled(own: NDArray[np.float32], power: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
+    """N' without the mean amount over ``wide`` places about it."""
+    push, said = (
+        ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
+    )
+    return np.asarray(own - push / (said + 1e-6) * power, np.float32)
+
+
+def periodogram(
+    own: NDArray[np.float32],
+    power: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    scatter: NDArray[np.float64],
+    tile_mm: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies [1/mm], power of the waves there (chi-square of 2 on good prints), first harmonics added."""
+    noise, at_edges, tolerance = scatter
+    share = edges / np.maximum(power, 1e-9)
+    trust = 1 / (noise * (1 - share) + at_edges * share + tolerance * power.astype(np.float64))
+    said = np.fft.rfft(own * trust, 4 * own.size)
+    spectrum = np.asarray(2 * np.abs(said) ** 2 / (power * trust).sum().clip(min=1e-9), np.float64)
+    frequency = np.fft.rfftfreq(4 * own.size, tile_mm)
+    lowest, highest = 1 / PERIODS_MM[1], 1 / PERIODS_MM[0]
+    wanted = np.flatnonzero((frequency >= lowest) & (frequency <= highest))
+    together = np.zeros(wanted.size)
+    for k in range(1, HARMONICS + 1):
+        place = k * wanted
+        together += np.where(place < spectrum.size, spectrum[np.minimum(place, spectrum.size - 1)] - 2, 0)
+    return np.asarray(frequency[wanted]), spectrum[wanted], np.asarray(together / np.sqrt(HARMONICS))

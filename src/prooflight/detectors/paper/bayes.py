@@ -1,0 +1,244 @@
+"""The paper's learned detector: a Bayesian network over three numbers of the error map's window means (section 4.2).
+
+M (misprint or not) <- Mt (correct, or a type of misprint) -> each statistic. Statistics are independent given Mt; each
+is cut into bins, and P(bin | Mt) is counted with Laplace's smoothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field
+from scipy import special
+
+from prooflight.detectors.base import Judgement
+from prooflight.detectors.paper.windows import STATISTICS, Reading, window_statistics
+from prooflight.files.schema import Block, Chance, Kept, Misfit, Name, check_arrays, checked, rising
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.paper.evidence import Evidence
+
+Binning = Literal["quantile", "equal-width"]
+ARRAYS: Final = ("edges", "log_likelihood", "log_type_share")
+CORRECT: Final = "correct"
+MISPRINT: Final = "misprint"
+"""The only type of misprint where types are not told apart (paper, table 3)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BayesianNetwork:
+    """Counted probabilities; statistics come as (..., n) arrays, n the same as in learning."""
+
+    types: tuple[str, ...]
+    """``correct`` first, then the types of misprint."""
+    edges: NDArray[np.float64]
+    """(n, bins - 1) inner edges of each statistic's bins, rising; a value on an edge belongs to the bin above."""
+    log_likelihood: NDArray[np.float64]
+    """(types, n, bins) log P(bin | type)."""
+    log_type_share: NDArray[np.float64]
+    """(types - 1,) log P(type | misprint), as in learning."""
+    misprint_rate: float
+    """P(misprint) before the page is seen. [-]"""
+    binning: Binning
+
+    @classmethod
+    def learn(
+        cls,
+        statistics: NDArray[np.float64],
+        labels: Sequence[str],
+        *,
+        misprint_rate: float,
+        bins: int = 16,
+        binning: Binning = "quantile",
+        smoothing: float = 1.0,
+    ) -> Self:
+        """Count the bins of pages (pages, n) whose labels are ``correct`` or a type of misprint.
+
+        Quantile bins hold equally many learning pages each; equal-width ones reach from the least to the greatest value
+        seen. smoothing: pages added to every bin (Laplace: 1). ValueError: no correct page, no misprint, a statistic
+        that is not finite, fewer than 2 bins, or a misprint_rate that is no probability.
+        """
+        _check(statistics, labels, misprint_rate, bins)
+        kinds = np.asarray(labels)
+        types = (CORRECT, *sorted(set(kinds.tolist()) - {CORRECT}))
+        edges = _edges(statistics, bins, binning)
+        place = _bins_of(statistics, edges)
+        counts = np.stack(
+            [[np.bincount(column, minlength=bins) for column in place[kinds == kind].T] for kind in types]
+        )
+        smooth = counts + smoothing
+        of_type = np.array([(kinds == kind).sum() for kind in types[1:]], np.float64)
+        return cls(
+            types=types,
+            edges=edges,
+            log_likelihood=np.log(smooth / smooth.sum(axis=-1, keepdims=True)),
+            log_type_share=np.log(of_type / of_type.sum()),
+            misprint_rate=misprint_rate,
+            binning=binning,
+        )
+
+    def log_ratio(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)
+
+        NaN where a statistic is no finite number: it is in no bin.
+        """
+        place = _bins_of(statistics, self.edges)
+        of_type = np.moveaxis(self.log_likelihood[:, np.arange(len(self.edges)), place].sum(axis=-1), 0, -1)
+        of_misprint = special.logsumexp(of_type[..., 1:] + self.log_type_share, axis=-1)
+        known = np.isfinite(statistics).all(axis=-1)
+        return np.where(known, of_misprint - of_type[..., 0], np.nan)
+
+    def posterior(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Probability of a misprint given statistics (..., n). (...)"""
+        return np.asarray(special.expit(self.log_ratio(statistics) + special.logit(self.misprint_rate)))
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Its arrays by name; with ``facts`` all that ``from_parts`` needs."""
+        return {name: np.ascontiguousarray(getattr(self, name)) for name in ARRAYS}
+
+    def facts(self) -> dict[str, Any]:
+        """The rest of it, fit for JSON."""
+        return {"types": list(self.types), "misprint_rate": self.misprint_rate, "binning": self.binning}
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
+        """The network again that ``arrays`` and ``facts`` came from."""
+        return cls(
+            types=tuple(facts["types"]),
+            misprint_rate=float(facts["misprint_rate"]),
+            binning=facts["binning"],
+            **{name: arrays[name] for name in ARRAYS},
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BayesDetector:
+    """The network as a detector of pages, on the separate 8 x 8 windows that the evidence holds."""
+
+    network: BayesianNetwork
+    """Learned from the statistics of all sensors, one after the other."""
+    threshold: float
+    """Probability of a misprint above which a page alarms; ``cost.RunningCosts`` gives the one that pays. [-]"""
+    unit: NDArray[np.float64]
+    """(sensors,) see ``detectors.paper.windows.window_statistics``."""
+    reading: Reading = "signed"
+    name: str = "bayes"
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Weigh one page: score and threshold are probabilities' log odds, which do not saturate."""
+        statistics = window_statistics(evidence.block_z, reading=self.reading, unit=self.unit).ravel()
+        score = float(self.network.log_ratio(statistics) + special.logit(self.network.misprint_rate))
+        threshold = float(special.logit(self.threshold))
+        return Judgement(
+            misprint=score > threshold,
+            score=score,
+            threshold=threshold,
+            p_value=None,
+            probability=float(special.expit(score)),
+        )
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """What an artefact keeps as tensors."""
+        return self.network.arrays() | {"unit": np.ascontiguousarray(self.unit, np.float64)}
+
+    def facts(self) -> dict[str, Any]:
+        """The rest: what JSON can hold."""
+        return self.network.facts() | {"threshold": self.threshold, "reading": self.reading}
+
+    @staticmethod
+    def check(
+        arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, sensors: int, under: str = ""
+    ) -> None:
+        """Misfit unless ``from_parts`` makes of them what can judge so many sensors. under: where they stand."""
+        told = checked(BayesFacts, facts, under=under)
+        if told.types[0] != CORRECT or len(set(told.types)) < len(told.types):
+            raise Misfit(f"{under}types", f"must be {CORRECT} and kinds of misprints, each once")
+        sizes = {"sensors": sensors, "statistics": sensors * len(STATISTICS), "types": len(told.types)}
+        if arrays.get("edges", np.zeros(0)).ndim == 2:
+            sizes["bins"] = arrays["edges"].shape[1] + 1
+        check_arrays(arrays, TABLE, sizes | {"misprints": sizes["types"] - 1}, under=under)
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
+        """The detector again that ``arrays`` and ``facts`` came from, which ``check`` has passed."""
+        return cls(
+            network=BayesianNetwork.from_parts(arrays, facts),
+            threshold=float(facts["threshold"]),
+            unit=arrays["unit"],
+            reading=facts["reading"],
+        )
+
+
+class BayesFacts(Block):
+    """``BayesDetector.facts``."""
+
+    types: Annotated[tuple[Name, ...], Field(min_length=2, max_length=100)]
+    misprint_rate: Chance
+    binning: Binning
+    threshold: Chance
+    reading: Reading
+
+
+def _no_distribution(logarithms: NDArray[np.floating]) -> str:
+    sums = np.exp(logarithms).sum(axis=-1)
+    return (
+        "" if np.allclose(sums, 1, rtol=0, atol=1e-6) else "must be logarithms of probabilities that sum to 1"
+    )
+
+
+TABLE: Final = {
+    "edges": Kept(dtype="float64", shape=("statistics", "edges"), rule=rising()),
+    "log_likelihood": Kept(
+        dtype="float64", shape=("types", "statistics", "bins"), high=0, rule=_no_distribution
+    ),
+    "log_type_share": Kept(dtype="float64", shape=("misprints",), high=0, rule=_no_distribution),
+    "unit": Kept(dtype="float64", shape=("sensors",), above=0),
+}
+
+
+def _check(statistics: NDArray[np.float64], labels: Sequence[str], misprint_rate: float, bins: int) -> None:
+    message = ""
+    if statistics.ndim != 2 or len(statistics) != len(labels):
+        message = (
+            f"statistics must be (pages, n) with a label a page, got {statistics.shape} and {len(labels)}"
+        )
+    elif CORRECT not in labels or set(labels) == {CORRECT}:
+        message = "needs correct pages and misprints to learn from"
+    elif not np.isfinite(statistics).all():
+        message = "statistics hold values that are not finite"
+    elif bins < 2:
+        message = f"bins must be at least 2, got {bins}"
+    elif not 0 < misprint_rate < 1:
+        message = f"misprint_rate must lie between 0 and 1, got {misprint_rate}"
+    if message:
+        raise ValueError(message)
+
+
+def _edges(statistics: NDArray[np.float64], bins: int, binning: Binning) -> NDArray[np.float64]:
+    shares = np.linspace(0, 1, bins + 1)[1:-1]
+    if binning == "quantile":
+        # An edge is a value that was seen, not one between: so bins follow any rising change of scale exactly.
+        return np.ascontiguousarray(np.quantile(statistics, shares, axis=0, method="higher").T)
+    low, high = statistics.min(axis=0), statistics.max(axis=0)
+    return np.ascontiguousarray(low[:, None] + (high - low)[:, None] * shares)
+
+
+def _bins_of(statistics: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Bin of each value, (..., n)."""
+    if statistics.shape[-1] != len(edges):
+        message = f"learned from {len(edges)} statistics, got {statistics.shape[-1]}"
+        raise ValueError(message)
+    columns = np.moveaxis(statistics, -1, 0)
+    return np.stack(
+        [
+            np.searchsorted(of_one, column, side="right")
+            for of_one, column in zip(edges, columns, strict=True)
+        ],
+        axis=-1,
+    )

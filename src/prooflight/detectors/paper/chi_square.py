@@ -1,0 +1,92 @@
+"""The paper's statistical detector: is the error's histogram that of N(0, 1)? (equation 3, section 4.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+from prooflight.detectors.base import Judgement
+from prooflight.detectors.paper.evidence import interval_shares
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.paper.evidence import Evidence
+
+
+def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pearson's statistic of counts (..., intervals) against those of a good page (paper, equation 3). (...)
+
+    shares (intervals,): the intervals' probabilities, ``detectors.paper.evidence.interval_shares``.
+    """
+    expected = histogram.sum(axis=-1, keepdims=True) * shares
+    return np.asarray(((histogram - expected) ** 2 / expected).sum(axis=-1))
+
+
+def posterior_bound(p_value: float, misprint_rate: float) -> float:
+    """Greatest probability of a misprint that a p-value can support, given the rate of misprints.
+
+    Odds are multiplied by at most 1 / (-e p ln p) for p < 1/e (Sellke, Bayarri, Berger 2001, equation 3).
+    """
+    if p_value >= 1 / math.e:
+        return misprint_rate
+    if p_value <= 0:
+        return 1.0
+    against = (1 - misprint_rate) / misprint_rate * (-math.e * p_value * math.log(p_value))
+    return 1 / (1 + against)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChiSquare:
+    """Pearson's chi-square over nearly equally likely intervals, digital numbers taken as the integers they are.
+
+    Tested are the page's histogram, as in the paper, and that of each tile of 64 x 64 pixels: a missing word is lost
+    among six million pixels, but not among four thousand. Page and tiles have half of the allowed false alarms each,
+    tiles share theirs evenly (Bonferroni), and sensors add up. Degrees of freedom: intervals - 1 for each sensor,
+    since the tables have no free parameter. The score is the greater of the two statistics over its own alarm level,
+    so a page alarms above 1.
+
+    The promise, one alarm in good_pages_per_false_alarm good pages, holds in the paper's own world, where a good page
+    is the prediction plus sensor noise.
+    """
+
+    good_pages_per_false_alarm: float
+    misprint_rate: float
+    tiles: bool = True
+    """False: the page alone, as in the paper."""
+    name: str = "chi-square"
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Weigh one page; the p-value is for people, the decision compares statistics."""
+        of_page = float(pearson(evidence.histogram, interval_shares()).sum())
+        # Not scipy.stats, which takes longer to import than a page to judge.
+        freedom = evidence.histogram.shape[0] * (evidence.histogram.shape[1] - 1)
+        allowed = 1 / self.good_pages_per_false_alarm
+        p_of_page = float(special.chdtrc(freedom, of_page))
+        if not self.tiles:
+            return self._judgement(of_page / float(special.chdtri(freedom, allowed)), p_of_page)
+        of_tiles = tile_statistics(evidence)
+        worst = float(of_tiles.max())
+        most_of_page, most = special.chdtri(freedom, [allowed / 2, allowed / 2 / of_tiles.size])
+        # Of numpy's, for Python's max and min may leave out a NaN.
+        score = float(np.maximum(of_page / most_of_page, worst / most))
+        p_value = 2 * float(np.minimum(p_of_page, special.chdtrc(freedom, worst) * of_tiles.size))
+        return self._judgement(score, float(np.minimum(p_value, 1.0)))
+
+    def _judgement(self, score: float, p_value: float) -> Judgement:
+        return Judgement(
+            misprint=bool(score > 1),
+            score=float(score),
+            threshold=1.0,
+            p_value=p_value,
+            probability=posterior_bound(p_value, self.misprint_rate),
+        )
+
+
+def tile_statistics(evidence: Evidence) -> NDArray[np.float64]:
+    """Pearson's statistic of each tile, sensors added up. (tile rows, tile columns)"""
+    return np.asarray(pearson(evidence.tile_histogram, interval_shares()).sum(axis=0))

@@ -1,0 +1,301 @@
+"""The statistics that a decision needs, gathered in one pass over a scan."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy import special
+
+from prooflight.kernels.comparison.dither import CODE_STEPS, ROUNDING_VARIANCE_DN2, TILE
+from prooflight.kernels.comparison.one_pass import LINES, Z_STEPS, compare_lines
+from prooflight.pages.parallel import shared_out
+from prooflight.prediction.compact import Lines, Scale, compact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Judgement
+
+INTERVALS = 16
+"""Nearly equally likely intervals of the error's distribution (15 degrees of freedom a sensor)."""
+BLOCK_PIXELS = LINES
+TILE_PIXELS = TILE
+"""Side of the tiles that are tested by themselves: 6.7 mm, about a word, and 256 pixels expected an interval."""
+PART_PIXELS = 1 << 20
+"""Compared in one call: few enough to stay below 64 MB, enough to forget what a call costs."""
+NOISE_SIZE = 1 << 14
+"""Random numbers in the table that lines take theirs from, each line from a place of its own."""
+SHARP_SIGMA_DN = 4.0
+"""Below this the dither's law needs more than two terms, ..."""
+UNSURE_SIGMA_DN = math.sqrt(1 + ROUNDING_VARIANCE_DN2)
+"""... and below this, 1 DN before rounding, more than four: tests/comparing/test_kernels.py."""
+
+
+def interval_edges() -> NDArray[np.int8]:
+    """Where intervals begin but for the first, (INTERVALS - 1,): quantiles of N(0, 1), rounded to sigma / 64."""
+    quantiles = special.ndtri(np.arange(1, INTERVALS) / INTERVALS)
+    return np.asarray(np.rint(quantiles * CODE_STEPS).astype(np.int8))
+
+
+@cache
+def interval_shares() -> NDArray[np.float64]:
+    """Exact probability of each interval under N(0, 1), (INTERVALS,): within 6 % of a 16th. Not to be changed."""
+    shares = np.diff(special.ndtr(interval_edges() / CODE_STEPS), prepend=0.0, append=1.0)
+    shares.setflags(write=False)
+    return np.asarray(shares)
+
+
+def _not_gathered() -> NDArray[np.float32]:
+    return np.zeros((0, 0, 0), np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What one scan says against its prediction. z is cut off at 32 sigma, to the nearest 128th of a sigma."""
+
+    tile_histogram: NDArray[np.int64]
+    """(sensors, tile rows, tile columns, intervals) pixels in each interval, rounding to integers allowed for;
+    ``interval_shares`` are expected. Tiles of 64 x 64 pixels, the last of each row and column larger by what is left
+    over."""
+    naive_histogram: NDArray[np.int64]
+    """(sensors, intervals) of the whole page, as if digital numbers were not integers: it rejects every good page.
+    Empty unless asked for."""
+    block_z: NDArray[np.float32]
+    """(sensors, block rows, block columns) mean of z over 8 x 8 pixels times 8: N(0, 1) on a good page. [-]"""
+    tile_energy: NDArray[np.float64] = field(default_factory=_not_gathered)  # type: ignore[arg-type]
+    """(sensors, tile rows, tile columns) sum of z^2: as many as pixels on a good page. [-]"""
+    tile_extremes: NDArray[np.float32] = field(default_factory=_not_gathered)
+    """(sensors, tile rows, tile columns, 2) the least z, 0 if none is below, and the greatest, 0 if none above. [-]"""
+    line_sum: NDArray[np.float32] = field(default_factory=_not_gathered)
+    """(sensors, lines) sum of z over a line. [-]"""
+    column_sum: NDArray[np.float32] = field(default_factory=_not_gathered)
+    """(sensors, tile rows, pixels) sum of z over the lines of a row of tiles. [-]"""
+
+    @property
+    def histogram(self) -> NDArray[np.int64]:
+        """(sensors, intervals) of the whole page."""
+        return self.tile_histogram.sum(axis=(1, 2))
+
+    @property
+    def tile_inside(self) -> NDArray[np.float64]:
+        """(sensors, tile rows, tile columns) fraction of pixels with |z| < 43/64: the paper's 0.675, half of N(0, 1).
+
+        From the histogram, so with rounding allowed for; 0.4984 on a good page.
+        """
+        quarter = INTERVALS // 4
+        inside = self.tile_histogram[..., quarter:-quarter].sum(axis=-1)
+        return np.asarray(inside / self.tile_histogram.sum(axis=-1))
+
+
+class Camera(NamedTuple):
+    """Scales of a prediction in integers as the compiled loops want them."""
+
+    top_code: np.uint16
+    mean_bits: np.uint16
+    inverse_bits: int
+    inverse_drop: np.uint16
+    drop: np.uint16
+    sharp: np.uint16
+    unsure: np.uint16
+
+    @classmethod
+    def of(cls, scale: Scale) -> Camera:
+        """Of one sensor."""
+        one = 1 << scale.inverse_bits
+        return cls(
+            top_code=np.uint16(scale.top_code_dn),
+            mean_bits=np.uint16(scale.mean_bits),
+            inverse_bits=scale.inverse_bits,
+            inverse_drop=np.uint16(scale.inverse_bits - 14),
+            drop=np.uint16(scale.mean_bits + scale.inverse_bits - 10),
+            sharp=np.uint16(min(one / SHARP_SIGMA_DN, 65535)),
+            unsure=np.uint16(min(one / UNSURE_SIGMA_DN, 65535)),
+        )
+
+
+class Part(NamedTuple):
+    """What the compiled pass says of some rows of tiles of one sensor, in integers; all 0 at first."""
+
+    reached: NDArray[np.int64]
+    """(tile rows, tile columns, INTERVALS - 1) pixels at or above each edge."""
+    energy: NDArray[np.int64]
+    """(tile rows, tile columns) [sigma^2 / 128^2]"""
+    extremes: NDArray[np.int16]
+    """(tile rows, tile columns, 2) [sigma / 128]"""
+    block_sum: NDArray[np.int32]
+    """(block rows, block columns) [sigma / 128]"""
+    line_sum: NDArray[np.int32]
+    """(lines,) [sigma / 128]"""
+    column_sum: NDArray[np.int32]
+    """(tile rows, pixels) [sigma / 128]"""
+
+    @classmethod
+    def empty(cls, lines: int, pixels: int) -> Part:
+        """Of so many lines, which begin a row of tiles."""
+        rows, columns = max(lines // TILE, 1), max(pixels // TILE, 1)
+        return cls(
+            reached=np.zeros((rows, columns, INTERVALS - 1), np.int64),
+            energy=np.zeros((rows, columns), np.int64),
+            extremes=np.zeros((rows, columns, 2), np.int16),
+            block_sum=np.zeros((lines // LINES, pixels // LINES), np.int32),
+            line_sum=np.zeros(lines, np.int32),
+            column_sum=np.zeros((rows, pixels), np.int32),
+        )
+
+    def histogram(self) -> NDArray[np.int64]:
+        """(tile rows, tile columns, INTERVALS) pixels in each interval."""
+        sides = (
+            np.diff([*range(0, count * TILE, TILE), size])
+            for count, size in zip(
+                self.energy.shape, (self.line_sum.size, self.column_sum.shape[1]), strict=True
+            )
+        )
+        pixels = np.multiply.outer(*sides)
+        return np.asarray(-np.diff(self.reached, axis=-1, prepend=pixels[..., None], append=0))
+
+
+@cache
+def _intervals() -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    edges = interval_edges()
+    return edges, np.asarray(special.ndtr(edges / CODE_STEPS))
+
+
+@cache
+def _noise(pixels: int) -> NDArray[np.uint16]:
+    """Every fourth word once, in random order, and again until a line fits behind the last of them."""
+    table = np.random.default_rng(2011).permutation(NOISE_SIZE).astype(np.uint16) * np.uint16(4) + np.uint16(
+        2
+    )
+    return np.resize(table, NOISE_SIZE + pixels)
+
+
+def line_starts(seed: int, sensor: int, lines: range) -> NDArray[np.int64]:
+    """Where each line's random numbers begin: splitmix64 of seed, sensor and line (Steele, Lea, Flood 2014)."""
+    z = np.arange(lines.start, lines.stop, dtype=np.uint64) + np.uint64(
+        ((seed << 8 | sensor) << 32) & (2**64 - 1)
+    )
+    z = z * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray((z >> np.uint64(64 - 14)).astype(np.int64))
+
+
+def compare(
+    measured_dn: NDArray[np.uint16],
+    mean: NDArray[np.uint16],
+    inverse: NDArray[np.uint16],
+    *,
+    scale: Scale,
+    sensor: int,
+    lines: range,
+    seed: int,
+    dither: bool = True,
+) -> Part:
+    """The pass itself: ``lines`` of a page, one of its ``parts``, of one sensor, (lines, pixels) each.
+
+    mean, inverse: as ``compact`` gives them. ``join`` makes evidence of the parts.
+    """
+    part = Part.empty(len(lines), measured_dn.shape[1])
+    edges, reach = _intervals()
+    compare_lines(
+        Lines.of(measured_dn),
+        Lines.of(mean),
+        Lines.of(inverse),
+        Camera.of(scale),
+        _noise(measured_dn.shape[1]),
+        line_starts(seed, sensor, lines),
+        edges,
+        reach,
+        dither,
+        part,
+    )
+    return part
+
+
+def parts(lines: int, pixels: int) -> list[range]:
+    """Lines of a page, in pieces of whole rows of tiles, about a megapixel each."""
+    step = max(PART_PIXELS // (TILE * pixels), 1) * TILE
+    starts = [0, *range(step, lines - step + 1, step)]
+    return [range(start, end) for start, end in zip(starts, [*starts[1:], lines], strict=True)]
+
+
+def join(of_sensors: Sequence[Sequence[Part]], naive: Sequence[Sequence[Part]] = ()) -> Evidence:
+    """Evidence of a page from the parts of each sensor, top to bottom; naive: the same, compared without dither."""
+
+    def stack(of_part: Callable[[Part], NDArray[Any]]) -> NDArray[Any]:
+        return np.stack([np.concatenate([of_part(part) for part in of]) for of in of_sensors])
+
+    step = np.float32(1 / Z_STEPS)
+    naive_histogram = [np.sum([part.histogram().sum(axis=(0, 1)) for part in of], axis=0) for of in naive]
+    return Evidence(
+        tile_histogram=stack(Part.histogram),
+        naive_histogram=np.array(naive_histogram, np.int64).reshape(-1, INTERVALS),
+        block_z=stack(lambda part: part.block_sum * (step / np.float32(BLOCK_PIXELS))),
+        tile_energy=stack(lambda part: part.energy / Z_STEPS**2),
+        tile_extremes=stack(lambda part: part.extremes * step),
+        line_sum=stack(lambda part: part.line_sum * step),
+        column_sum=stack(lambda part: part.column_sum * step),
+    )
+
+
+def gather(
+    measured_dn: NDArray[np.uint16],
+    expected_dn: NDArray[np.float32],
+    variance_dn2: NDArray[np.float32],
+    *,
+    top_codes_dn: Sequence[int],
+    seed: int,
+    threads: int | None = None,
+    naive: bool = False,
+) -> Evidence:
+    """One pass over (sensors, lines, pixels) arrays of the page's area, whose prediction is made compact on the way.
+
+    seed: of the random numbers that stand for what rounding lost; same seed, same result, whatever the number of
+    threads. naive: the naive histogram as well, which takes a second pass.
+    """
+    workers = threads or os.cpu_count() or 1
+    sensors, lines, pixels = measured_dn.shape
+    pieces = parts(lines, pixels)
+
+    def least(sensor: int, piece: range) -> float:
+        return float(variance_dn2[sensor, piece.start : piece.stop].min(initial=math.inf))
+
+    of_pieces = shared_out(
+        [partial(least, s, piece) for s in range(sensors) for piece in pieces], threads=workers
+    )
+    scales = [
+        Scale.of(top_code_dn=top, least_variance_dn2=min(of_pieces[at : at + len(pieces)]))
+        for top, at in zip(top_codes_dn, range(0, len(of_pieces), len(pieces)), strict=True)
+    ]
+
+    def one(sensor: int, piece: range, dither: bool) -> Part:
+        rows, scale = (sensor, slice(piece.start, piece.stop)), scales[sensor]
+        mean, inverse = compact(expected_dn[rows], variance_dn2[rows], scale, first_line=piece.start)
+        seen = measured_dn[rows]
+        return compare(seen, mean, inverse, scale=scale, sensor=sensor, lines=piece, seed=seed, dither=dither)
+
+    passes = (True, False) if naive else (True,)
+    tasks = [partial(one, s, piece, dither) for dither in passes for s in range(sensors) for piece in pieces]
+    done = shared_out(tasks, threads=workers)
+    of_sensors = [done[at : at + len(pieces)] for at in range(0, len(done), len(pieces))]
+    return join(of_sensors[:sensors], of_sensors[sensors:])
+
+
+class EvidenceDetector(Protocol):
+    """Evidence in, judgement out; what a good page may do stands in the detector, what errors cost in the costs."""
+
+    @property
+    def name(self) -> str:
+        """Name by which users ask for it."""
+        ...
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Weigh one page's evidence. Does not change it."""
+        ...

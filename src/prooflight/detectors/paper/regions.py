@@ -1,0 +1,128 @@
+"""Where a misprint lies and what kind it looks like, from the map of block means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.base import Region
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+FLAGGED = 6.0
+"""A block mean beyond so many of its standard deviations is flagged: 1e-4 blocks of a good A4 page, ideal world."""
+JOINING_BLOCKS = 7
+"""Flagged blocks nearer than this (6 mm) belong together."""
+MOST_REGIONS = 12
+UNKNOWN = "unknown"
+STREAK_WIDTH_MM = 5.0
+INKED = 0.01
+"""Least mean ink fraction at which a block is said to hold an ink."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Findings:
+    """Regions, most telling first, and the kind of the whole."""
+
+    regions: tuple[Region, ...]
+    kind: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BlockGrid:
+    """The map of block means of one page and where it lies on the page."""
+
+    z: NDArray[np.float32]
+    """(sensors, rows, columns) block means in their standard deviations; above 0: lighter than expected."""
+    tiles: NDArray[np.float64]
+    """(tile rows, tile columns) evidence of each tile, for a misprint too faint for any single block."""
+    blocks_per_tile: int
+    ink: Callable[[], NDArray[np.float32]]
+    """Gives (rows, columns, 4) mean ink fractions that were to be printed; most misprints are named without."""
+    left_mm: float
+    top_mm: float
+    width_mm: float
+    height_mm: float
+    """Size of one block. [mm]"""
+
+
+def findings(grid: BlockGrid) -> Findings:
+    """Group flagged blocks into regions and say what each looks like.
+
+    A misprint too faint for any block lies in the tile with the most evidence, and its kind is unknown.
+    """
+    strongest = np.take_along_axis(grid.z, np.abs(grid.z).argmax(axis=0)[None], axis=0)[0]
+    flagged = np.abs(strongest) > FLAGGED
+    if not flagged.any():
+        row, column = np.unravel_index(grid.tiles.argmax(), grid.tiles.shape)
+        side = grid.blocks_per_tile
+        place = np.zeros_like(strongest)
+        last = np.equal((row + 1, column + 1), grid.tiles.shape)  # they are larger by what is left over
+        inside = tuple(
+            slice(at * side, None if ends else (at + 1) * side)
+            for at, ends in zip((row, column), last, strict=True)
+        )
+        place[inside] = strongest[inside]
+        return Findings(regions=(_region(place, grid, UNKNOWN),), kind=UNKNOWN)
+    told = np.where(flagged, strongest, 0)
+    whole = _kind(told, grid)
+    if whole in ("missing-plane", "wrong-page"):
+        # One cause all over the page: one box around it says more than a hundred around its words.
+        return Findings(regions=(_region(told, grid, whole),), kind=whole)
+    kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)
+    joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
+    inner = slice(JOINING_BLOCKS, -JOINING_BLOCKS)
+    count, labels = cv2.connectedComponents(np.ascontiguousarray(joined[inner, inner]))
+    weight = np.bincount(labels.ravel(), weights=(np.abs(strongest) * flagged).ravel(), minlength=count)
+    heaviest = 1 + np.argsort(-weight[1:], kind="stable")[:MOST_REGIONS]
+    pieces = [np.where(labels == label, strongest, 0) * flagged for label in heaviest]
+    kinds = [_kind(piece, grid) for piece in pieces]
+    regions = tuple(_region(piece, grid, kind) for piece, kind in zip(pieces, kinds, strict=True))
+    return Findings(regions=regions, kind=kinds[0])
+
+
+def _extent(piece: NDArray[np.float32]) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(piece.any(axis=1)), np.flatnonzero(piece.any(axis=0))
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+
+
+def _region(piece: NDArray[np.float32], grid: BlockGrid, kind: str) -> Region:
+    top, bottom, left, right = _extent(piece)
+    return Region(
+        x_mm=round(grid.left_mm + left * grid.width_mm, 2),
+        y_mm=round(grid.top_mm + top * grid.height_mm, 2),
+        width_mm=round((right - left) * grid.width_mm, 2),
+        height_mm=round((bottom - top) * grid.height_mm, 2),
+        score=round(float(np.abs(piece).max()), 1),
+        kind=kind,
+    )
+
+
+def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
+    """What a set of flagged blocks (rows, columns; 0 elsewhere) looks like.
+
+    Narrow and long: a streak. Nothing darker, and lighter just where one ink was to be: that plane is missing. Nothing
+    darker otherwise: content is missing. Darker as well as lighter: something else was printed.
+    """
+    top, bottom, left, right = _extent(piece)
+    width_mm, height_mm = (right - left) * grid.width_mm, (bottom - top) * grid.height_mm
+    if width_mm <= STREAK_WIDTH_MM and height_mm > 4 * width_mm:
+        return "streak"
+    flagged = piece != 0
+    if (piece < 0).sum() > 0.02 * flagged.sum():
+        return "wrong-page"
+    for ink in range(4):
+        inked = grid.ink()[top:bottom, :, ink] > INKED
+        if not inked.any():
+            continue
+        found = (flagged[top:bottom] & inked).sum() / inked.sum()
+        stray = (flagged[top:bottom] & ~inked).sum() / flagged.sum()
+        if found > 0.7 and stray < 0.12:
+            return "missing-plane"
+    return "missing-content"

@@ -1,0 +1,136 @@
+"""The arrays of every kind of ink model, wherever they are kept: in a file of their own or in a press artefact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.files.schema import (
+    Block,
+    Count,
+    Kept,
+    Misfit,
+    NotNegative,
+    check_arrays,
+    checked,
+    parsed,
+    part_of,
+)
+from prooflight.spectra import BANDS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+OF_MODEL, OF_SPREAD = "model.", "spread."
+INKS: Final = 4
+MOST_RECIPES: Final = 20_000
+"""assumed: charts have 2,000 patches; each costs a kilobyte of every chunk of recipes predicted."""
+MOST_LEVELS: Final = 9
+"""Of an ink's cells; ours have three."""
+MOST_FACTOR: Final = 10.0
+"""Of what reflects: brightened paper has 1.2."""
+STEEPEST: Final = 0.25
+"""Tone value increase and skew together: up to here curves rise."""
+
+
+class ScoreFacts(Block):
+    """``selection.Score``."""
+
+    mean_delta_e00: NotNegative
+    median_delta_e00: NotNegative
+    p95_delta_e00: NotNegative
+    max_delta_e00: NotNegative
+    rms_reflectance: NotNegative
+    patches: Count
+
+
+def _no_count(array: NDArray[np.floating]) -> str:
+    return "" if (array == np.rint(array)).all() else "must be a whole number"
+
+
+def _too_steep(curves: NDArray[np.floating]) -> str:
+    steep = np.abs(curves).sum(axis=1).max()
+    return "" if steep < STEEPEST else f"must stay below {STEEPEST}, tone value increase and skew together"
+
+
+def _no_levels(levels: NDArray[np.floating]) -> str:
+    if not 2 <= levels.size <= MOST_LEVELS:
+        return f"must be 2 to {MOST_LEVELS} levels"
+    ends = levels[0] == 0 and levels[-1] == 1
+    return "" if ends and (np.diff(levels) > 0).all() else "must rise from 0 to 1"
+
+
+def _too_many(recipes: NDArray[np.floating]) -> str:
+    return "" if len(recipes) <= MOST_RECIPES else f"holds more than {MOST_RECIPES} recipes"
+
+
+def _array(*shape: int | str, **how: Any) -> Kept:
+    return Kept(dtype="float64", shape=shape, **how)
+
+
+_RECIPES: Final = _array("recipes", INKS, low=-0.01, high=1.01, rule=_too_many)
+_OF_RECIPES: Final = _array("recipes", BANDS, low=-MOST_FACTOR, high=MOST_FACTOR)
+_NEUGEBAUER: Final = {
+    "n": _array(1, low=1, high=10.001),
+    "curves": _array(INKS, 2, rule=_too_steep),
+    "roots": _array("nodes", BANDS, low=0, high=MOST_FACTOR),
+    **{f"levels.{ink}": _array(f"levels of {ink}", rule=_no_levels) for ink in "CMYK"},
+}
+_RADIAL: Final = {
+    "cmyk": _RECIPES,
+    "coefficients": _array("recipes", BANDS),
+    "tail": _array(1 + INKS, BANDS),
+    "smoothing": _array(1, low=0),
+}
+MODELS: Final[Mapping[str, Mapping[str, Kept]]] = {
+    "log-linear": {
+        "paper": _array(BANDS, above=0, high=MOST_FACTOR),
+        "density": _array(INKS, BANDS, low=-100, high=100),
+        "tvi": _array(INKS, low=0, high=0.2499999, absent=True),
+    },
+    "neighbours": {"cmyk": _RECIPES, "measured": _OF_RECIPES},
+    "local-linear": {
+        "cmyk": _RECIPES,
+        "root": _OF_RECIPES,
+        "neighbours": _array(1, low=1, high=1000, rule=_no_count),
+    },
+    "neugebauer": _NEUGEBAUER,
+    "cellular-neugebauer": _NEUGEBAUER,
+    "radial-basis": _RADIAL,
+    "hybrid": _RADIAL | {f"trend.{name}": kept for name, kept in _NEUGEBAUER.items()},
+}
+"""By the model's name; ``inks.selection.MODELS`` makes models of them."""
+SPREAD: Final = {
+    "cmyk": _RECIPES,
+    "squared": _array("recipes", BANDS, low=0),
+    "reach": _array("recipes", above=0),
+}
+
+
+def check_inks(model: str, arrays: Mapping[str, NDArray[Any]], *, spread: bool, under: str = "") -> None:
+    """Misfit unless ``arrays`` are those of such a model. spread: and of how sure it is. under: where they stand."""
+    if model not in MODELS:
+        raise Misfit(f"{under}model", f"is {model!r}, which is unknown")
+    table = {OF_MODEL + name: kept for name, kept in MODELS[model].items()}
+    sizes = check_arrays(
+        {name: array for name, array in arrays.items() if not name.startswith(OF_SPREAD)},
+        table,
+        {},
+        under=under,
+    )
+    if "nodes" in sizes:
+        combinations = int(np.prod([sizes[f"levels of {ink}"] for ink in "CMYK"]))
+        if sizes["nodes"] != combinations:
+            what = (
+                f"has {sizes['nodes']} nodes, must have one for each of {combinations} combinations of levels"
+            )
+            raise Misfit(f"{under}roots", what)
+    check_arrays(part_of(arrays, OF_SPREAD), SPREAD if spread else {}, {}, under=under + OF_SPREAD)
+
+
+def check_score(text: str, *, under: str = "") -> None:
+    """Misfit unless a text is a score, as JSON."""
+    checked(ScoreFacts, parsed(text), under=f"{under}score.")

@@ -1,0 +1,176 @@
+"""Prediction from the nearest measured recipes: the paper's interpolation, and a smooth local-linear
+regression.
+
+Both fit, for each wanted recipe, a plane over its nearest recipes in CMYK by weighted least squares and read
+it there; the plane's value is a weighted sum of the neighbours' spectra with weights that reproduce any
+linear function.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from prooflight.inks.reflectance import BRIGHTEST, DARKEST, in_chunks
+from prooflight.spectra import BANDS, delta_e00, lab
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    Weighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+_NEAREST: Final = 8  # of 6, 8, 12, 16, 24, 32 the one with the least median error on an offset chart, with 6
+_LOCAL: Final = (8, 12, 16, 24, 32)
+_FLATTEST: Final = (
+    1e-6  # slopes that the neighbours do not determine are taken as 0; others stay what they are
+)
+
+
+def inverse_square(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 / d^2, (queries, k) -> the same; at a measured recipe the plane goes through its value."""
+    return np.asarray(1.0 / np.maximum(distance, 1e-6) ** 2, dtype=np.float64)
+
+
+def tricube(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(1 - (d / d_k)^3)^3: the farthest neighbour leaves with weight 0, so the surface has no steps."""
+    relative = distance / np.maximum(distance[:, -1:], 1e-9)
+    return np.asarray((1.0 - np.minimum(relative, 1.0) ** 3) ** 3 + 1e-9, dtype=np.float64)
+
+
+def plane_weights(
+    measured: NDArray[np.float64], wanted: NDArray[np.float64], neighbours: int, weighting: Weighting
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Indices (queries, k) of the nearest recipes and the weights (queries, k) that sum their values to the
+    plane's.
+
+    measured (n, 4), wanted (queries, 4) ink fractions. The weights sum to 1.
+    """
+    found = cKDTree(measured).query(wanted, k=min(neighbours, len(measured)))
+    distance, nearest = (
+        of_each.reshape(len(wanted), -1) for of_each in found
+    )  # one neighbour comes without its axis
+    offset = measured[nearest] - wanted[:, None]
+    design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=2)
+    weighted = design * weighting(distance)[..., None]
+    normal = weighted.transpose(0, 2, 1) @ design
+    slopes = np.arange(1, design.shape[2])
+    normal[:, slopes, slopes] += _FLATTEST * normal[:, slopes, slopes].sum(axis=1)[:, None] + 1e-12
+    at_wanted = np.zeros((len(wanted), design.shape[2], 1))
+    at_wanted[:, 0] = 1.0
+    return nearest, (weighted @ np.linalg.solve(normal, at_wanted))[..., 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Neighbours:
+    """The paper's model: linear interpolation of reflectance between the N nearest patches (section 3.2).
+
+    Reading chosen: a plane through the N = 8 nearest recipes, weights 1 / distance^2.
+    """
+
+    cmyk: NDArray[np.float64]
+    """(n, 4) measured recipes, ink fractions. [-]"""
+    measured: NDArray[np.float64]
+    """(n, 36) their reflectance factors. [-]"""
+
+    @property
+    def name(self) -> str:
+        """``neighbours``."""
+        return "neighbours"
+
+    @classmethod
+    def fit(
+        cls,
+        cmyk: NDArray[np.float64],
+        reflectance: NDArray[np.float64],
+        count: NDArray[np.int64] | None = None,
+    ) -> Self:
+        """Keep the measurements; ``count`` of repeats makes no difference here."""
+        return cls(cmyk=cmyk, measured=reflectance)
+
+    def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+
+        def plane(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+            nearest, weight = plane_weights(self.cmyk, wanted, _NEAREST, inverse_square)
+            summed = (weight[:, None, :] @ self.measured[nearest])[:, 0]
+            return np.clip(summed, DARKEST, BRIGHTEST)
+
+        return in_chunks(plane, cmyk, BANDS)
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """What ``from_arrays`` needs."""
+        return {"cmyk": self.cmyk, "measured": self.measured}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
+        """The model that gave ``arrays``."""
+        return cls(cmyk=arrays["cmyk"], measured=arrays["measured"])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LocalLinear:
+    """Local-linear regression (tricube weights) of the square root of reflectance, which ink makes nearly
+    linear.
+    """
+
+    cmyk: NDArray[np.float64]
+    """(n, 4) measured recipes, ink fractions. [-]"""
+    root: NDArray[np.float64]
+    """(n, 36) square roots of their reflectance factors. [-]"""
+    neighbours: int
+    """Recipes that each plane is fitted to."""
+
+    @property
+    def name(self) -> str:
+        """``local-linear``."""
+        return "local-linear"
+
+    @classmethod
+    def fit(
+        cls,
+        cmyk: NDArray[np.float64],
+        reflectance: NDArray[np.float64],
+        count: NDArray[np.int64] | None = None,
+    ) -> Self:
+        """Choose the number of neighbours by leave-one-out mean CIEDE2000; ``count`` makes no difference
+        here.
+        """
+        root = np.sqrt(np.maximum(reflectance, DARKEST))
+        wanted_lab = lab(reflectance)
+
+        def left_out(neighbours: int) -> float:
+            """Mean error when each recipe is predicted from the others, its own value taken out of its
+            plane.
+            """
+            nearest, weight = plane_weights(cmyk, cmyk, neighbours + 1, tricube)
+            own = nearest == np.arange(len(cmyk))[:, None]
+            leverage = np.minimum((weight * own).sum(axis=1, keepdims=True), 0.999)
+            others = ((weight * ~own)[:, None, :] @ root[nearest])[:, 0] / (1.0 - leverage)
+            return float(delta_e00(lab(np.maximum(others, 0.0) ** 2), wanted_lab).mean())
+
+        usable = [neighbours for neighbours in _LOCAL if neighbours < len(cmyk)] or [len(cmyk) - 1]
+        return cls(cmyk=cmyk, root=root, neighbours=min(usable, key=left_out))
+
+    def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+
+        def plane(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+            nearest, weight = plane_weights(self.cmyk, wanted, self.neighbours, tricube)
+            summed = (weight[:, None, :] @ self.root[nearest])[:, 0]
+            return np.clip(summed, DARKEST**0.5, BRIGHTEST**0.5) ** 2
+
+        return in_chunks(plane, cmyk, BANDS)
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """What ``from_arrays`` needs."""
+        return {"cmyk": self.cmyk, "root": self.root, "neighbours": np.array([float(self.neighbours)])}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
+        """The model that gave ``arrays``."""
+        return cls(cmyk=arrays["cmyk"], root=arrays["root"], neighbours=int(arrays["neighbours"][0]))

@@ -1,1 +1,0 @@
-"""The running press: scans against their pages, one verdict each."""

@@ -1,1 +1,0 @@
-"""Parts of the journal: what it keeps, its tables, its files."""

@@ -1,0 +1,1 @@
+"""One job against its scans; a verdict made again."""

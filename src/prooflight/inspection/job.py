@@ -1,0 +1,187 @@
+"""A whole job against its recorded scans."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
+
+import numpy as np
+
+from prooflight.errors import ProoflightError, ScanError
+from prooflight.inspection.inspection import pictured
+from prooflight.inspection.inspector import Inspector, not_inspected
+from prooflight.inspection.reasons import reason_of
+from prooflight.pages.files import page_name
+from prooflight.pages.job import opened
+from prooflight.pages.parallel import KILLED
+from prooflight.scans.recorded import recorded_scans
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Verdict
+    from prooflight.inspection.inspection import Inspection
+    from prooflight.pages.job import Job, JobSource
+    from prooflight.pages.raster import Page
+    from prooflight.scans.recorded import RecordedScan
+
+Pair = tuple[int, "RecordedScan | None"]
+Item = TypeVar("Item")
+LONGEST = 4
+"""A recorded scan may be so many times as long as its page's: what lies beyond is not looked at, but is read."""
+DIGEST_DIGITS = 16
+"""Of a scan's SHA-256: enough to tell a press's scans apart."""
+MISSING: Final = "its scan is missing"
+NAMED: Final = 5
+"""Scans that belong to no page and are named; the rest is counted."""
+
+
+def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
+    """Every page of the job with its scan, in job order; None where a page has no scan.
+
+    Files named after pages (p0001.tif) belong to those pages; fewer files than pages, whose names all end in the number
+    of a page (scan-3.tif), belong to those; else scans follow the pages in order. ScanError if there are more scans
+    than pages, or a name is of no page.
+    """
+    recorded = recorded_scans(scans, sensors=sensors, damaged=True)
+    numbers = range(1, len(job) + 1)
+    by_name = {scan.name: scan for scan in recorded}
+    if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
+        strange = sorted(set(by_name) - {page_name(number) for number in numbers})
+        if strange:
+            named = ", ".join(by_name[name].path.name for name in strange[:NAMED])
+            more = f" and {len(strange) - NAMED} more" if len(strange) > NAMED else ""
+            what = f"{named}{more} {'is' if len(strange) == 1 else 'are'} no page of the job"
+            raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
+        return [(number, by_name.get(page_name(number))) for number in numbers]
+    by_number = {_last_number(scan.name): scan for scan in recorded}
+    if len(recorded) < len(job) and len(by_number) == len(recorded) and set(by_number) <= set(numbers):
+        return [(number, by_number.get(number)) for number in numbers]
+    if len(recorded) > len(job):
+        what = f"holds {len(recorded)} scans"
+        raise ScanError(scans, what, remedy=f"the job has {len(job)} pages")
+    return [(number, recorded[number - 1] if number <= len(recorded) else None) for number in numbers]
+
+
+def _last_number(name: str) -> int | None:
+    """The number in which a file's stem ends."""
+    match = re.search(r"([0-9]{1,9})$", name)
+    return None if match is None else int(match[1])
+
+
+def name_of(pair: Pair) -> str:
+    """Of a page that has a scan, or has none."""
+    return page_name(pair[0])
+
+
+def scan_missing(name: str, scans: Path | None) -> Verdict:
+    """The verdict on a page without a scan; scans: the folder or file in which it was looked for."""
+    if scans is None:
+        return not_inspected(name, MISSING)
+    where = f"looked for {name}.tif in {scans}" if scans.is_dir() else f"{scans} ends before it"
+    return not_inspected(name, f"{MISSING} ({where})")
+
+
+def lacks_scan(verdict: Verdict) -> bool:
+    """Whether nobody looked at a page because it has no scan."""
+    return verdict.verdict == "not-inspected" and (not verdict.reason or verdict.reason.startswith(MISSING))
+
+
+@dataclass(frozen=True, slots=True)
+class Tried(Generic[Item]):
+    """Work on one page; where the page or its scan cannot be used, the verdict is not-inspected, and why."""
+
+    work: Callable[[Item], Verdict]
+    name: Callable[[Item], str]
+
+    def __call__(self, item: Item) -> Verdict:
+        """The verdict on one page."""
+        try:
+            return self.work(item)
+        except (ProoflightError, OSError, MemoryError) as error:
+            return not_inspected(self.name(item), reason_of(error, of=self.name(item)))
+
+
+def pair_killed(pair: Pair) -> Verdict:
+    """The verdict on a page whose inspection the system ended."""
+    return not_inspected(name_of(pair), KILLED)
+
+
+def first_reason(verdicts: Sequence[Verdict]) -> str:
+    """Why none of these was inspected: the first reason that is more than a scan that is missing."""
+    return next((one for one in verdicts if not lacks_scan(one)), verdicts[0]).reason
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectPage:
+    """Inspect one page of a job; small and picklable, so that it travels to worker processes."""
+
+    job: JobSource
+    inspector: Inspector
+    scans: Path | None = None
+    """Where scans were looked for."""
+
+    def __call__(self, pair: Pair) -> Verdict:
+        """The verdict on one page and its scan; ProoflightError: one of them cannot be used."""
+        number, scan = pair
+        if scan is None:
+            return self.missing(number)
+        return self._inspection(self.page(number), scan).verdict
+
+    def missing(self, number: int) -> Verdict:
+        """The verdict on a page without a scan."""
+        return scan_missing(page_name(number), self.scans)
+
+    def page(self, number: int) -> Page:
+        """The job's page as it lies in the press."""
+        return self.inspector.press.geometry.lay(opened(self.job).page(number))
+
+    def inspection(self, number: int, scan: RecordedScan) -> Inspection:
+        """The verdict on one page and all that it rests on, with what pictures need."""
+        page = self.page(number)
+        return pictured(self._inspection(page, scan), page, self.inspector.press)
+
+    def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
+        dn = self.read(scan, page)
+        return self.inspector.inspect(self.inspector.prepare(page), dn, scan_name=str(scan.path))
+
+    def read(self, scan: RecordedScan, page: Page) -> NDArray[np.uint16]:
+        """The page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
+        geometry = self.inspector.press.geometry
+        return scan.read(pixels=geometry.pixels, lines_max=LONGEST * geometry.lines(page.height_mm))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageScore:
+    """What one page of a job scored."""
+
+    name: str
+    score: float
+    digest: str
+    """Of its scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredPage:
+    """``InspectPage`` that gives the score alone, and tells one scan from another."""
+
+    work: InspectPage
+
+    def __call__(self, pair: Pair) -> PageScore:
+        """Inspect one page that has a scan; ScanError: it was made under other light than the press knows."""
+        number, scan = pair
+        assert scan is not None
+        page, inspector = self.work.page(number), self.work.inspector
+        dn = self.work.read(scan, page)
+        inspection = inspector.inspect(inspector.prepare(page), dn, scan_name=str(scan.path))
+        score = inspection.verdict.score
+        if score is None:
+            remedy = "give scans of good pages, made by the press as it was calibrated"
+            raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
+        digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
+        return PageScore(name=page_name(number), score=score, digest=digest)

@@ -1,0 +1,107 @@
+"""Whether a scan was made under the light that its press was calibrated for, or the detector's promise is void."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+    from prooflight.inspection.light_level import LightLevel
+    from prooflight.prediction.tables import SensorModel
+
+OFF_SDS: Final = 5.0
+"""Of what good prints of the press vary by."""
+LEAST_OFF: Final = 0.1
+"""A press whose good prints hardly vary may still differ by so much: noise is then off by a twentieth, which good days
+are anyway. [-]"""
+MOST_CLIPPED: Final = 0.05
+"""Share of a page at the top code that should lie well below it; the gloss of an ink is smaller."""
+WITNESS: Final = 0.5
+"""Of what the page is off: a backing that is off by less says that the light is right."""
+
+NO_BACKING: Final = 1.0
+"""What is off by more than that much of it is no backing, but another sheet."""
+DARK_PAGE: Final = 0.1
+"""A page whose darkest is darker shows the black level. [white]"""
+BLACK_OFF: Final = 0.05
+"""Of white: how far that may be off; good prints' darkest, by ink and tables, are off by a hundredth. assumed"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrongLight:
+    """Why a scan cannot be judged."""
+
+    reason: str
+    of_sheet: bool
+    """It may be the sheet alone, not what sees it: another paper, or a misprint, which says more."""
+
+
+def light_tolerance(prior: Tolerance) -> float:
+    """How far the light of a good print may be off; prior: what good prints of the press do. [-]
+
+    Where no paper is bare, ink and tables are a part of it.
+    """
+    sds = prior.white, prior.common, prior.lamp, prior.shape, prior.gain
+    return max(LEAST_OFF, OFF_SDS * math.hypot(*sds))
+
+
+def wrong_light(
+    levels: Sequence[LightLevel], sensors: Sequence[SensorModel], *, tolerance: float
+) -> WrongLight | None:
+    """What is wrong with the light of a scan; None: nothing. tolerance: see ``light_tolerance``."""
+    found = [_of_sensor(level, sensor, tolerance) for level, sensor in zip(levels, sensors, strict=True)]
+    told = [
+        (f"sensor {sensor.name}: {one.reason}" if len(sensors) > 1 else one.reason, one.of_sheet)
+        for one, sensor in zip(found, sensors, strict=True)
+        if one is not None
+    ]
+    if not told:
+        return None
+    return WrongLight(reason="; ".join(reason for reason, _ in told), of_sheet=all(of for _, of in told))
+
+
+def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> WrongLight | None:
+    top = sensor.top_code_dn
+    if level.brightest_dn > top:
+        what = f"the scan holds values up to {level.brightest_dn}, above the camera's greatest, {top}"
+        return WrongLight(reason=f"{what}: record it as the press was calibrated", of_sheet=False)
+    if level.clipped > MOST_CLIPPED:
+        what = f"{level.clipped:.0%} of the page is at the camera's greatest value, {top}"
+        return WrongLight(
+            reason=f"{what}: lower the light or the gain to what was calibrated", of_sheet=False
+        )
+    if level.page is None:
+        return _of_backing(level, tolerance)
+    if abs(level.page - 1) <= tolerance:
+        return _of_black(level, sensor)
+    light = max(level.page, 0.0)
+    paper = f"paper at {light * sensor.white_dn:.0f} DN, {sensor.white_dn:.0f} expected"
+    if level.backing is not None and abs(level.backing - 1) < WITNESS * abs(level.page - 1):
+        what = f"the sheet is {light:.2f} times as light as this press was calibrated for ({paper})"
+        return WrongLight(
+            reason=f"{what}, what lies beside it is not: calibrate again for this paper", of_sheet=True
+        )
+    what = f"the light is {light:.2f} times what this press was calibrated for ({paper})"
+    return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=False)
+
+
+def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
+    """Of a sensor to which the page itself, a dark picture perhaps, does not tell its light."""
+    if level.backing is None or not tolerance < abs(level.backing - 1) < NO_BACKING:
+        return None
+    what = f"what lies beside the page is {level.backing:.2f} times as light as this press was calibrated for"
+    return WrongLight(reason=f"{what}: mend lamp or camera, or calibrate again", of_sheet=True)
+
+
+def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:
+    """Of a sensor whose light is right: nothing is as dark as it should be. Specks may well be darker."""
+    due = level.darkest_due
+    if due > DARK_PAGE or level.darkest - due <= BLACK_OFF:
+        return None
+    seen_dn, due_dn = (round(light * sensor.white_dn) for light in (level.darkest, due))
+    what = f"the darkest of the page is at {seen_dn} DN above dark, {due_dn} expected"
+    return WrongLight(reason=f"{what}: the camera's black level is off; calibrate again", of_sheet=True)

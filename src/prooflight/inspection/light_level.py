@@ -1,0 +1,184 @@
+"""How bright a scan is as a whole, beside what its press was calibrated for: found without knowing where the page lies.
+
+A lamp or a gain scales the light of everything by one factor, of paper, of every ink and of the backing beside the
+page. So squares spread over the page are asked by what factor they are off, and half of them have to agree. What the
+design has there is known from its prediction: no paper need be bare.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import cv2
+import numpy as np
+
+from prooflight.kernels.registration.coarse import SHRINK
+from prooflight.registration.coarse import shrunk
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.geometry import ScanGeometry
+
+MOST_SQUARES: Final = 1500
+"""Spread over the page, and as many at most over the backing."""
+FLAT: Final = 0.03
+"""Greatest range of the light about a flat square. [white]"""
+ABOUT: Final = 5
+"""Squares about one, either way, that are alike where it is flat: good prints lie 1 mm off their place."""
+LEAST_FLAT: Final = 40
+"""Flat squares; of a page that has fewer, all are asked."""
+INSIDE, OUTSIDE = 2, 1
+"""Squares that lie so far inside the sheet's edges, and so far outside, are of the page and of the backing."""
+LEAST_LIGHT, LEAST_BACKING = 0.25, 0.02
+"""Of paper white: darker squares of the page tell more of ink than of light, of the backing nothing."""
+LEAST_SQUARES: Final = 12
+AGREED: Final = 0.2
+"""Of the factor: width of the interval that holds half of the squares, beyond which they do not agree."""
+LEAST_LEVEL: Final = 0.05
+"""Levels below this are taken to be of this size when it is asked whether squares agree: no light at all agrees."""
+DARK: Final = 0.002
+"""Share of a page whose light is called its darkest: some letters' stems."""
+LINES_APART: Final = 16
+EVERYTHING: Final = slice(None), slice(None)
+WELL_BELOW: Final = 0.9
+"""Of the top code: a good print that should be darker does not reach it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LitSquares:
+    """Squares of ``SHRINK`` camera pixels of a design in its place, and how light they should be."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    backing: NDArray[np.bool_]
+    """(squares,) beside the page."""
+    light: NDArray[np.float32]
+    """(sensors, squares), columns evened out. [white]"""
+    darkest: tuple[float, ...]
+    """Light of each sensor that ``DARK`` of the page lies below, away from its edges. [white]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LightLevel:
+    """How bright one sensor sees a scan."""
+
+    page: float | None
+    """Light of the page over what it should be; None: its squares do not agree. [-]"""
+    backing: float | None
+    """The same of what lies beside the page; None: its squares do not agree, or too few are in view."""
+    clipped: float
+    """Share of the page's squares that are at the top code and should lie well below. [-]"""
+    brightest_dn: int
+    """Greatest number in any square."""
+    darkest: float
+    """Light that hardly any of the scan lies below. [white]"""
+    darkest_due: float
+    """Light that twice as much of the page should lie below. [white]"""
+
+
+def lit_squares(
+    expected: Prediction, page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> LitSquares:
+    """Squares to ask of scans of a page, from its prediction in its place."""
+    images = expected.expected_dn
+    light = np.stack([shrunk(images[[index]], sensors[index : index + 1]) for index in range(len(sensors))])
+    even = np.ones((ABOUT, ABOUT), np.uint8)
+    ranges = np.max([cv2.dilate(one, even) - cv2.erode(one, even) for one in light], axis=0)
+    bright, seen = ((light > least).all(axis=0) for least in (LEAST_LIGHT, LEAST_BACKING))
+    inside, outside = _within_and_beside(geometry, light.shape[1:], page.width_mm, page.height_mm)
+    of_page = np.flatnonzero(inside & bright & (ranges < FLAT))
+    if of_page.size < LEAST_FLAT:
+        of_page = np.flatnonzero(inside & bright)
+    chosen = [
+        some[:: max(some.size // MOST_SQUARES, 1)] for some in (of_page, np.flatnonzero(outside & seen))
+    ]
+    rows, columns = np.unravel_index(np.concatenate(chosen), light.shape[1:])
+    backing = np.arange(rows.size) >= chosen[0].size
+    edge = INSIDE * SHRINK + 1
+    lines, pixels = (
+        slice(part.start + edge, max(part.stop - edge, 0))
+        for part in geometry.on_page(page.width_mm, page.height_mm)
+    )
+    return LitSquares(
+        rows=rows,
+        columns=columns,
+        backing=backing,
+        light=light[:, rows, columns],
+        darkest=tuple(
+            _darkest(image, sensor, (lines, pixels), DARK)
+            for image, sensor in zip(images, sensors, strict=True)
+        ),
+    )
+
+
+def light_levels(
+    squares: LitSquares, scan: NDArray[np.uint16], sensors: Sequence[SensorModel]
+) -> tuple[LightLevel, ...]:
+    """How bright each sensor sees a scan (sensors, lines, pixels) [DN]; squares beyond its end are not asked."""
+    there = (squares.rows + 1) * SHRINK <= scan.shape[1]
+    rows, columns, backing = squares.rows[there], squares.columns[there], squares.backing[there]
+    step = np.arange(SHRINK)
+    lines, pixels = rows[:, None] * SHRINK + step, columns[:, None] * SHRINK + step
+    found = []
+    for image, sensor, due, darkest in zip(
+        scan, sensors, squares.light[:, there], squares.darkest, strict=True
+    ):
+        numbers = image[lines[:, :, None], pixels[:, None, :]]
+        mean = numbers.mean(axis=(1, 2), dtype=np.float64)
+        offset, gain = (one[pixels].mean(axis=1) for one in (sensor.column_offset_dn, sensor.column_gain))
+        ratio = (mean - offset) / (gain * sensor.white_dn * due)
+        at_top = mean > sensor.top_code_dn - 1
+        below = offset + gain * sensor.white_dn * due < WELL_BELOW * sensor.top_code_dn
+        found.append(
+            LightLevel(
+                page=_agreed(ratio[~backing]),
+                backing=_agreed(ratio[backing]),
+                clipped=float((at_top & below & ~backing).sum() / max(int((~backing).sum()), 1)),
+                brightest_dn=int(numbers.max(initial=0)),
+                darkest=_darkest(image, sensor, EVERYTHING, DARK / 2),
+                darkest_due=darkest,
+            )
+        )
+    return tuple(found)
+
+
+def _within_and_beside(
+    geometry: ScanGeometry, shape: tuple[int, ...], width_mm: float, height_mm: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Squares (rows, columns) that lie on a page in its place, and those that lie beside it."""
+    within, beside = [], []
+    for part, extent in zip(geometry.on_page(width_mm, height_mm), shape, strict=True):
+        at, low, high = np.arange(extent), part.start / SHRINK, part.stop / SHRINK
+        within.append((at >= low + INSIDE) & (at + 1 <= high - INSIDE))
+        beside.append((at + 1 <= low - OUTSIDE) | (at >= high + OUTSIDE))
+    return np.logical_and.outer(*within), np.logical_or.outer(*beside)
+
+
+def _darkest(image: NDArray[Any], sensor: SensorModel, area: tuple[slice, slice], share: float) -> float:
+    """Light that a share of an area lies below, from some of its lines; image (lines, pixels) [DN]. [white]"""
+    lines, pixels = area
+    offset, gain = sensor.column_offset_dn[pixels], sensor.column_gain[pixels]
+    light = (image[lines, pixels][::LINES_APART] - offset) / (gain * np.float32(sensor.white_dn))
+    if not light.size:
+        return 1.0
+    rank = int(share * light.size)
+    return float(np.partition(light, rank, axis=None)[rank])
+
+
+def _agreed(ratio: NDArray[np.float64]) -> float | None:
+    """Median of the narrowest interval that holds half of the ratios; None: it is wide, or they are few."""
+    half = ratio.size // 2 + 1
+    if ratio.size < LEAST_SQUARES:
+        return None
+    ordered = np.sort(ratio)
+    width = ordered[half - 1 :] - ordered[: ordered.size - half + 1]
+    first = int(width.argmin())
+    level = float(np.median(ordered[first : first + half]))
+    return level if width[first] <= AGREED * max(abs(level), LEAST_LEVEL) else None

@@ -1,0 +1,1 @@
+"""The journal of a press: every verdict, and the evidence for it."""

@@ -1,0 +1,168 @@
+"""What each column of a row may hold: one schema, for rows that are to be written and for those that are read.
+
+Statistics may be NaN or infinite, as they were found; places, times and counts may not.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError, model_validator
+
+from prooflight.detectors.base import Verdict
+from prooflight.journal.records import Ending
+from prooflight.journal.schema import MOST_TEXT
+
+ASKED_ALONE: Final = ("page", "verdict", "action", "kind", "probability", "score", "threshold", "p_value")
+"""Of a verdict, as columns, so that a query can ask for them."""
+YEAR_9999_S: Final = 253_370_764_800
+MOST_PACK_BYTES: Final = 2**30
+ROUNDING: Final = 1e-6
+PACK_NAME: Final = re.compile(r"run([0-9]{6,19})/-?[0-9]{7,19}-[0-9a-f]{8}\.npz")
+
+Text = Annotated[str, Field(max_length=MOST_TEXT)]
+Whole = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Number = Annotated[int, Field(ge=1, lt=2**63)]
+Bit = Annotated[int, Field(ge=0, le=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Moment = Annotated[float, Field(ge=0, lt=YEAR_9999_S, allow_inf_nan=False)]
+
+
+class Columns(BaseModel):
+    """A row as it lies on the disk; ValidationError, a ValueError, where it cannot be one."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
+
+
+class EndColumns(Columns):
+    """Of ``runs``, those that are filled when a run ends."""
+
+    ended_s: Moment
+    ending: Ending
+    detail: Text
+    counts: Json[dict[str, Any]]
+
+
+class RunColumns(Columns):
+    """Of ``runs``."""
+
+    id: Number
+    job: Text
+    job_digest: Text
+    press: Text
+    press_digest: Text
+    detector: Text
+    source: Text
+    started_s: Moment
+    sheets: Number | None
+    settings: Json[dict[str, Any]]
+    ended_s: Moment | None = None
+    ending: Ending | None = None
+    detail: Text | None = None
+    counts: Json[dict[str, Any]] | None = None
+    dropped_pages: Count = 0
+    dropped_evidence: Count = 0
+
+    @model_validator(mode="after")
+    def _ended_or_not(self) -> RunColumns:
+        if (self.ended_s is None) != (self.ending is None):
+            raise ValueError("ended_s and ending: one without the other")
+        return self
+
+
+class PackColumns(Columns):
+    """Of ``packs``."""
+
+    id: Number
+    run_id: Number
+    file: Text
+    bytes: Annotated[int, Field(ge=0, le=MOST_PACK_BYTES)]
+
+    @model_validator(mode="after")
+    def _named_after_its_run(self) -> PackColumns:
+        name = PACK_NAME.fullmatch(self.file)
+        if name is None or int(name[1]) != self.run_id:
+            raise ValueError(f"file: {self.file!r} is no name of a pack of run {self.run_id}")
+        return self
+
+
+class PageColumns(Columns):
+    """Of ``pages``."""
+
+    run_id: Number
+    sheet: Count
+    job_page: Count | None
+    page: Any
+    verdict: Any
+    action: Any
+    kind: Any
+    probability: Any
+    score: Any
+    threshold: Any
+    p_value: Any
+    late: Bit
+    faulty: Bit
+    noted: Bit
+    first_line: Whole
+    time_s: Finite
+    faults: Json[tuple[Text, ...]]
+    notes: Json[tuple[Text, ...]]
+    nuisance: Json[dict[str, float]]
+    whole_verdict: Json[Verdict]
+    pack_id: Number | None = None
+
+    @model_validator(mode="after")
+    def _says_one_thing(self) -> PageColumns:
+        for name in ASKED_ALONE:
+            if not _same(getattr(self, name), getattr(self.whole_verdict, name)):
+                raise ValueError(f"{name}: is not what whole_verdict says")
+        for name, of in (("faulty", "faults"), ("noted", "notes")):
+            if getattr(self, name) != bool(getattr(self, of)):
+                raise ValueError(f"{name}: is not what {of} says")
+        if odd := _odd(self.whole_verdict):
+            raise ValueError(f"whole_verdict: {odd}")
+        return self
+
+
+def complaint(error: Exception) -> str:
+    """What is wrong with a row, in one line: its column and why.
+
+    >>> try:
+    ...     PackColumns(id=0, run_id=1, file="run000001/00000001-01234567.npz", bytes=1)
+    ... except ValueError as error:
+    ...     complaint(error)
+    'id: input should be greater than or equal to 1'
+    """
+    if not isinstance(error, ValidationError):
+        said = str(getattr(error, "orig", None) or error)  # SQLAlchemy adds the whole statement
+        return f"{type(error).__name__}: {said.partition(chr(10))[0]}"
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    said = re.sub(
+        "^[A-Z](?![A-Z])", lambda letter: letter[0].lower(), first["msg"].removeprefix("Value error, ")
+    )
+    return f"{where}: {said}" if where else said
+
+
+def _same(column: Any, told: Any) -> bool:
+    """Whether a column holds what its verdict says; SQLite keeps NaN as nothing."""
+    column, told = (None if value != value else value for value in (column, told))
+    return type(column) is not bool and bool(column == told)
+
+
+def _odd(verdict: Verdict) -> str:
+    """What cannot be of a verdict, beyond its types; empty: nothing."""
+    for index, region in enumerate(verdict.regions):
+        place = (region.x_mm, region.y_mm, region.width_mm, region.height_mm)
+        if not all(map(math.isfinite, place)) or min(place[2:]) < 0:
+            return f"regions.{index}: lies nowhere"
+    if verdict.shift_mm is not None and not all(map(math.isfinite, verdict.shift_mm)):
+        return "shift_mm: is not finite"
+    for name in ("probability", "p_value"):
+        share = getattr(verdict, name)
+        if share is not None and not -ROUNDING <= share <= 1 + ROUNDING and share == share:
+            return f"{name}: is not between 0 and 1"
+    return ""

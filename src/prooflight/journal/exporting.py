@@ -1,0 +1,122 @@
+"""Runs and pages as plain values: what programs and spreadsheets read."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.journal.schema import json_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import TextIO
+
+    from prooflight.journal.records import PageRecord, RunRow
+
+CSV_COLUMNS: Final = (
+    *(
+        "sheet",
+        "job_page",
+        "page",
+        "verdict",
+        "action",
+        "kind",
+        "probability",
+        "score",
+        "threshold",
+        "p_value",
+    ),
+    *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
+    *(
+        "shift_x_mm",
+        "shift_y_mm",
+        "late",
+        "milliseconds",
+        "first_line",
+        "time_s",
+        "faults",
+        "notes",
+        "nuisance",
+    ),
+)
+"""x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
+
+
+def run_facts(run: RunRow) -> dict[str, Any]:
+    """One run as an object of JSON; times in UTC."""
+    facts = asdict(run.facts)
+    settings = facts.pop("settings")
+    started = _time(facts.pop("started_s"))
+    end = run.end
+    return _finite(
+        {
+            "id": run.id,
+            "state": run.state,
+            "started": started,
+            "ended": None if end is None else _time(end.ended_s),
+            **facts,
+            "pages": run.pages,
+            "misprints": run.misprints,
+            "not_inspected": run.not_inspected,
+            "late": run.late,
+            "faulty": run.faulty,
+            "dropped_pages": run.dropped_pages,
+            "dropped_evidence": run.dropped_evidence,
+            "detail": "" if end is None else end.detail,
+            "settings": settings,
+            "counts": {} if end is None else end.counts,
+        }
+    )
+
+
+def page_facts(page: PageRecord) -> dict[str, Any]:
+    """One page as an object of JSON: its verdict as `prooflight inspect` prints it, and what the run adds."""
+    return _finite(
+        {
+            **asdict(page.verdict),
+            "late": page.late,
+            "sheet": page.sheet,
+            "job_page": page.job_page,
+            "first_line": page.first_line,
+            "time_s": page.time_s,
+            "faults": page.faults,
+            "notes": page.notes,
+            "nuisance": dict(page.nuisance),
+        }
+    )
+
+
+def write_csv(pages: Iterable[PageRecord], file: TextIO) -> None:
+    """One row a page, with a header; empty where a page has no such value."""
+    writer = csv.DictWriter(file, CSV_COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for page in pages:
+        facts = page_facts(page)
+        regions = facts["regions"]
+        strongest = {name: regions[0][name] for name in CSV_COLUMNS if name in regions[0]} if regions else {}
+        strongest.pop("kind", None)
+        strongest.pop("score", None)
+        x, y = facts["shift_mm"] or (None, None)
+        writer.writerow(
+            facts
+            | strongest
+            | {"regions": len(regions), "shift_x_mm": x, "shift_y_mm": y}
+            | {name: "\n".join(facts[name]) for name in ("faults", "notes")}
+            | {"nuisance": json_text(facts["nuisance"])}
+        )
+
+
+def _time(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="seconds")
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no NaN and no infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(part) for name, part in value.items()}
+    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,264 @@
+"""The journal of a press: one row a page, durable when ``commit`` says so, evidence in files beside it.
+
+Order of a commit: evidence into a pack (``journaling.packs``), flushed to the disk; then one transaction with the rows
+that name it. Whoever dies between the two leaves a pack that no row names, and the next writer puts it aside
+(``journaling.unclaimed``). Opening a journal removes nothing. One process writes at a time; any number read meanwhile.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import threading
+from typing import TYPE_CHECKING, Self
+
+from sqlalchemy import delete, exists, func, select
+from sqlalchemy.exc import DBAPIError
+
+from prooflight import __version__
+from prooflight.journal import rows
+from prooflight.journal.aside import Refusals, aside_file
+from prooflight.journal.columns import complaint
+from prooflight.journal.lock import WriterLock
+from prooflight.journal.opening import (
+    ANOTHER,
+    default_journal,
+    journal_path,
+    look,
+    open_database,
+    why,
+    writing,
+)
+from prooflight.journal.queue import JournalQueue
+from prooflight.journal.reading import JournalReader
+from prooflight.journal.records import (
+    JournalHealth,
+    PageRecord,
+    Retention,
+    RunEnd,
+    RunFacts,
+    RunRow,
+    Tidied,
+)
+from prooflight.journal.retention import tidy
+from prooflight.journal.schema import (
+    JournalError,
+    packs_table,
+    pages_table,
+    runs_table,
+    stored_packs,
+)
+from prooflight.journal.unclaimed import Unclaimed, put_aside
+from prooflight.journal.writing import write
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from sqlalchemy import Engine
+
+__all__ = [
+    "Journal",
+    "JournalError",
+    "JournalHealth",
+    "PageRecord",
+    "Retention",
+    "RunEnd",
+    "RunFacts",
+    "RunRow",
+    "Tidied",
+    "Unclaimed",
+    "content_digest",
+    "default_journal",
+]
+
+_log = logging.getLogger(__name__)
+_SAME_RUN = ("job_digest", "press_digest", "detector")
+
+
+class Journal(JournalReader):
+    """An open journal; ``open`` makes one. Its methods may be called from several threads."""
+
+    def __init__(
+        self, path: Path, engine: Engine, lock: WriterLock | None, announce: Callable[[str], None]
+    ) -> None:
+        super().__init__(path, engine)
+        self._writer = writing(engine)
+        self._lock, self._announce = lock, announce
+        self._queue = JournalQueue()
+        self._refusals = Refusals(path, announce)
+        self._writing = threading.Lock()
+        self._trouble: str | None = None
+        self._last_run = 0
+        self.unclaimed: Unclaimed | None = None
+        """What opening it for writing put aside."""
+
+    @classmethod
+    def open(
+        cls, url: str, *, read_only: bool = False, announce: Callable[[str], None] = _log.warning
+    ) -> Self:
+        """Open a journal by URL (sqlite:///FILE) or file, and make it if there is none.
+
+        announce: told once when the journal can no longer write, and once when it can again; what was put aside; and
+        what could not be recorded. JournalError: it is no journal, of another schema, or another process writes it.
+        """
+        path = journal_path(url)
+        look(path, read_only=read_only)
+        lock = None if read_only else WriterLock.take(path)
+        try:
+            engine = open_database(path, read_only=read_only, version=__version__)
+            journal = cls(path, engine, lock, announce)
+            if not read_only:
+                journal._take_over()
+        except BaseException:
+            if lock is not None:
+                lock.release()
+            raise
+        return journal
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Commit what waits, say what is not recorded, and let another process write."""
+        if self._lock is None:
+            self._engine.dispose()
+            return
+        try:
+            self.commit()
+            if lost := self.health.unrecorded:
+                self._announce(
+                    f"{self.path}: {lost} of the pages that were told are not recorded{self._aside()}"
+                )
+        finally:
+            self._engine.dispose()
+            self._lock.release()
+            self._lock = None
+
+    # --- writing ---
+
+    def begin_run(self, facts: RunFacts) -> int:
+        """A new run; returns its number, even while the journal cannot write. JournalError: no row can hold it."""
+        with self._writing:
+            run_id = self._last_run + 1
+            try:
+                rows.run_row(run_id, facts)
+            except (ValueError, TypeError) as error:
+                what = f"run {run_id} cannot be recorded ({complaint(error)})"
+                raise JournalError(self.path, what, remedy=ANOTHER) from error
+            self._last_run = run_id
+        self._queue.begin(run_id, facts)
+        self.commit()
+        return run_id
+
+    def unfinished_run(self, facts: RunFacts) -> int | None:
+        """The latest run, if it has no end and is of the same job, press and detector: one to go on with."""
+        last_id = self._last_run_id()
+        if last_id is None:
+            return None
+        last = self.run(last_id)
+        same = all(getattr(last.facts, name) == getattr(facts, name) for name in _SAME_RUN)
+        return last.id if last.end is None and same else None
+
+    def record(self, run_id: int, page: PageRecord) -> None:
+        """Queue one page; never waits for the disk. A sheet recorded again replaces what was there."""
+        self._queue.add(run_id, page)
+
+    def end_run(self, run_id: int, end: RunEnd) -> None:
+        """The run is over."""
+        self._queue.end(run_id, end)
+        self.commit()
+
+    def commit(self) -> bool:
+        """Make all that is queued durable; False: it cannot be now, stays queued, and was announced once.
+
+        What no row can ever hold is set aside and does not keep the rest.
+        """
+        with self._writing:
+            while not (batch := self._queue.take()).empty:
+                try:
+                    write(self._writer, self._folder, batch, self._refusals)
+                except BaseException as error:
+                    self._queue.put_back(batch)
+                    if not isinstance(error, Exception):
+                        raise
+                    self._cannot_write(error)
+                    return False
+                self._queue.written()
+                self._can_write()
+            return self._trouble is None
+
+    @property
+    def health(self) -> JournalHealth:
+        """Whether it keeps up."""
+        return JournalHealth(
+            trouble=self._trouble,
+            waiting=self._queue.waiting,
+            dropped_pages=self._queue.dropped_pages,
+            dropped_evidence=self._queue.dropped_evidence + self._refusals.evidence,
+            set_aside=self._refusals.pages,
+        )
+
+    def tidy(self, retention: Retention, *, now_s: float) -> Tidied:
+        """Remove runs that ended too long ago, then the oldest evidence, then the oldest runs; commits go on between.
+
+        Returns what it did, also where it had to stop; ``health`` says whether it had to. now_s: Unix time.
+        """
+        tidied, done = Tidied(), object()
+        steps = tidy(self._writer, self._folder, retention, tidied, now_s=now_s)
+        while True:
+            with self._writing:
+                try:
+                    if next(steps, done) is done:
+                        return tidied
+                except (DBAPIError, OSError) as error:
+                    self._cannot_write(error)
+                    return tidied
+
+    # --- inside ---
+
+    def _take_over(self) -> None:
+        """Go on after the last run; put aside what a writer left that died, or replaced. Nothing is removed."""
+        in_use = exists().where(pages_table.c.pack_id == packs_table.c.id)
+        with self._asked("runs and evidence"), self._writer.begin() as connection:
+            self._last_run = connection.execute(select(func.max(runs_table.c.id))).scalar() or 0
+            connection.execute(delete(packs_table).where(~in_use))
+            named = set(connection.execute(select(stored_packs.c.file)).scalars())
+        self.unclaimed = put_aside(self.path, named)
+        for line in self.unclaimed.told:
+            self._announce(line)
+
+    def _cannot_write(self, error: Exception) -> None:
+        before, self._trouble = self._trouble, why(error)
+        if not isinstance(error, DBAPIError | OSError):
+            _log.error("the journal", exc_info=error)
+        if before is None:
+            said = f"the journal cannot write ({self._trouble})"
+            self._announce(f"{self.path}: {said}; inspection goes on, pages wait")
+
+    def _can_write(self) -> None:
+        if self._trouble is not None:
+            health = self.health
+            lost = f"{health.dropped_pages} pages and the evidence of {health.dropped_evidence} were dropped"
+            self._announce(f"{self.path}: the journal writes again; {lost}")
+        self._trouble = None
+
+    def _aside(self) -> str:
+        kept = self.health.set_aside
+        return f"; {kept} of them are in {aside_file(self.path).name}" if kept else ""
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of a file, or of all files in a folder with their names."""
+    sha = hashlib.sha256()
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    for file in files:
+        named = f"{file.relative_to(path).as_posix()} {file.stat().st_size}\n"
+        sha.update(named.encode("utf-8", "surrogateescape"))
+        with file.open("rb") as content:
+            while piece := content.read(1 << 20):
+                sha.update(piece)
+    return sha.hexdigest()

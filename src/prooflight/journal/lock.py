@@ -1,0 +1,79 @@
+"""One process writes a journal at a time; the lock goes with the process, however it ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+from prooflight.journal.opening import ANOTHER, why
+from prooflight.journal.schema import JournalError
+
+if sys.platform != "win32":
+    import fcntl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PATIENCE_S: Final = 1.0
+"""A reader that looks whether a writer lives holds the lock for an instant."""
+_PLAIN: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""A link is not followed, and a pipe not waited for."""
+
+
+@dataclass(frozen=True, slots=True)
+class WriterLock:
+    """Held by whoever writes."""
+
+    handle: int
+
+    @classmethod
+    def take(cls, journal: Path) -> Self:
+        """JournalError: another process holds it, or nothing can be written there."""
+        path = _lock_file(journal)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+        except OSError as error:
+            what = f"cannot be written ({why(error)}: {path.name})"
+            raise JournalError(journal, what, remedy=ANOTHER) from error
+        give_up = time.monotonic() + PATIENCE_S
+        while not _locked(handle, alone=True):
+            if time.monotonic() > give_up:
+                os.close(handle)
+                what = "is being written by another process"
+                raise JournalError(journal, what, remedy="give this one its own with --journal")
+            time.sleep(0.05)
+        return cls(handle)
+
+    def release(self) -> None:
+        """Let others write."""
+        os.close(self.handle)
+
+
+def writer_lives(journal: Path) -> bool:
+    """Whether some process writes this journal now."""
+    try:
+        handle = os.open(_lock_file(journal), os.O_RDONLY | _PLAIN)
+    except OSError:
+        return False
+    try:
+        return not _locked(handle, alone=False)
+    finally:
+        os.close(handle)
+
+
+def _lock_file(journal: Path) -> Path:
+    return journal.with_name(journal.name + ".lock")
+
+
+def _locked(handle: int, *, alone: bool) -> bool:
+    if sys.platform == "win32":  # no such lock there: SQLite's own keeps the tables whole
+        return True
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -1,0 +1,270 @@
+"""The journal's file: looked at before it is opened, and never changed unless it is a journal.
+
+SQLite changes files by opening them (a write-ahead log is made, played back, removed). So a file is looked at first as
+if nothing could be written; of one that is no journal not a byte changes, and nothing appears beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sqlite3
+import stat
+import sys
+import tempfile
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from sqlalchemy import create_engine, event, insert
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.pool import NullPool, QueuePool
+
+from prooflight.journal.schema import (
+    SCHEMA,
+    JournalError,
+    all_tables,
+    journal_table,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sqlalchemy import Connection, Engine
+
+BUSY_S: Final = 10.0
+"""How long to wait for another connection's transaction."""
+MOST_ROW_BYTES: Final = 16_000_000
+"""Of any value and any row; what a damaged file says of itself may be a thousand times as much."""
+_NEW_BYTES, _LOG_BYTES = 1_000_000, 64_000_000
+"""What is copied to be looked at: a journal that was just made, whose tables its log may hold."""
+ANOTHER: Final = "give another --journal"
+UNREADABLE: Final = (SQLAlchemyError, sqlite3.Error, OverflowError, UnicodeError, RecursionError, MemoryError)
+"""What a damaged database makes of a question."""
+
+
+def default_journal() -> Path:
+    """Where a journal lies unless somebody says otherwise: the user's data folder."""
+    if sys.platform == "win32":
+        data = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    else:
+        data = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+    return Path(data) / "prooflight" / "journal.sqlite"
+
+
+def journal_path(url: str) -> Path:
+    """The file of a journal from a SQLAlchemy URL, sqlite:///runs.sqlite, or a plain path; JournalError."""
+    if "://" not in url:
+        return Path(url)
+    remedy = "give sqlite:///FILE or the file itself"
+    shown = re.sub("//[^/]*@", "//***@", url)  # passwords are nobody's business
+    try:
+        parsed = make_url(url)
+    except (ArgumentError, ValueError) as error:
+        raise JournalError(shown, "is not a database URL", remedy=remedy) from error
+    if parsed.get_backend_name() != "sqlite":
+        what = f"is a database of {parsed.get_backend_name()}; evidence lies beside the database's file"
+        raise JournalError(shown, what, remedy=remedy)
+    if parsed.host or parsed.username or parsed.query or parsed.database in (None, "", ":memory:"):
+        raise JournalError(shown, "names no file", remedy=remedy)
+    return Path(str(parsed.database))
+
+
+def why(error: BaseException) -> str:
+    """What a system or SQLite says of an error, in a few words."""
+    said = getattr(error, "orig", None) or getattr(error, "strerror", None) or error
+    return (str(said) or type(said).__name__).splitlines()[0].lower()
+
+
+def look(path: Path, *, read_only: bool) -> bool:
+    """Refuse what is no journal and leave it as it is; whether there is one. JournalError."""
+    found = _status(path)
+    log = _beside(path, "-wal")
+    if (found is None or not found.st_size) and _size(log):  # SQLite would remove the log
+        what = f"is gone, but its log {log.name} is there with what was written last"
+        raise JournalError(path, what, remedy="put the journal back, or move its log away")
+    if found is None and not read_only:
+        return False
+    missing = f"`prooflight watch` writes one, or {ANOTHER}"
+    if found is None:
+        raise JournalError(path, "there is no journal", remedy=missing)
+    sides = [side for suffix in ("-wal", "-journal") if _size(side := _beside(path, suffix))]
+    try:
+        empty = _is_empty(path, path)
+        trouble = None
+    except (JournalError, *UNREADABLE) as error:
+        empty, trouble = True, error
+    small = found.st_size <= _NEW_BYTES and all(_size(side) <= _LOG_BYTES for side in sides)
+    if empty and sides and small and not isinstance(trouble, JournalError):
+        with _copied(path, sides) as copy, _told(path):
+            empty, trouble = _is_empty(copy, path), None
+    if trouble is not None:
+        with _told(path):
+            raise trouble
+    if empty and read_only:
+        raise JournalError(path, "holds no journal", remedy=missing)
+    return not empty
+
+
+def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
+    """An engine on the file of a journal; made if there is none. JournalError."""
+    with _told(path):
+        if not look(path, read_only=read_only):
+            _create(path, version)
+        mode = _reading_mode(path) if read_only else "mode=rw"
+        engine = _engine(path, mode)
+        event.listen(engine, "connect", _prepare_reader if read_only else _prepare_writer)
+        event.listen(engine, "begin", _begin)
+        try:
+            with (engine if read_only else writing(engine)).begin() as connection:
+                check(connection.connection.driver_connection, path)
+        except BaseException as error:
+            engine.dispose()
+            if mode == "mode=ro" and isinstance(error, UNREADABLE):
+                what = f"its log {path.name}-wal cannot be read where nothing can be written ({why(error)})"
+                raise JournalError(path, what, remedy="copy both to a folder that can be written") from error
+            raise
+    return engine
+
+
+def check(connection: Any, path: Path) -> bool:
+    """Whether a database of the driver's is empty; JournalError if it is anything but that or a journal."""
+    held = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+    if not held:
+        return True
+    of_type = {name: (kind, str(sql).upper()) for kind, name, sql in held if kind != "index"}
+    if journal_table.name not in of_type:
+        raise JournalError(path, "is a database, but no journal", remedy=ANOTHER)
+    versions = connection.execute("SELECT schema FROM journal LIMIT 2").fetchall()
+    if len(versions) != 1 or not isinstance(versions[0][0], int):
+        raise JournalError(path, "does not say of which schema it is", remedy=ANOTHER)
+    if versions[0][0] != SCHEMA:
+        what = f"has schema {versions[0][0]}, this version reads schema {SCHEMA}"
+        raise JournalError(path, what, remedy=f"export it with the version that wrote it, and {ANOTHER}")
+    for table in all_tables.sorted_tables:
+        kind, sql = of_type.pop(table.name, ("", ""))
+        columns = {row[1] for row in connection.execute(f"PRAGMA table_info({table.name})")}
+        if kind != "table" or "VIRTUAL" in sql or not columns.issuperset(table.columns.keys()):
+            what = f"is damaged (its table {table.name} is not what a journal's is)"
+            raise JournalError(path, what, remedy=ANOTHER)
+    if others := [name for name, (kind, _) in of_type.items() if kind != "table"]:
+        raise JournalError(
+            path, f"holds {others[0]!r}, which acts by itself, as no journal does", remedy=ANOTHER
+        )
+    return False
+
+
+def writing(engine: Engine) -> Engine:
+    """The same engine for transactions that write."""
+    return engine.execution_options(writes=True)
+
+
+# --- parts ---
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Any way in which a database cannot be opened -> JournalError."""
+    try:
+        yield
+    except (OSError, *UNREADABLE) as error:
+        raise JournalError(path, f"cannot be opened as a journal ({why(error)})", remedy=ANOTHER) from error
+
+
+def _status(path: Path) -> os.stat_result | None:
+    """Of a plain file; None: there is nothing. JournalError: it is something else."""
+    try:
+        found = path.lstat()
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise JournalError(path, f"cannot be looked at ({why(error)})", remedy=ANOTHER) from error
+    if stat.S_ISLNK(found.st_mode):  # two names would be two locks, and evidence at two places
+        raise JournalError(path, "is a link", remedy="give the file that it points to")
+    if not stat.S_ISREG(found.st_mode):
+        what = "is a folder" if stat.S_ISDIR(found.st_mode) else "is no file"
+        raise JournalError(path, what, remedy="give a file, as in sqlite:///FILE")
+    return found
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(path.name + suffix)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.lstat().st_size
+    except OSError:
+        return 0
+
+
+def _is_empty(looked_at: Path, path: Path) -> bool:
+    mode = "immutable=1" if looked_at == path else "mode=rw"
+    with closing(_connect(looked_at, mode)) as connection:
+        return check(connection, path)
+
+
+@contextmanager
+def _copied(path: Path, sides: list[Path]) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="prooflight-") as name:
+        for file in (path, *sides):
+            shutil.copyfile(file, Path(name) / file.name, follow_symlinks=False)
+        yield Path(name) / path.name
+
+
+def _reading_mode(path: Path) -> str:
+    """How to open what is only read: where nothing can be written, without the files that SQLite puts beside it."""
+    if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK):
+        return "mode=rw"
+    log, shared = _beside(path, "-wal"), _beside(path, "-shm")
+    return "mode=ro" if _size(log) or shared.exists() else "immutable=1"
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    # As a URI, so that no character of a name means anything.
+    uri = f"{path.absolute().as_uri()}?{mode}"
+    connection = sqlite3.connect(uri, uri=True, timeout=BUSY_S, check_same_thread=False)
+    connection.isolation_level = None  # the driver would begin transactions late and end them early
+    connection.text_factory = _text
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_ROW_BYTES)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    return connection
+
+
+def _text(stored: bytes) -> str:
+    """What is no UTF-8 must fail where it is checked, with its row named, not in the driver."""
+    return stored.decode("utf-8", "surrogateescape")
+
+
+def _engine(path: Path, mode: str) -> Engine:
+    pool = NullPool if mode == "mode=rwc" else QueuePool
+    return create_engine("sqlite://", creator=lambda: _connect(path, mode), poolclass=pool)
+
+
+def _create(path: Path, version: str) -> None:
+    """Tables first and the log later: a journal that has a log has its tables in its own file."""
+    engine = _engine(path, "mode=rwc")
+    event.listen(engine, "connect", lambda raw, _: raw.execute("PRAGMA auto_vacuum = INCREMENTAL"))
+    event.listen(engine, "begin", _begin)
+    with writing(engine).begin() as connection:
+        if check(connection.connection.driver_connection, path):
+            all_tables.create_all(connection)
+            connection.execute(insert(journal_table).values(schema=SCHEMA, version=version))
+
+
+def _prepare_writer(connection: Any, _record: object) -> None:
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")  # a commit is on the disk when it returns
+    connection.execute("PRAGMA foreign_keys = ON")
+
+
+def _prepare_reader(connection: Any, _record: object) -> None:
+    connection.execute("PRAGMA query_only = ON")
+
+
+def _begin(connection: Connection) -> None:
+    """Who writes waits for other writers at once, not halfway; who reads waits for nobody."""
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

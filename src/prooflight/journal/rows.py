@@ -1,0 +1,192 @@
+"""Records to rows and back, and the queries that take more than a line."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from operator import index
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import case, func, insert, select, true, update
+
+from prooflight.journal.columns import ASKED_ALONE, EndColumns, PageColumns, RunColumns
+from prooflight.journal.records import PageRecord, RunEnd, RunFacts, RunRow
+from prooflight.journal.schema import (
+    json_text,
+    plain,
+    stored_packs,
+    stored_pages,
+    stored_runs,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+    from sqlalchemy import ColumnElement, Connection, Row
+
+    from prooflight.journal.queue import Batch
+    from prooflight.journal.records import State
+
+COUNTED = ("pages", "misprints", "not_inspected", "late", "faulty")
+
+
+def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[str, int]]) -> None:
+    """A batch's rows. packs: file and bytes of the evidence of each run in it that has some.
+
+    ValueError: a row is none that could be read again.
+    """
+    for run_id, facts in batch.begun.items():
+        row = run_row(run_id, facts) | {"dropped_pages": 0, "dropped_evidence": 0}
+        # Ignored where a commit that seemed to fail did not.
+        connection.execute(insert(stored_runs).prefix_with("OR IGNORE").values(**row))
+    pack_ids = {}
+    for run_id, (file, size) in packs.items():
+        added = connection.execute(insert(stored_packs).values(run_id=run_id, file=file, bytes=size))
+        pack_ids[run_id] = added.lastrowid
+    if batch.pages:
+        found = [
+            page_row(run_id, page, pack_ids[run_id] if page.evidence else None)
+            for run_id, page in batch.pages
+        ]
+        connection.execute(insert(stored_pages).prefix_with("OR REPLACE"), found)
+    run = stored_runs.c
+    for run_id, end in batch.ended.items():
+        connection.execute(update(stored_runs).where(run.id == run_id).values(**end_row(end)))
+    for name, dropped in (
+        ("dropped_pages", batch.dropped_pages),
+        ("dropped_evidence", batch.dropped_evidence),
+    ):
+        for run_id, count in dropped.items():
+            more = {name: run[name] + count}
+            connection.execute(update(stored_runs).where(run.id == run_id).values(**more))
+
+
+def run_row(run_id: int, facts: RunFacts) -> dict[str, Any]:
+    """Facts -> columns; ValueError: some cannot be kept."""
+    row = plain(asdict(facts) | {"id": run_id})
+    row["settings"] = json_text(row["settings"])
+    RunColumns(**row)
+    return row
+
+
+def end_row(end: RunEnd) -> dict[str, Any]:
+    """How a run ended -> columns; ValueError: some cannot be kept."""
+    row = plain(asdict(end)) | {"counts": json_text(end.counts)}
+    EndColumns(**row)
+    return row
+
+
+def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[str, Any]:
+    """Record -> columns; numbers of NumPy become plain ones. ValueError, TypeError: it cannot be kept."""
+    whole = plain(page.verdict)
+    row = {name: whole[name] for name in ASKED_ALONE} | {
+        "run_id": run_id,
+        "sheet": index(page.sheet),
+        "job_page": None if page.job_page is None else index(page.job_page),
+        "late": int(page.late),
+        "faulty": int(bool(page.faults)),
+        "noted": int(bool(page.notes)),
+        "first_line": index(page.first_line),
+        "time_s": float(page.time_s),
+        "faults": json_text(page.faults),
+        "notes": json_text(page.notes),
+        "nuisance": json_text(page.nuisance),
+        "whole_verdict": json_text(whole),
+        "pack_id": pack_id,
+    }
+    PageColumns(**row)
+    return row
+
+
+def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = None) -> PageRecord:
+    """Columns -> record; ValueError: no page is like that."""
+    found = PageColumns(**row._asdict())
+    return PageRecord(
+        sheet=found.sheet,
+        job_page=found.job_page,
+        verdict=found.whole_verdict,
+        late=bool(found.late),
+        first_line=found.first_line,
+        time_s=found.time_s,
+        faults=found.faults,
+        notes=found.notes,
+        nuisance=found.nuisance,
+        evidence=evidence,
+    )
+
+
+def surely_good() -> ColumnElement[bool]:
+    """Pages that nobody has to look at, good, in time, without fault and note, where all of a row says so.
+
+    ``nobody_need_see`` has the last word on the others; a verdict with NaN, which SQLite takes for no JSON, is one.
+    """
+    page = stored_pages.c
+    whole_says = case(
+        (func.json_valid(page.whole_verdict), func.json_extract(page.whole_verdict, "$.verdict")), else_=""
+    )
+    good = (page.verdict == "good") & (whole_says == "good") & (page.late == 0)
+    silent = (page.faulty == 0) & (page.noted == 0) & (page.faults == "[]") & (page.notes == "[]")
+    return (good & silent).is_(true())
+
+
+def nobody_need_see(page: PageRecord) -> bool:
+    """Whether a page is good, came in time, and is without fault and note."""
+    return page.verdict.verdict == "good" and not (page.late or page.faults or page.notes)
+
+
+def read_runs(
+    connection: Connection,
+    run_id: int | None,
+    *,
+    writer_lives: bool,
+    damaged: Callable[[object, ValueError], None],
+) -> list[RunRow]:
+    """Runs by number, with what their pages come to; of one run, or of all.
+
+    damaged: told of each that cannot be read, with what stands where its number should, and of what is wrong.
+    """
+
+    def count(condition: Any) -> Any:
+        return func.sum(case((condition, 1), else_=0))
+
+    page = stored_pages.c
+    of_pages = select(
+        page.run_id,
+        func.count().label("pages"),
+        count(page.verdict == "misprint").label("misprints"),
+        count(page.verdict == "not-inspected").label("not_inspected"),
+        count(page.late == 1).label("late"),
+        count(page.faulty == 1).label("faulty"),
+    ).group_by(page.run_id)
+    query = select(stored_runs).order_by(stored_runs.c.id)
+    if run_id is not None:
+        of_pages = of_pages.where(page.run_id == run_id)
+        query = query.where(stored_runs.c.id == run_id)
+    counts = {row.run_id: row._asdict() for row in connection.execute(of_pages)}
+    last = connection.execute(select(func.max(stored_runs.c.id))).scalar()
+    found = []
+    for row in connection.execute(query):
+        try:
+            found.append(_run(row, counts.get(row.id, {}), writer_lives=writer_lives and row.id == last))
+        except ValueError as error:
+            damaged(row.id, error)
+    return found
+
+
+def _run(row: Row[Any], counts: Mapping[Any, Any], *, writer_lives: bool) -> RunRow:
+    found, end = RunColumns(**row._asdict()), None
+    state: State = "running" if writer_lives else "interrupted"
+    if found.ended_s is not None and found.ending is not None:
+        state = found.ending
+        end = RunEnd(
+            ended_s=found.ended_s, ending=state, detail=found.detail or "", counts=found.counts or {}
+        )
+    return RunRow(
+        id=found.id,
+        facts=RunFacts(**{name: getattr(found, name) for name in RunFacts.__slots__}),
+        end=end,
+        state=state,
+        dropped_pages=found.dropped_pages,
+        dropped_evidence=found.dropped_evidence,
+        **{name: counts.get(name, 0) for name in COUNTED},
+    )

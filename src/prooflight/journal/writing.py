@@ -1,0 +1,122 @@
+"""A batch onto the disk: evidence first, then one transaction with the rows that name it.
+
+What can never be written must not keep the rest from it. So a page is checked before it is written, and where a
+transaction fails for another reason than the disk, its pages are written one by one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy.exc import (
+    DataError,
+    DBAPIError,
+    IntegrityError,
+    InterfaceError,
+    NotSupportedError,
+    ProgrammingError,
+)
+
+from prooflight.journal import packs, rows
+from prooflight.journal.arrays import check_arrays
+from prooflight.journal.queue import Batch
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+    from sqlalchemy import Engine
+
+    from prooflight.journal.aside import Refusals
+
+_OF_ROWS = (DataError, IntegrityError, InterfaceError, NotSupportedError, ProgrammingError)
+
+
+def may_pass(error: Exception) -> bool:
+    """Whether what failed may be written another time: the disk is full, the database is busy or damaged."""
+    return isinstance(error, OSError) or (isinstance(error, DBAPIError) and not isinstance(error, _OF_ROWS))
+
+
+def write(engine: Engine, folder: Path, batch: Batch, refused: Refusals) -> None:
+    """All of a batch but what is refused; an error that ``may_pass``: it is to be tried again as it then is."""
+    _sift(batch, refused)
+    try:
+        _write_together(engine, folder, batch)
+    except Exception as error:
+        if may_pass(error):
+            raise
+        _write_apart(engine, folder, batch, refused)
+
+
+def _sift(batch: Batch, refused: Refusals) -> None:
+    for run_id, page in list(batch.pages):
+        try:
+            rows.page_row(run_id, page)
+        except Exception as error:
+            refused.page(batch, run_id, page, error)
+            continue
+        try:
+            check_arrays(page.evidence or {})
+        except Exception as error:
+            refused.without_evidence(batch, run_id, page, error)
+
+
+def _write_apart(engine: Engine, folder: Path, batch: Batch, refused: Refusals) -> None:
+    for piece in _pieces(batch):
+        error = _failed(engine, folder, piece)
+        if error is not None and piece.pages and piece.pages[0][1].evidence:
+            run_id, page = piece.pages[0]
+            piece.pages[0] = run_id, refused.without_evidence(batch, run_id, page, error)
+            error = _failed(engine, folder, piece)
+        if error is None:
+            continue
+        if piece.pages:
+            refused.page(batch, *piece.pages[0], error)
+        else:
+            refused.run([*piece.begun, *piece.ended], error)
+
+
+def _failed(engine: Engine, folder: Path, piece: Batch) -> Exception | None:
+    """Why a piece can never be written; None: it is."""
+    try:
+        _write_together(engine, folder, piece)
+    except Exception as error:
+        if may_pass(error):
+            raise
+        return error
+    return None
+
+
+def _pieces(batch: Batch) -> Iterator[Batch]:
+    """Each so small that it fails alone; what must not be counted twice, should one fail for a while, comes last."""
+    for run_id, facts in batch.begun.items():
+        yield Batch(begun={run_id: facts})
+    for page in list(batch.pages):
+        yield Batch(pages=deque([page]))
+    for run_id, end in batch.ended.items():
+        yield Batch(ended={run_id: end})
+    if batch.dropped_pages or batch.dropped_evidence:
+        yield Batch(
+            dropped_pages=Counter(batch.dropped_pages), dropped_evidence=Counter(batch.dropped_evidence)
+        )
+
+
+def _write_together(engine: Engine, folder: Path, batch: Batch) -> None:
+    """Evidence, one pack a run, then rows; leaves nothing of a batch that cannot be written."""
+    of_runs: dict[int, dict[int, Mapping[str, NDArray[Any]]]] = {}
+    for run_id, page in batch.pages:
+        if page.evidence:
+            of_runs.setdefault(run_id, {})[page.sheet] = page.evidence
+    written = {}
+    try:
+        for run_id, pages in of_runs.items():
+            file = packs.pack_name(run_id, min(pages))
+            written[run_id] = (file, packs.write_pack(packs.inside(folder, file), pages))
+        with engine.begin() as connection:
+            rows.write_rows(connection, batch, written)
+    except BaseException:
+        for file, _ in written.values():
+            (folder / file).unlink(missing_ok=True)
+        raise

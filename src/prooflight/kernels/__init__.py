@@ -1,0 +1,1 @@
+"""Every compiled loop, with the shapes that it takes; nothing here knows of pages, presses or verdicts."""

@@ -1,0 +1,1 @@
+"""Compiled loops of the paper's comparison, in 16-bit integers."""

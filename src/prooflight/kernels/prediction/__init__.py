@@ -1,0 +1,1 @@
+"""Compiled loops of prediction: look up, filter, sample, correct."""

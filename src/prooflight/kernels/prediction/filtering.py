@@ -1,0 +1,126 @@
+"""Compiled loops of prediction: weighted sums of raster rows, across and along."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel
+from prooflight.kernels.prediction.summing import (
+    EIGHT,
+    FEW,
+    FEWEST,
+    MANY,
+    dot_eight,
+    sum_few,
+    sum_fewest,
+    sum_many,
+)
+
+
+@inner_kernel()
+def copy_row(source, target):  # type: ignore[no-untyped-def]
+    """Target = source, (n,) each: a plain loop, five times faster than what numba makes of ``target[:] = source``."""
+    for i in range(target.size):
+        target[i] = source[i]
+
+
+@inner_kernel()
+def dealt_count(columns, stride, phase):  # type: ignore[no-untyped-def]
+    """How many pixels of one phase a dealt row has."""
+    return max((columns - phase + stride - 1) // stride, 0)
+
+
+@inner_kernel()
+def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
+    """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
+
+    Pixel p goes to dealt[p % stride, place + p // stride]; the rest stays as it was.
+    """
+    stride = dealt.shape[0]
+    if stride == 2:  # one loop over both, which runs in vectors
+        pairs = words.size // 2
+        evens, odds = dealt[0, place : place + pairs], dealt[1, place : place + pairs]
+        for i in range(pairs):
+            evens[i] = words[2 * i]
+            odds[i] = words[2 * i + 1]
+        if words.size > 2 * pairs:
+            dealt[0, place + pairs] = words[2 * pairs]
+        return
+    for phase in range(stride):
+        count = dealt_count(words.size, stride, phase)
+        target, source = dealt[phase, place : place + count], words[phase::stride]
+        for i in range(count):
+            target[i] = source[i]
+
+
+@inner_kernel()
+def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ignore[no-untyped-def]
+    """out[i] = sum over t, first <= t < last, of weights[t] source[starts[t] + i], start <= i < stop."""
+    while start + MANY <= stop:
+        sum_many(source, starts, start, weights, first, last, out, start)
+        start += MANY
+    while start + FEW <= stop:
+        sum_few(source, starts, start, weights, first, last, out, start)
+        start += FEW
+    if start + FEWEST <= stop:
+        sum_fewest(source, starts, start, weights, first, last, out, start)
+        start += FEWEST
+    for i in range(start, stop):
+        for t in range(first, last):
+            out[i] += weights[t] * source[starts[t] + i]
+
+
+@inner_kernel()
+def filter_across(split, pad, columns, first, weights, starts, out):  # type: ignore[no-untyped-def]
+    """One raster row at camera columns: split as ``deal_row`` deals, weights (taps,); out (pixels,).
+
+    first: the first raster pixel that camera pixel 0 sees; what is off the page counts as 0, the level of the
+    backing. starts (taps,) int64 is working space.
+    """
+    stride, width = split.shape
+    taps = weights.size
+    out[:] = 0
+    # Pixel i sees raster pixels from first + stride i; only those that touch the row are done.
+    start = max(0, -((first + taps - 1) // stride))
+    stop = min(out.size, (columns - 1 - first) // stride + 1)
+    if start >= stop:
+        return
+    place = first + pad
+    phase, at = place % stride, place // stride
+    for t in range(taps):  # counted on: a division for each tap would take longer than the sums
+        starts[t] = phase * width + at
+        phase += 1
+        if phase == stride:
+            phase, at = 0, at + 1
+    sum_row(split.reshape(-1), starts, weights, 0, taps, start, stop, out)
+
+
+@inner_kernel()
+def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-untyped-def]
+    """One line, out (pixels,), from row ``first`` on of the ring of filtered rows (depth, pixels), row r at r % depth.
+
+    Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the backing. starts (taps,) int64 is
+    working space.
+    """
+    depth, pixels = ring.shape
+    out[:] = 0
+    t_first = max(-first, 0)
+    t_last = min(weights.size, rows - first)
+    slot = (first + t_first) % depth
+    for t in range(t_first, t_last):
+        starts[t] = slot * pixels
+        slot = slot + 1 if slot + 1 < depth else 0
+    sum_row(ring.reshape(-1), starts, weights, t_first, t_last, 0, pixels, out)
+
+
+@inner_kernel()
+def filter_row(source, starts, table, weights_at, taps, out):  # type: ignore[no-untyped-def]
+    """out[i] = sum over t < taps of table[weights_at[i] + t] source[starts[i] + t]; out (pixels,)."""
+    whole = out.size // EIGHT * EIGHT
+    for at in range(0, whole, EIGHT):
+        dot_eight(source, starts, table, weights_at, taps, out, at)
+    for i in range(whole, out.size):
+        total = np.float32(0)
+        for t in range(taps):
+            total += table[weights_at[i] + t] * source[starts[i] + t]
+        out[i] = total

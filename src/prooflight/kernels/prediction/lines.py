@@ -1,0 +1,257 @@
+"""Compiled loops of prediction: look up, filter and area-sample a page line by line, in constant memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.aiming import aim, aim_each, place_row, whole_eights
+from prooflight.kernels.prediction.filtering import (
+    copy_row,
+    deal_row,
+    dealt_count,
+    filter_across,
+    filter_along,
+    filter_row,
+)
+from prooflight.kernels.prediction.look_up import AT_ONCE, NODE_STEP, NODES, look_up_light
+
+STRIDE_C, STRIDE_M, STRIDE_Y = NODES**3, NODES**2, NODES
+CELL_BITS = 3
+FRACTION = NODE_STEP - 1
+COMPARED = 256
+
+
+@kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
+def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
+    """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
+
+    A run of equal pixels is looked up once: half of every page is paper.
+    """
+    m = np.float32(0.0)
+    v = np.float32(0.0)
+    for x in range(cmyk.shape[0]):
+        c, g, y, k = cmyk[x, 0], cmyk[x, 1], cmyk[x, 2], cmyk[x, 3]
+        if x == 0 or c != cmyk[x - 1, 0] or g != cmyk[x - 1, 1] or y != cmyk[x - 1, 2] or k != cmyk[x - 1, 3]:
+            base = (
+                (c >> CELL_BITS) * STRIDE_C
+                + (g >> CELL_BITS) * STRIDE_M
+                + (y >> CELL_BITS) * STRIDE_Y
+                + (k >> CELL_BITS)
+            )
+            fc = np.float32(c & FRACTION) / np.float32(NODE_STEP)
+            fm = np.float32(g & FRACTION) / np.float32(NODE_STEP)
+            fy = np.float32(y & FRACTION) / np.float32(NODE_STEP)
+            fk = np.float32(k & FRACTION) / np.float32(NODE_STEP)
+            m = np.float32(0.0)
+            v = np.float32(0.0)
+            for corner in range(16):
+                weight = fc if corner & 8 else np.float32(1) - fc
+                weight *= fm if corner & 4 else np.float32(1) - fm
+                weight *= fy if corner & 2 else np.float32(1) - fy
+                weight *= fk if corner & 1 else np.float32(1) - fk
+                if weight > 0:
+                    node = (
+                        base
+                        + (corner >> 3) * STRIDE_C
+                        + ((corner >> 2) & 1) * STRIDE_M
+                        + ((corner >> 1) & 1) * STRIDE_Y
+                        + (corner & 1)
+                    )
+                    m += weight * nodes[node, 0]
+                    v += weight * nodes[node, 1]
+        mean[x] = m
+        variance[x] = v
+
+
+@inner_kernel()
+def same_row(one, other):  # type: ignore[no-untyped-def]
+    """Whether two rows (n,) are equal; looked at in pieces, because most that differ do so early."""
+    for start in range(0, one.size, COMPARED):
+        a, b = one[start : start + COMPARED], other[start : start + COMPARED]
+        differs = np.uint32(0)
+        for i in range(a.size):  # from 0 on: the compiler then knows that no index is negative
+            differs |= a[i] ^ b[i]
+        if differs:
+            return False
+    return True
+
+
+@inner_kernel()
+def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
+    """``look_up_light`` of a row as ``deal_row`` deals it; what is off the page stays 0."""
+    stride = dealt.shape[0]
+    for phase in range(stride):
+        count = dealt_count(columns, stride, phase)
+        if count:
+            end = place + (count + AT_ONCE - 1) // AT_ONCE * AT_ONCE
+            look_up_light(dealt[phase, place:end], table, backing, split[phase, place:end])
+            split[phase, place + count : end] = 0
+
+
+@inner_kernel()
+def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untyped-def]
+    """``look_up_light`` of a row of words (columns,), however many; few (2, 8): working space; light (columns,)."""
+    whole = words.size // AT_ONCE * AT_ONCE
+    if whole:
+        look_up_light(words[:whole], bricks, backing, light[:whole])
+    if whole < words.size:
+        last, seen = few[0], few[1].view(np.float32)
+        for i in range(words.size - whole):
+            last[i] = words[whole + i]
+        look_up_light(last, bricks, backing, seen)
+        for i in range(words.size - whole):
+            light[whole + i] = seen[i]
+
+
+@inner_kernel()
+def sign_row(row, sign):  # type: ignore[no-untyped-def]
+    """What is below 0 becomes 0, and all of it takes a sign; a sign of 0 leaves it as it is."""
+    if sign != 0:
+        for i in range(row.size):
+            row[i] = sign * max(row[i], np.float32(0))
+
+
+@kernel(
+    "words (_, _), tables[].bricks (N, 65536, 16), tables[].bits (N, 4), backings (N), stride, "
+    "across_places (J), across_segment, across_cumulative (_), along_places (K, 1), along_pitch, "
+    "along_cumulative (_), step, sign, line_from, line_to, lights[] (N, L, P)",
+    where=("0 <= line_from, line_to <= L, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= line_to"),
+)
+def filter_lines(  # type: ignore[no-untyped-def]
+    words,
+    tables,
+    backings,
+    stride,
+    across_places,
+    across_segment,
+    across_cumulative,
+    along_places,
+    along_pitch,
+    along_cumulative,
+    step,
+    sign,
+    line_from,
+    line_to,
+    lights,
+):
+    """What lines line_from .. line_to - 1 see in tables of a page that is only shifted, above the backing's level.
+
+    words (rows, columns) uint32; tables: a tuple of n ``Bricks``; backings (n,); lights: a tuple of n images (lines,
+    pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from one
+    camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1): where
+    columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as there
+    are taps, and are dealt out and told from the row above once for all tables. Other arguments as in ``Course`` and
+    ``Footprint``. ``correct_light`` comes next.
+    """
+    rows, columns = words.shape
+    pixels = lights[0].shape[1]
+    taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    even = stride > 0
+    begin = taps // max(stride, 1) + 2
+    pad = begin * stride
+    width = (columns + 2 * pad) // max(stride, 1) + AT_ONCE
+    dealt = np.zeros((stride, width), np.uint32)
+    split = np.zeros((stride, width), np.float32)
+    wide = whole_eights(taps)
+    source = np.zeros(columns + 3 * wide, np.float32)
+    few = np.zeros((2, AT_ONCE), np.uint32)
+    firsts, weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
+    ring = np.empty((len(tables), taps, pixels), np.float32)
+    x_weights, y_weights = np.empty(taps, np.float32), np.empty(taps, np.float32)
+    x_first = aim(across_places[0], across_cumulative, step, x_weights)
+    if not even:
+        x_weights = aim_each(
+            across_places, across_segment, across_cumulative, step, wide, columns, firsts, weights_at
+        )
+    y_place = np.empty(1)
+    starts = np.empty(taps, np.int64)
+    next_row = -1
+    looked_up = -2
+    for line in range(line_from, line_to):
+        place_row(along_places, along_pitch, line, y_place)
+        y_first = aim(y_place[0], along_cumulative, step, y_weights)
+        if next_row < 0:
+            next_row = max(y_first, 0)
+        while next_row < min(y_first + taps, rows):
+            slot, row = next_row % taps, words[next_row]
+            alike = next_row - 1 == looked_up and same_row(row, words[looked_up])
+            if even and not alike:
+                deal_row(row, begin, dealt)
+            for n in range(len(tables)):
+                if alike:
+                    copy_row(ring[n, (next_row - 1) % taps], ring[n, slot])
+                elif even:
+                    look_up_dealt(dealt, columns, begin, tables[n], backings[n], split)
+                    filter_across(split, pad, columns, x_first, x_weights, starts, ring[n, slot])
+                else:
+                    look_up_words(row, tables[n], backings[n], few, source[wide : wide + columns])
+                    filter_row(source, firsts, x_weights, weights_at, wide, ring[n, slot])
+            looked_up = next_row
+            next_row += 1
+        for n in range(len(tables)):
+            filter_along(ring[n], rows, y_first, y_weights, starts, lights[n][line])
+            sign_row(lights[n][line], sign)
+
+
+@kernel(
+    "backing, backing_variance, shot_slope, column_offset (P), column_gain (P), dark_variance, "
+    "top_code, line_from, line_to, mean (L, P), variance (L, P)",
+    where="0 <= line_from, line_to <= L",
+)
+def to_columns(  # type: ignore[no-untyped-def]
+    backing,
+    backing_variance,
+    shot_slope,
+    column_offset,
+    column_gain,
+    dark_variance,
+    top_code,
+    line_from,
+    line_to,
+    mean,
+    variance,
+):
+    """Light above the backing's -> expected DN and variance in the columns, in place, lines line_from .. line_to - 1.
+
+    mean, variance (lines, pixels). shot_slope: variance is so many times the light; or 0: it is in ``variance``, above
+    the backing's.
+    """
+    above_dark = backing_variance - dark_variance
+    for line in range(line_from, line_to):
+        mean_row, variance_row = mean[line], variance[line]
+        if shot_slope > 0:
+            for i in range(mean_row.size):
+                variance_row[i] = shot_slope * mean_row[i]
+        for i in range(mean_row.size):
+            variance_row[i] = dark_variance + max(
+                column_gain[i] * (variance_row[i] + above_dark), np.float32(0)
+            )
+            level = column_offset[i] + column_gain[i] * (mean_row[i] + backing)
+            mean_row[i] = min(max(level, np.float32(0)), top_code)
+
+
+@kernel(
+    "column_offset (P), gain_ratio (P), dark_variance, top_code, mean (L, P), variance (L, P), "
+    "mean_out (L, P), variance_out (L, P)"
+)
+def relight(column_offset, gain_ratio, dark_variance, top_code, mean, variance, mean_out, variance_out):  # type: ignore[no-untyped-def]
+    """Expected DN and variance (lines, pixels) -> what they are once columns' gains are ``gain_ratio`` times theirs.
+
+    Returns whether every mean lay below the top code; of one that does not nobody knows what its light is.
+    """
+    highest = np.float32(0)
+    for line in range(mean.shape[0]):
+        means, variances, to_mean, to_variance = (
+            mean[line],
+            variance[line],
+            mean_out[line],
+            variance_out[line],
+        )
+        for i in range(means.size):
+            highest = max(highest, means[i])
+            level = column_offset[i] + gain_ratio[i] * (means[i] - column_offset[i])
+            to_mean[i] = min(max(level, np.float32(0)), top_code)
+        for i in range(variances.size):
+            to_variance[i] = dark_variance + gain_ratio[i] * (variances[i] - dark_variance)
+    return highest < top_code

@@ -1,0 +1,117 @@
+"""Compiled loops of prediction off its place: every camera pixel sees the raster from a place of its own.
+
+Weights are tabulated at so many phases of a raster pixel that the nearest will do, and lie side by side as the raster
+pixels do that they are for: a camera pixel is one product of two short vectors, whatever its neighbours see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.aiming import begin_row, place_row, weights_at_phases, whole_eights
+from prooflight.kernels.prediction.filtering import filter_row
+from prooflight.kernels.prediction.lines import look_up_words, same_row
+from prooflight.kernels.prediction.look_up import AT_ONCE
+from prooflight.kernels.prediction.summing import EIGHT, transpose_eight
+
+
+@inner_kernel()
+def keep_block(block, slot, turned):  # type: ignore[no-untyped-def]
+    """Rows (8, pixels and more) into slots slot .. slot + 7 of turned (pixels and more, slots); pixels in eights."""
+    stride, slots = block.shape[1], turned.shape[1]
+    rows, to = block.reshape(-1), turned.reshape(-1)
+    for at in range(0, turned.shape[0], EIGHT):
+        transpose_eight(rows, at, stride, to, at * slots + slot, slots)
+
+
+@inner_kernel()
+def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
+    """First rows (pixels,) -> where they lie in memory of (pixels, slots), row r at r % depth; in place."""
+    base = first.min() // depth * depth
+    for i in range(first.size):
+        slot = first[i] - base
+        first[i] = np.int32(i * slots + (slot - depth if slot >= depth else slot))
+
+
+@kernel(
+    "words (H, _), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
+    "bricks.bits (4), backing, across_places (I, J), across_pitch, across_segment, "
+    "across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
+    "along_cumulative (_), step, bits, crossed, line_from, line_to, light (L, P)",
+    where=(
+        "0 <= line_from, line_to <= L, (I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, "
+        "(K - 1) * along_pitch >= line_to, (M - 1) * along_segment >= P"
+    ),
+)
+def filter_moved_lines(  # type: ignore[no-untyped-def]
+    words,
+    bricks,
+    backing,
+    across_places,
+    across_pitch,
+    across_segment,
+    across_cumulative,
+    along_places,
+    along_pitch,
+    along_segment,
+    along_cumulative,
+    step,
+    bits,
+    crossed,
+    line_from,
+    line_to,
+    light,
+):
+    """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
+
+    Arguments as in ``filter_lines``, ``Course`` and ``Footprint``; bits: a raster pixel has 2^bits phases; crossed:
+    raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
+    sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
+    behind the last. Rows and columns count from ``taps`` before the page on.
+    """
+    rows, columns = words.shape
+    pixels = light.shape[1]
+    seen = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    taps = whole_eights(seen)
+    reach = (across_cumulative.size - 1) / (2 * step)
+    across_table = weights_at_phases(across_cumulative, step, 1 << bits, taps).reshape(-1)
+    along_table = weights_at_phases(along_cumulative, step, 1 << bits, taps).reshape(-1)
+    source = np.zeros(columns + 3 * taps, np.float32)
+    few = np.zeros((2, AT_ONCE), np.uint32)
+    room = whole_eights(pixels)
+    block = np.zeros((EIGHT, room), np.float32)
+    depth = (seen + crossed + 2 * EIGHT) // EIGHT * EIGHT
+    turned = np.zeros((room, depth + taps), np.float32)
+    x_places, y_places = np.empty(across_places.shape[1]), np.empty(along_places.shape[1])
+    x_first = np.empty((x_places.size - 1, across_segment), np.int32)
+    y_first = np.empty((y_places.size - 1, along_segment), np.int32)
+    x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
+    x_begins, x_weigh = x_first.reshape(-1), x_weights_at.reshape(-1)
+    y_begins, y_weigh = y_first.reshape(-1), y_weights_at.reshape(-1)
+    next_row = -1
+    looked_up = -2
+    for line in range(line_from, line_to):
+        place_row(along_places, along_pitch, line, y_places)
+        begin_row(y_places, reach, bits, taps, rows, y_first, y_weights_at)
+        if next_row < 0:
+            next_row = y_first.min() // EIGHT * EIGHT
+        while next_row < y_first.max() + seen:
+            for k in range(EIGHT):
+                row = next_row + k - taps
+                if row < 0 or row >= rows:
+                    block[k] = 0
+                    continue
+                place_row(across_places, across_pitch, row, x_places)
+                begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
+                if row - 1 != looked_up or not same_row(words[row], words[looked_up]):
+                    look_up_words(words[row], bricks, backing, few, source[taps : taps + columns])
+                looked_up = row
+                filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
+            slot = next_row % depth
+            keep_block(block, slot, turned)
+            if slot < taps:
+                keep_block(block, depth + slot, turned)
+            next_row += EIGHT
+        to_slots(y_begins, depth, turned.shape[1])
+        filter_row(turned.reshape(-1), y_begins, along_table, y_weigh, taps, light[line])

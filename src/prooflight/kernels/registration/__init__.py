@@ -1,0 +1,1 @@
+"""Compiled loops of registration: tiles rendered, measured and judged."""

@@ -1,0 +1,145 @@
+"""Compiled linear algebra of the field: normal equations of pose, planes and waves, and their solution.
+
+Products of cosines are sums of cosines, so that the waves' part of the normal equations needs a small table of sums
+over tiles only, not a product of matrices. Plain loops on one core: libraries would start threads for so little.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+ROWS = 4
+"""Rows of a Cholesky factor that are made together."""
+
+
+@kernel(
+    "cosines_x (N, _), cosines_y (N, _), numbers_x (K), numbers_y (K), waves (N, M), "
+    "fixed (2, N, F), precision (N, 2, 2), moves (N, 2), scale (F + 2 * K)",
+    where="0 < K, K <= M",
+    fastmath=True,
+    error_model="numpy",
+)
+def normal_equations(  # type: ignore[no-untyped-def]
+    cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale
+):
+    """Normal equations (lower triangle) and right-hand side of unknowns of variance 1, in multiples of ``scale``.
+
+    cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n tiles; wave i is number numbers_x[i] <= A of the
+    one times number numbers_y[i] <= B of the other, waves (n, all of them or more) their values. fixed (2, n, f): how
+    displacements across and along answer to the first f unknowns. precision (n, 2, 2), moves (n, 2): of tiles.
+    Unknowns: f fixed, waves across, waves along.
+    """
+    count, f = numbers_x.size, fixed.shape[2]
+    size = f + 2 * count
+    wide, high = 2 * numbers_x.max() + 1, 2 * numbers_y.max() + 1
+    tables = np.zeros((3, wide, high))
+    cross = np.zeros((f, 2 * count))
+    normal, asked = np.zeros((size, size)), np.zeros(size)
+    for t in range(moves.shape[0]):
+        xx, xy, yy = precision[t, 0, 0], precision[t, 0, 1], precision[t, 1, 1]
+        if xx + yy == 0:
+            continue
+        g = waves[t, :count]
+        across, along = xx * moves[t, 0] + xy * moves[t, 1], xy * moves[t, 0] + yy * moves[t, 1]
+        for m in range(wide):
+            cosine = cosines_x[t, m]
+            a, b, c = xx * cosine, xy * cosine, yy * cosine
+            for q in range(high):
+                other = cosines_y[t, q]
+                tables[0, m, q] += a * other
+                tables[1, m, q] += b * other
+                tables[2, m, q] += c * other
+        for i in range(count):
+            asked[f + i] += across * g[i]
+            asked[f + count + i] += along * g[i]
+        for k in range(f):
+            dx, dy = fixed[0, t, k], fixed[1, t, k]
+            if dx == 0 and dy == 0:
+                continue
+            by_x, by_y = xx * dx + xy * dy, xy * dx + yy * dy
+            asked[k] += by_x * moves[t, 0] + by_y * moves[t, 1]
+            for j in range(k + 1):
+                normal[k, j] += by_x * fixed[0, t, j] + by_y * fixed[1, t, j]
+            for i in range(count):
+                cross[k, i] += by_x * g[i]
+                cross[k, count + i] += by_y * g[i]
+    for i in range(count):
+        a, b = numbers_x[i], numbers_y[i]
+        for k in range(f):
+            normal[f + i, k] = cross[k, i]
+            normal[f + count + i, k] = cross[k, count + i]
+        for j in range(count):
+            plus, minus = a + numbers_x[j], abs(a - numbers_x[j])
+            up, down = b + numbers_y[j], abs(b - numbers_y[j])
+            for part in range(3):
+                table = tables[part]
+                mean = (table[plus, up] + table[plus, down] + table[minus, up] + table[minus, down]) / 4
+                row, column = f + (part > 0) * count + i, f + (part > 1) * count + j
+                normal[row, column] = mean
+    for i in range(size):
+        for j in range(i + 1):
+            normal[i, j] *= scale[i] * scale[j]
+        normal[i, i] += 1
+        asked[i] *= scale[i]
+    return normal, asked
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def dot(a, b, count):  # type: ignore[no-untyped-def]
+    """Of the first ``count`` numbers of two vectors."""
+    total = 0.0
+    for k in range(count):
+        total += a[k] * b[k]
+    return total
+
+
+@kernel("a (N, N)", fastmath=True, error_model="numpy")
+def cholesky(a):  # type: ignore[no-untyped-def]
+    """Lower factor of a positive definite matrix, in place of its lower triangle; the upper one is left as it is."""
+    n = a.shape[0]
+    for first in range(0, n, ROWS):
+        last = min(first + ROWS, n)
+        if last - first == ROWS:
+            r0, r1, r2, r3 = a[first], a[first + 1], a[first + 2], a[first + 3]
+            for j in range(first):
+                other = a[j]
+                s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+                for k in range(j):
+                    v = other[k]
+                    s0 += v * r0[k]
+                    s1 += v * r1[k]
+                    s2 += v * r2[k]
+                    s3 += v * r3[k]
+                per = 1 / other[j]
+                r0[j] = (r0[j] - s0) * per
+                r1[j] = (r1[j] - s1) * per
+                r2[j] = (r2[j] - s2) * per
+                r3[j] = (r3[j] - s3) * per
+        else:
+            for i in range(first, last):
+                for j in range(first):
+                    a[i, j] = (a[i, j] - dot(a[i], a[j], j)) / a[j, j]
+        for i in range(first, last):
+            for j in range(first, i):
+                a[i, j] = (a[i, j] - dot(a[i], a[j], j)) / a[j, j]
+            a[i, i] = np.sqrt(a[i, i] - dot(a[i], a[i], i))
+
+
+@kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
+def forward(root, b):  # type: ignore[no-untyped-def]
+    """root^-1 b, in place of b (n,)."""
+    for i in range(b.size):
+        b[i] = (b[i] - dot(root[i], b, i)) / root[i, i]
+
+
+@kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
+def backward(root, b):  # type: ignore[no-untyped-def]
+    """root'^-1 b, in place of b (n,)."""
+    for i in range(b.size - 1, -1, -1):
+        b[i] /= root[i, i]
+        v = b[i]
+        row = root[i]
+        for k in range(i):
+            b[k] -= v * row[k]

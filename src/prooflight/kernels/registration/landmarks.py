@@ -1,0 +1,182 @@
+"""Compiled loops that find what of a design tells where it lies: what its tiles are worth, and show of its inks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.look_up import look_up_light
+
+EVEN_EDGE = 0.01
+"""Squared difference from which edges count alike: a tenth of white from pixel to pixel."""
+
+
+@kernel(
+    "words (_, _), rows (N), columns (N), bricks.bricks (65536, 16), bricks.inner (_, 4), "
+    "bricks.outer (_, 8), bricks.bits (4), backing, signals (N, _, W)",
+    where="W % 8 == 0",
+)
+def tile_signals(words, rows, columns, bricks, backing, signals):  # type: ignore[no-untyped-def]
+    """Mean signal of raster windows (tiles, height, width) float32 whose corners lie at rows, columns of the raster.
+
+    words (rows, columns) uint32 of the raster; bricks: ``Bricks`` of the mean; width a multiple of 8. What is off the
+    page is ``backing``.
+    """
+    height, width = signals.shape[1:]
+    seen = np.zeros(width, np.uint32)
+    for tile in range(rows.size):
+        left = min(max(-columns[tile], 0), width)
+        right = max(min(words.shape[1] - columns[tile], width), left)
+        seen[:] = 0
+        for r in range(height):
+            row = rows[tile] + r
+            signal = signals[tile, r]
+            if not 0 <= row < words.shape[0]:
+                signal[:] = backing
+                continue
+            seen[left:right] = words[row, columns[tile] + left : columns[tile] + right]
+            look_up_light(seen, bricks, np.float32(0), signal)
+            signal[:left] = backing
+            signal[right:] = backing
+
+
+@kernel(
+    "expected (L, P), variance (L, P), offset (P), per_gain (P), gradient_noise, signal_noise2, "
+    "size, margin, information (L // size, P // size, 2)",
+    fastmath=True,
+    error_model="numpy",
+)
+def tile_information(  # type: ignore[no-untyped-def]
+    expected, variance, offset, per_gain, gradient_noise, signal_noise2, size, margin, information
+):
+    """Adds to information (tile rows, tile columns, 2) what tiles tell of displacements across and along [1/pixel^2].
+
+    expected, variance (lines, pixels) [DN, DN^2]; offset, per_gain (pixels,) bring it to light signal. The sum of
+    squared slopes over twice the variance, a share of the slopes squared and of the signal squared; those nearer to a
+    tile's border than ``margin`` do not count.
+    """
+    rows, columns = information.shape[:2]
+    pixels = expected.shape[1]
+    light = np.empty((3, pixels), np.float32)
+    half = np.float32(0.5)
+    two = np.float32(2)
+    across = np.zeros(columns * size, np.float32)
+    along = np.zeros(columns * size, np.float32)
+    last = expected.shape[0] - 1
+    for line in range(-1, rows * size):
+        coming = min(line + 1, last)
+        row = light[(line + 1) % 3]
+        for i in range(pixels):
+            row[i] = (expected[coming, i] - offset[i]) * per_gain[i]
+        if line < 0:
+            light[2] = row
+            continue
+        before, here, after = light[(line - 1) % 3], light[line % 3], light[(line + 1) % 3]
+        counts = margin <= line % size < size - margin
+        for i in range(1, min(columns * size, pixels - 1) if counts else 1):
+            gx = half * (here[i + 1] - here[i - 1])
+            gy = half * (after[i] - before[i])
+            gx, gy = gx * gx, gy * gy
+            weight = two * variance[line, i] + gradient_noise * (gx + gy) + signal_noise2 * here[i] * here[i]
+            across[i] += gx / weight
+            along[i] += gy / weight
+        if line % size == size - 1:
+            for column in range(columns):
+                for i in range(column * size + margin, (column + 1) * size - margin):
+                    information[line // size, column, 0] += across[i]
+                    information[line // size, column, 1] += along[i]
+            across[:] = 0
+            along[:] = 0
+
+
+@inner_kernel()
+def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
+    """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
+
+    words (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is -1. Returns
+    whether anything is.
+    """
+    rows, columns = words.shape
+    beyond = False
+    before, known = np.uint32(0), False
+    a, b, c, d, root = logs[0, 0], logs[0, 0], logs[0, 0], logs[0, 0], roots[0, 0]
+    for line in range(grid.shape[1]):
+        y = row + line * stride_y
+        inside = 0 <= y < rows
+        source = words[y if inside else 0]
+        for i in range(grid.shape[2]):
+            x = column + i * stride_x
+            if not inside or x < 0 or x >= columns:
+                grid[:4, line, i] = 0
+                grid[4, line, i] = -1
+                beyond = True
+                continue
+            word = source[x]
+            if word != before or not known:
+                inks = (word & 255, (word >> 8) & 255, (word >> 16) & 255, word >> 24)
+                a, b, c, d = logs[0, inks[0]], logs[1, inks[1]], logs[2, inks[2]], logs[3, inks[3]]
+                root = roots[0, inks[0]] * roots[1, inks[1]] * roots[2, inks[2]] * roots[3, inks[3]]
+                before, known = word, True
+            grid[0, line, i], grid[1, line, i], grid[2, line, i], grid[3, line, i] = a, b, c, d
+            grid[4, line, i] = root
+    return beyond
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
+    """Parts of the squared differences of a line of ``read_grid``'s and the neighbours so far off, to shares (6,)."""
+    s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    even = np.float32(EVEN_EDGE)
+    size, other_line = grid.shape[2] - 1, line + down
+    a, b, c, d = grid[0, line, :size], grid[1, line, :size], grid[2, line, :size], grid[3, line, :size]
+    e, f = grid[0, other_line, right : size + right], grid[1, other_line, right : size + right]
+    g, h = grid[2, other_line, right : size + right], grid[3, other_line, right : size + right]
+    root, other = grid[4, line, :size], grid[4, other_line, right : size + right]
+    for i in range(root.size):
+        light = root[i] * other[i]
+        light = light if min(root[i], other[i]) >= 0 else np.float32(0)
+        p0, p1, p2, p3 = e[i] - a[i], f[i] - b[i], g[i] - c[i], h[i] - d[i]
+        edge = (p0 + p1 + p2 + p3) * light
+        weight = edge * light / (even + edge * edge)
+        s0 += weight * p0
+        s1 += weight * p1
+        s2 += weight * p2
+        s3 += weight * p3
+    for ink, s in enumerate((s0, s1, s2, s3)):
+        shares[ink] += s
+        shares[5] += s
+
+
+@inner_kernel()
+def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
+    """The same of neighbours of which one lies off the page: roots (pixels,) as ``read_grid`` has them."""
+    for i in range(here.size):
+        if (here[i] < 0) != (there[i] < 0):
+            edge = max(here[i], there[i]) ** 2 - backing
+            part = edge * edge / (EVEN_EDGE + edge * edge)
+            shares[4] += part
+            shares[5] += part
+
+
+@kernel(
+    "words (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
+)
+def edge_shares(words, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
+    """How much of each tile's edges, across and along, each plane makes: adds to shares (tiles, 2, 6).
+
+    rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster pixels apart.
+    logs (4, 256) float32: logarithm of the light that an ink of that byte leaves; inks multiply (close enough for a
+    share). Light is in shares of white. Of the six sums four are an ink's part of squared differences, the fifth the
+    part of the page's own edge, the last all of it; strong edges count less, as they do where tiles are measured.
+    """
+    grid = np.empty((5, size + 1, size + 1), np.float32)
+    roots = np.exp(logs * np.float32(0.5))
+    for tile in range(rows.size):
+        beyond = read_grid(words, rows[tile], columns[tile], stride_x, stride_y, logs, roots, grid)
+        for line in range(size):
+            add_edges(grid, line, 0, 1, shares[tile, 0])
+            add_edges(grid, line, 1, 0, shares[tile, 1])
+            if beyond:
+                here, right, below = grid[4, line, :size], grid[4, line, 1:], grid[4, line + 1, :size]
+                add_page_edge(here, right, backing, shares[tile, 0])
+                add_page_edge(here, below, backing, shares[tile, 1])

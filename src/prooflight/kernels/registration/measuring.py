@@ -1,0 +1,232 @@
+"""Compiled loops of registration: tiles of a page rendered where they are thought to lie, and by how much they err."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_many
+from prooflight.kernels.registration.rendering import EIGHT, sum_eight
+
+HUBER = 3.0
+"""Pixels further off than so many standard deviations weigh less: specks, dust, defects."""
+SUMS = 15
+
+
+@inner_kernel(error_model="numpy")
+def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: ignore[no-untyped-def]
+    """Weights of raster pixels for each eight columns, as ``sum_eight`` wants them: (blocks x pixels x 8,) each.
+
+    x: raster coordinate of the first column's centre less the footprint's reach; taps, slopes (phases, taps): weights
+    by where in a raster pixel a footprint begins. begins (blocks,): of each eight columns, the first raster pixel.
+    Returns how many raster pixels each eight columns see.
+    """
+    phases, count = taps.shape
+    pixels = int(np.ceil((EIGHT - 1) * ratio)) + count + 1
+    weights[: begins.size * pixels * EIGHT] = 0
+    by_move[: begins.size * pixels * EIGHT] = 0
+    for block in range(begins.size):
+        begins[block] = int(x + block * EIGHT * ratio)
+        for i in range(EIGHT):
+            at = x + (block * EIGHT + i) * ratio
+            first = int(at)
+            phase = int((at - first) * phases)
+            place = (block * pixels + first - begins[block]) * EIGHT + i
+            for t in range(count):
+                weights[place + t * EIGHT] = taps[phase, t]
+                by_move[place + t * EIGHT] = slopes[phase, t]
+    return pixels
+
+
+@inner_kernel(error_model="numpy")
+def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, out):  # type: ignore[no-untyped-def]
+    """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
+
+    x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach. Window
+    rows and out's lines are whole multiples of 16 and 8 long. room: ``Room``.
+    """
+    phases, count = taps_y.shape
+    lines, columns = out.shape[1:]
+    width = window.shape[1]
+    flat = window.reshape(-1)
+    value, slope = room.value, room.slope
+    m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
+    pixels = spread_taps(x, ratio_x, taps_x, slopes_x, room.begins, room.weights, room.by_move)
+    for line in range(lines):
+        at = y + line * ratio_y
+        first = int(at)
+        phase = int((at - first) * phases)
+        for t in range(count):
+            room.starts[t] = (first + t) * width
+        w, s = taps_y[phase], slopes_y[phase]
+        k = 0
+        while k + MANY <= width:
+            sum_many(flat, room.starts, k, w, 0, count, value, k)
+            sum_many(flat, room.starts, k, s, 0, count, slope, k)
+            k += MANY
+        while k < width:
+            sum_few(flat, room.starts, k, w, 0, count, value, k)
+            sum_few(flat, room.starts, k, s, 0, count, slope, k)
+            k += FEW
+        for block in range(columns // EIGHT):
+            begin, place = room.begins[block], line * columns + block * EIGHT
+            sum_eight(
+                value, slope, begin, room.weights, room.by_move, block * pixels, pixels, m, by_x, by_y, place
+            )
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def subtract(scan, offset, per_gain, top, left, part, image, noise, error, base):  # type: ignore[no-untyped-def]
+    """Light of a scan above a tile's image, and base = 1 / variance, where the scan has it; returns the image's sum.
+
+    top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 .. i1 - 1 that lie there. image
+    (3, lines, columns): value, derivatives; error, base (lines, columns).
+    """
+    l0, l1, i0, i1 = part
+    total = np.float32(0)
+    dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
+    level, gain = offset[left + i0 : left + i1], per_gain[left + i0 : left + i1]
+    for line in range(l0, l1):
+        seen = scan[top + line, left + i0 : left + i1]
+        value, by_x, by_y = image[0, line, i0:i1], image[1, line, i0:i1], image[2, line, i0:i1]
+        errors, weights = error[line, i0:i1], base[line, i0:i1]
+        for i in range(errors.size):
+            m = value[i]
+            errors[i] = (np.float32(seen[i]) - level[i]) * gain[i] - m
+            flat = max(dark + by_light * m + by_square * m * m, dark)
+            weights[i] = np.float32(1) / (flat + by_slope * (by_x[i] * by_x[i] + by_y[i] * by_y[i]))
+            total += m
+    return total
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, mean, sums):  # type: ignore[no-untyped-def]
+    """Normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
+
+    error: scan minus image; value, by_x, by_y: of the image; base: 1 / variance, 0 where nothing is seen. With
+    ``robust`` the weight of those that the estimate (level, gain, move_x, move_y) leaves far off is lowered.
+    """
+    # Scalars, not an array: the loop then runs in vectors.
+    none = np.float32(0)
+    s0, s1, s2, s3, s4, s5, s6, s7 = none, none, none, none, none, none, none, none
+    s8, s9, s10, s11, s12, s13, s14 = none, none, none, none, none, none, none
+    limit = np.float32(HUBER) if robust else np.float32(1e9)
+    tiny = np.float32(1e-6)
+    one = np.float32(1)
+    for i in range(error.size):
+        r = value[i] - mean
+        gx = by_x[i]
+        gy = by_y[i]
+        e = error[i]
+        w = base[i]
+        left = e - level - gain * r - move_x * gx - move_y * gy
+        w *= min(one, limit / np.sqrt(left * left * w + tiny))
+        wr = w * r
+        wx = w * gx
+        wy = w * gy
+        we = w * e
+        s0 += w
+        s1 += wr
+        s2 += wx
+        s3 += wy
+        s4 += wr * r
+        s5 += wr * gx
+        s6 += wr * gy
+        s7 += wx * gx
+        s8 += wx * gy
+        s9 += wy * gy
+        s10 += we
+        s11 += we * r
+        s12 += we * gx
+        s13 += we * gy
+        s14 += we * e
+    for k, s in enumerate((s0, s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12, s13, s14)):
+        sums[k] = s
+
+
+@kernel(
+    "scan (_, P), offset (P), per_gain (P), windows (A, _, W), x_origin (A), y_origin (A), "
+    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), lines (A), "
+    "columns (A), tiles (N), moves (N, 2), size, noise (4), room.value (V), room.slope (V), "
+    "room.begins (size // EIGHT), room.weights (B), room.by_move (B), room.starts (Y), "
+    "sums (N, SUMS + 1)",
+    where="W <= V",
+    error_model="numpy",
+)
+def measure_tiles(  # type: ignore[no-untyped-def]
+    scan,
+    offset,
+    per_gain,
+    windows,
+    x_origin,
+    y_origin,
+    ratio_x,
+    ratio_y,
+    taps_x,
+    slopes_x,
+    taps_y,
+    slopes_y,
+    lines,
+    columns,
+    tiles,
+    moves,
+    size,
+    noise,
+    room,
+    sums,
+):
+    """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
+
+    scan (lines, pixels) uint16; offset, per_gain (pixels,) bring it to light signal. windows (all tiles, ...) as
+    ``tile_signals`` leaves them; x_origin, y_origin, lines, columns (all tiles,): where a tile's first pixel lies in
+    its window and in the scan of a page in its place. tiles (n,): which to measure. noise: variance without light, by
+    signal, by signal squared, by gradient squared. room: ``Room``. sums (n, SUMS + 1): the last is the number of
+    pixels, 0 where the tile lies outside the scan.
+    """
+    image = np.empty((3, size, size), np.float32)
+    error = np.empty((size, size), np.float32)
+    base = np.empty((size, size), np.float32)
+    value, by_x, by_y = image[0].reshape(-1), image[1].reshape(-1), image[2].reshape(-1)
+    errors, weights = error.reshape(-1), base.reshape(-1)
+    zero = np.float32(0)
+    for n in range(tiles.size):
+        tile = tiles[n]
+        whole_x, whole_y = int(np.rint(moves[n, 0])), int(np.rint(moves[n, 1]))
+        left, top = columns[tile] + whole_x, lines[tile] + whole_y
+        i0, i1 = max(-left, 0), min(size, scan.shape[1] - left)
+        l0, l1 = max(-top, 0), min(size, scan.shape[0] - top)
+        sums[n] = 0
+        if i1 - i0 < size // 2 or l1 - l0 < size // 2:
+            continue
+        x = x_origin[tile] - (moves[n, 0] - whole_x) * ratio_x
+        y = y_origin[tile] - (moves[n, 1] - whole_y) * ratio_y
+        render_tile(windows[tile], x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, image)
+        count = (l1 - l0) * (i1 - i0)
+        if count < size * size:
+            errors[:] = 0
+            weights[:] = 0
+        part = (l0, l1, i0, i1)
+        total = subtract(scan, offset, per_gain, top, left, part, image, noise, error, base)
+        mean = total / np.float32(count)
+        weigh(errors, value, by_x, by_y, weights, zero, zero, zero, zero, False, mean, sums[n])
+        level, gain, move_x, move_y = solved(sums[n])
+        weigh(errors, value, by_x, by_y, weights, level, gain, move_x, move_y, True, mean, sums[n])
+        sums[n, SUMS] = count
+
+
+@inner_kernel(error_model="numpy")
+def solved(s):  # type: ignore[no-untyped-def]
+    """Offset, gain and displacement x, y that the sums of one tile ask for."""
+    a = np.empty((4, 4))
+    b = np.empty(4)
+    k = 0
+    for i in range(4):
+        for j in range(i, 4):
+            a[i, j] = s[k]
+            a[j, i] = s[k]
+            k += 1
+        b[i] = s[10 + i]
+    for i in range(4):  # a hair of damping: a tile may have edges of one direction only
+        a[i, i] = a[i, i] * (1 + 1e-4) + 1e-9
+    x = np.linalg.solve(a, b)
+    return np.float32(x[0]), np.float32(x[1]), np.float32(x[2]), np.float32(x[3])

@@ -1,0 +1,213 @@
+"""Compiled loops that find planes by their fringes: where planes share edges, and what patches there would show."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.look_up import look_up_light
+from prooflight.kernels.registration.measuring import render_tile, weigh
+
+PAIRS = 6
+"""Of four planes: CM, CY, CK, MY, MK, YK."""
+EDGES = 10
+"""Kinds of them: shared by a pair of planes, or of any plane, CMYK."""
+ROUNDS = 5
+
+
+@kernel(
+    "words (H, W), cell, stride_x, stride_y, light (4, 256), scores (R, C, 2, EDGES)",
+    where="(R * cell - 1) * stride_y < H, (C * cell - 1) * stride_x < W",
+    error_model="numpy",
+)
+def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
+    """How strong edges are that planes share, and all of a plane's: adds to scores (rows, columns, 2, EDGES).
+
+    words (rows, columns) uint32 of the raster, looked at in steps of stride_x, stride_y raster pixels; a cell is
+    ``cell`` such steps wide and high. light (4, 256): share of the light that an ink of that byte leaves; inks multiply
+    (close enough for a choice). A plane off the others shows a strip of itself on the lighter side of an edge, across
+    or along; that of the weaker of two counts, squared, in shares of white.
+    """
+    for row in range(scores.shape[0]):
+        for line in range(row * cell, (row + 1) * cell):
+            y = line * stride_y
+            for i in range(scores.shape[1] * cell):
+                x = i * stride_x
+                here = words[y, x]
+                if x + stride_x < words.shape[1] and words[y, x + stride_x] != here:
+                    add_strips(here, words[y, x + stride_x], light, scores[row, i // cell, 0])
+                if y + stride_y < words.shape[0] and words[y + stride_y, x] != here:
+                    add_strips(here, words[y + stride_y, x], light, scores[row, i // cell, 1])
+
+
+@inner_kernel(error_model="numpy")
+def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
+    """What ``shared_edges`` adds of two neighbouring raster pixels, to scores (EDGES,)."""
+    one, other = np.float32(1), np.float32(1)
+    change = (np.float32(0), np.float32(0), np.float32(0), np.float32(0))  # an array would be made each time
+    for ink in range(4):
+        a, b = light[ink, (here >> (8 * ink)) & 255], light[ink, (there >> (8 * ink)) & 255]
+        one, other = one * a, other * b
+        change = (change[1], change[2], change[3], np.float32(1) - min(a, b) / max(a, b))
+    most = max(one, other) ** 2
+    pair = 0
+    for first in range(4):
+        scores[PAIRS + first] += most * change[first] ** 2
+        for second in range(first + 1, 4):
+            scores[pair] += most * min(change[first], change[second]) ** 2
+            pair += 1
+
+
+@inner_kernel()
+def laid(words, margin, right, down, seen):  # type: ignore[no-untyped-def]
+    """Planes of words (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height, width)."""
+    for row in range(seen.shape[0]):
+        line = seen[row]
+        y = row + margin
+        c = words[y - down[0], margin - right[0] : margin - right[0] + line.size]
+        m = words[y - down[1], margin - right[1] : margin - right[1] + line.size]
+        k = words[y - down[2], margin - right[2] : margin - right[2] + line.size]
+        b = words[y - down[3], margin - right[3] : margin - right[3] + line.size]
+        for i in range(line.size):
+            line[i] = (
+                (c[i] & np.uint32(0xFF))
+                | (m[i] & np.uint32(0xFF00))
+                | (k[i] & np.uint32(0xFF0000))
+                | (b[i] & np.uint32(0xFF000000))
+            )
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
+    """1 / variance of a patch's pixels, base (pixels,), from its image (3, pixels): value and derivatives."""
+    dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
+    for i in range(base.size):
+        m, gx, gy = image[0, i], image[1, i], image[2, i]
+        flat = max(dark + by_light * m + by_square * m * m, dark)
+        base[i] = np.float32(1) / (flat + by_slope * (gx * gx + gy * gy))
+
+
+@kernel(
+    "light (N, S, S), words (N, H, W), margin, right (4), down (4), bricks.bricks (65536, 16), "
+    "bricks.inner (_, 4), bricks.outer (_, 8), bricks.bits (4), origins (N, 2), moves (N, 2), "
+    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), noise (4), "
+    "room.value (V), room.slope (V), room.begins (D), room.weights (B), "
+    "room.by_move (B), room.starts (Y), first, base (N, S, S), sums (N, SUMS)",
+    where="0 <= margin, W - 2 * margin <= V, S <= 8 * D",
+    error_model="numpy",
+)
+def fringe_sums(  # type: ignore[no-untyped-def]
+    light,
+    words,
+    margin,
+    right,
+    down,
+    bricks,
+    origins,
+    moves,
+    ratio_x,
+    ratio_y,
+    taps_x,
+    slopes_x,
+    taps_y,
+    slopes_y,
+    noise,
+    room,
+    first,
+    base,
+    sums,
+):
+    """``weigh``'s sums of every patch of one sensor if its planes lie so.
+
+    light (patches, size, size) of the scan; words: as ``laid``, of each patch; right, down (4,) raster pixels; origins,
+    moves (patches, 2): where the first footprint begins in the window, and how far the page is displaced [raster
+    pixels]. noise: as ``measure_tiles``. room: ``Room``. base (patches, size, size): 1 / variance, made where ``first``
+    says so. sums (patches, SUMS) is written.
+    """
+    size = light.shape[1]
+    height, width = words.shape[1] - 2 * margin, words.shape[2] - 2 * margin
+    seen = np.empty((height, width), np.uint32)
+    window = np.empty((height, width), np.float32)
+    image = np.empty((3, size, size), np.float32)
+    flat = image.reshape(3, -1)
+    error = np.empty(size * size, np.float32)
+    zero = np.float32(0)
+    for n in range(light.shape[0]):
+        laid(words[n], margin, right, down, seen)
+        look_up_light(seen.reshape(-1), bricks, zero, window.reshape(-1))
+        x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
+        render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, image)
+        weights, of_scan = base[n].reshape(-1), light[n].reshape(-1)
+        if first:
+            inverse_variance(flat, noise, weights)
+        total = zero
+        for i in range(error.size):
+            error[i] = of_scan[i] - flat[0, i]
+            total += flat[0, i]
+        mean = total / np.float32(error.size)
+        weigh(error, flat[0], flat[1], flat[2], weights, zero, zero, zero, zero, False, mean, sums[n])
+
+
+@kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")
+def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped-def]
+    """Sums (sensors, patches, SUMS) with each sensor's level and contrast taken out: left (patches, 6).
+
+    level_sd (sensors,) [DN], gain_sd: of these beforehand. Of the six numbers one is what is left of the errors at no
+    displacement, two its push across and along, three the information on one (xx, xy, yy).
+    """
+    for n in range(gathered.shape[1]):
+        left[n] = 0
+        for sensor in range(gathered.shape[0]):
+            s = gathered[sensor, n]
+            a, b, d = s[0] + 1 / level_sd[sensor] ** 2, s[1] + 0.0, s[4] + 1 / gain_sd**2
+            whole = a * d - b * b
+            a, b, d = d / whole, -b / whole, a / whole
+            level, gain = a * s[10] + b * s[11], b * s[10] + d * s[11]
+            level_x, gain_x = a * s[2] + b * s[5], b * s[2] + d * s[5]
+            level_y, gain_y = a * s[3] + b * s[6], b * s[3] + d * s[6]
+            left[n, 0] += s[14] - s[10] * level - s[11] * gain
+            left[n, 1] += s[12] - s[2] * level - s[5] * gain
+            left[n, 2] += s[13] - s[3] * level - s[6] * gain
+            left[n, 3] += s[7] - s[2] * level_x - s[5] * gain_x
+            left[n, 4] += s[8] - s[2] * level_y - s[5] * gain_y
+            left[n, 5] += s[9] - s[3] * level_y - s[6] * gain_y
+
+
+@kernel("left (N, 6), own_sd, common_sd, most, costs (N)", error_model="numpy")
+def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untyped-def]
+    """What patches (n, 6) of ``without_light`` leave together, and the displacement (x, y) common to them. [-, pixels]
+
+    own_sd, common_sd: of each patch's own displacement and of the common one [pixels]. A patch counts u / (1 + u /
+    most), so that one that shows something else decides nothing. costs (n,): u of each, is written.
+    """
+    quadratics = np.empty(left.shape)
+    known = 1 / own_sd**2
+    for n in range(left.shape[0]):
+        c, x, y, xx, xy, yy = left[n]
+        whole = (xx + known) * (yy + known) - xy * xy
+        a, b, d = (yy + known) / whole, -xy / whole, (xx + known) / whole
+        step_x, step_y = a * x + b * y, b * x + d * y
+        quadratics[n, 0] = c - x * step_x - y * step_y
+        # What each patch explains by itself, by a displacement of its own, says the less of the common one.
+        quadratics[n, 1], quadratics[n, 2] = step_x * known, step_y * known
+        quadratics[n, 3] = known * (1 - a * known)
+        quadratics[n, 4] = -known * b * known
+        quadratics[n, 5] = known * (1 - d * known)
+    move_x, move_y, total = 0.0, 0.0, 0.0
+    for _ in range(ROUNDS):
+        push_x, push_y, total = 0.0, 0.0, 0.0
+        xx, xy, yy = 1 / common_sd**2, 0.0, 1 / common_sd**2
+        for n in range(left.shape[0]):
+            c, gx, gy, hxx, hxy, hyy = quadratics[n]
+            u = c - 2 * (gx * move_x + gy * move_y)
+            u += hxx * move_x**2 + 2 * hxy * move_x * move_y + hyy * move_y**2
+            u = max(u, 0.0)
+            costs[n] = u
+            total += u / (1 + u / most)
+            w = 1 / (1 + u / most) ** 2
+            push_x, push_y = push_x + w * gx, push_y + w * gy
+            xx, xy, yy = xx + w * hxx, xy + w * hxy, yy + w * hyy
+        total += (move_x**2 + move_y**2) / common_sd**2
+        whole = xx * yy - xy * xy
+        move_x, move_y = (yy * push_x - xy * push_y) / whole, (xx * push_y - xy * push_x) / whole
+    return total, move_x, move_y

@@ -1,0 +1,76 @@
+"""Compiled loops: means over blocks for the nuisance fit, and a page's smooth functions of colour by table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+INKS = 4
+SHAPES = 16
+"""Most features of colour; those that a page does not have are 0."""
+LEVELS = 256
+"""Of ink area, by which bells are tabulated."""
+_MOST = np.float32(LEVELS - 1)
+_HALF = np.float32(0.5)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def level_of(area):  # type: ignore[no-untyped-def]
+    """The nearest tabulated level of an ink area."""
+    return np.int32(min(max(area, np.float32(0)), np.float32(1)) * _MOST + _HALF)
+
+
+@kernel(
+    "measured (L, P), expected (L, P), offset (P), variance (L, P), gain (4, L, P), "
+    "dot (4, L, P), texture (L, P), cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
+    "corners (N, 2), side, out (N, 22 + SHAPES)",
+    fastmath=True,
+    error_model="numpy",
+)
+def block_sums(  # type: ignore[no-untyped-def]
+    measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, side, out
+):
+    """Sums over some blocks of ``side`` pixels of one sensor, into out (blocks, 22 + SHAPES).
+
+    corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by ink, whose product is
+    exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance, squared slope of light,
+    texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along (4).
+    """
+    lines, pixels = measured.shape
+    shapes = np.empty(SHAPES, np.float32)
+    for block in range(corners.shape[0]):
+        sums = out[block]
+        sums[:] = np.float32(0)
+        shapes[:] = np.float32(0)
+        for line in range(max(corners[block, 0], 1), min(corners[block, 0] + side, lines - 1)):
+            for x in range(max(corners[block, 1], 1), min(corners[block, 1] + side, pixels - 1)):
+                if not inside[line, x]:
+                    continue
+                light = expected[line, x] - offset[x]
+                across = (expected[line, x + 1] - expected[line, x - 1]) * _HALF
+                along = (expected[line + 1, x] - expected[line - 1, x]) * _HALF
+                sums[0] += np.float32(1)
+                sums[1] += measured[line, x] - expected[line, x]
+                sums[2] += light
+                sums[3] += variance[line, x]
+                sums[4] += across * across + along * along
+                sums[5] += texture[line, x]
+                c, m = bells[0, level_of(cover[0, line, x])], bells[1, level_of(cover[1, line, x])]
+                y, k = bells[2, level_of(cover[2, line, x])], bells[3, level_of(cover[3, line, x])]
+                for j in range(SHAPES):
+                    shapes[j] += c[j] * m[j] * y[j] * k[j] * light
+                for ink in range(INKS):
+                    if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
+                        continue
+                    here = cover[ink, line, x]
+                    sums[6 + ink] += gain[ink, line, x]
+                    sums[10 + ink] += dot[ink, line, x]
+                    if here > np.float32(0.02):
+                        per_area = gain[ink, line, x] / here * _HALF
+                        right, left = cover[ink, line, x + 1], cover[ink, line, x - 1]
+                        below, above = cover[ink, line + 1, x], cover[ink, line - 1, x]
+                        sums[14 + SHAPES + ink] += per_area * (right - left)
+                        sums[18 + SHAPES + ink] += per_area * (below - above)
+        for j in range(SHAPES):
+            sums[14 + j] = shapes[j]

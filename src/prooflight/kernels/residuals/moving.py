@@ -1,0 +1,255 @@
+"""Compiled loops: images moved to where a page lies, by displacements that are linear between nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+STRETCH = 16
+"""Pixels from node to node, along lines and across them."""
+_HALF = np.float32(0.5)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def cubic(f):  # type: ignore[no-untyped-def]
+    """Weights of four neighbours at f between the inner two: the cubic convolution that is exact for parabolas.
+
+    Keys (1981), Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29, a = -1/2.
+    """
+    return (
+        _HALF * f * (f * (np.float32(2) - f) - np.float32(1)),
+        np.float32(1) + f * f * (np.float32(1.5) * f - np.float32(2.5)),
+        _HALF * f * (np.float32(1) + f * (np.float32(4) - np.float32(3) * f)),
+        _HALF * f * f * (f - np.float32(1)),
+    )
+
+
+@inner_kernel()
+def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
+    """Values of one line at node columns, linear between rows of nodes ``STRETCH`` lines apart."""
+    cell = min(line // STRETCH, nodes.shape[0] - 2)
+    share = np.float32((line - cell * STRETCH) / STRETCH)
+    for k in range(out.size):
+        out[k] = nodes[cell, k] + share * (nodes[cell + 1, k] - nodes[cell, k])
+
+
+@inner_kernel()
+def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
+    """Whole pixels by which a stretch is displaced, what is left at its first pixel, and what that grows by."""
+    slope = (off[k + 1] - off[k]) / np.float32(STRETCH)
+    whole = np.int64(np.floor(off[k] + slope * np.float32(count) * _HALF))
+    return whole, np.float32(off[k] - whole), np.float32(slope)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def weigh_stretch(x0, x_slope, y0, y_slope, weights):  # type: ignore[no-untyped-def]
+    """``cubic`` at every pixel of a stretch, weights (8 ``STRETCH``,): four across, then four along."""
+    for i in range(STRETCH):
+        a, b, c, d = cubic(x0 + x_slope * np.float32(i))
+        weights[i], weights[STRETCH + i] = a, b
+        weights[2 * STRETCH + i], weights[3 * STRETCH + i] = c, d
+    for i in range(STRETCH):
+        a, b, c, d = cubic(y0 + y_slope * np.float32(i))
+        weights[4 * STRETCH + i], weights[5 * STRETCH + i] = a, b
+        weights[6 * STRETCH + i], weights[7 * STRETCH + i] = c, d
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_tap(first, second, third, fourth, weights, tap, out):  # type: ignore[no-untyped-def]
+    """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
+    heights = weights[(4 + tap) * STRETCH : (5 + tap) * STRETCH]
+    for i in range(out.size):
+        left = weights[i] * first[i] + weights[STRETCH + i] * second[i]
+        right = weights[2 * STRETCH + i] * third[i] + weights[3 * STRETCH + i] * fourth[i]
+        out[i] += heights[i] * (left + right)
+
+
+@inner_kernel()
+def following(phase, place, n):  # type: ignore[no-untyped-def]
+    """The phase and the place in it of the next of pixels dealt out to n phases; quicker than to divide again."""
+    return (phase + 1, place) if phase + 1 < n else (0, place + 1)
+
+
+@kernel(
+    "phases (N, N, L, P), across (R, C), along (R, C), out (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+)
+def move(phases, across, along, out):  # type: ignore[no-untyped-def]
+    """An image seen at pixel + across, line + along (nodes) of out (lines, pixels), by ``cubic``.
+
+    phases (n, n, lines, pixels): [p, q] is an image n times as fine as out at lines n i + p and pixels n j + q; its
+    edge goes on beyond.
+    """
+    n, lines, pixels = phases.shape[0], phases.shape[2], phases.shape[3]
+    room = np.empty(8 * STRETCH, np.float32)
+    right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
+    for line in range(lines):
+        node_row(across, line, right)
+        node_row(along, line, down)
+        right *= np.float32(n)
+        down *= np.float32(n)
+        for k in range(right.size - 1):
+            start = k * STRETCH
+            count = min(STRETCH, pixels - start)
+            if count <= 0:
+                break
+            whole_x, x0, x_slope = aimed(right, k, start, count)
+            whole_y, y0, y_slope = aimed(down, k, start, count)
+            left, top = n * start + whole_x - 1, n * line + whole_y - 1
+            target = out[line, start : start + count]
+            target[:] = 0
+            inner = left >= 0 and left + n * (count - 1) + 4 <= n * pixels
+            if inner and top >= 0 and top + 4 <= n * lines:
+                weigh_stretch(x0, x_slope, y0, y_slope, room)
+                p, y = top % n, top // n
+                q, x = left % n, left // n
+                r, x1 = following(q, x, n)
+                s, x2 = following(r, x1, n)
+                t, x3 = following(s, x2, n)
+                for tap in range(4):
+                    a, b = phases[p, q, y, x : x + count], phases[p, r, y, x1 : x1 + count]
+                    c, d = phases[p, s, y, x2 : x2 + count], phases[p, t, y, x3 : x3 + count]
+                    add_tap(a, b, c, d, room, tap, target)
+                    p, y = following(p, y, n)
+            else:
+                for i in range(count):
+                    weights = cubic(x0 + x_slope * np.float32(i))
+                    heights = cubic(y0 + y_slope * np.float32(i))
+                    for j in range(4):
+                        y = min(max(top + j, 0), n * lines - 1)
+                        for m in range(4):
+                            x = min(max(left + n * i + m, 0), n * pixels - 1)
+                            target[i] += heights[j] * weights[m] * phases[y % n, x % n, y // n, x // n]
+
+
+@kernel(
+    "shadow (1, 1, L, P), across (R, C), along (R, C), right, down, light (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+    fastmath=True,
+    error_model="numpy",
+)
+def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-untyped-def]
+    """Light (lines, pixels) with a plane's shadow (1, 1, lines, pixels), as ``move`` takes it, cast right and down."""
+    here, there = np.empty_like(light), np.empty_like(light)
+    move(shadow, across, along, here)
+    move(shadow, across - right, along - down, there)
+    for line in range(light.shape[0]):
+        target, more, less = light[line], here[line], there[line]
+        for x in range(target.size):
+            target[x] += more[x] - less[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def]
+    """Whole pixels by which a line's stretches are displaced, whole (2, stretches): right and down of right, down at
+    nodes; what is left at each pixel, shares (2, pixels).
+    """
+    for k in range(whole.shape[1]):
+        start = k * STRETCH
+        count = min(STRETCH, pixels - start)
+        whole[0, k], x0, x_slope = aimed(right, k, start, count)
+        whole[1, k], y0, y_slope = aimed(down, k, start, count)
+        u, v = shares[0, start : start + count], shares[1, start : start + count]
+        for i in range(count):
+            u[i] = x0 + x_slope * np.float32(i)
+            v[i] = y0 + y_slope * np.float32(i)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
+    """Bilinear between two rows of neighbours, one longer than out (n,)."""
+    for i in range(out.size):
+        p = above[i] + u[i] * (above[i + 1] - above[i])
+        q = below[i] + u[i] * (below[i + 1] - below[i])
+        out[i] = p + v[i] * (q - p)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+    """The same of an image from (top, left) on that ends somewhere; 0 beyond."""
+    lines, pixels = image.shape
+    one = np.float32(1)
+    for i in range(out.size):
+        out[i] = np.float32(0)
+        for j in range(2):
+            for n in range(2):
+                x, y = left + i + n, top + j
+                if 0 <= x < pixels and 0 <= y < lines:
+                    out[i] += (u[i] if n else one - u[i]) * (v[i] if j else one - v[i]) * image[y, x]
+
+
+@inner_kernel()
+def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+    """Both: part of a line, out (n,), that looks u, v (n,) beyond neighbours from (top, left) on."""
+    lines, pixels = image.shape
+    first, last = max(0, -left), min(out.size, pixels - 1 - left)
+    if first >= last or top < 0 or top + 2 > lines:
+        move_edge(image, left, top, u, v, out)
+        return
+    inner = slice(left + first, left + last + 1)
+    above, below = image[top, inner], image[top + 1, inner]
+    move_run(above, below, u[first:last], v[first:last], out[first:last])
+    move_edge(image, left, top, u[:first], v[:first], out[:first])
+    move_edge(image, left + last, top, u[last:], v[last:], out[last:])
+
+
+@inner_kernel()
+def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
+    """One line, out (pixels,), of an image moved as ``aim_line`` says; stretches that go alike are done at once."""
+    start = 0
+    for k in range(whole.shape[1]):
+        right, down = whole[0, k], whole[1, k]
+        if k + 1 < whole.shape[1] and whole[0, k + 1] == right and whole[1, k + 1] == down:
+            continue
+        stop = min((k + 1) * STRETCH, out.size)
+        u, v = shares[0, start:stop], shares[1, start:stop]
+        move_span(image, start + right, line + down, u, v, out[start:stop])
+        start = stop
+
+
+@kernel(
+    "images (N, L, P), which (_), across (R, C), along (R, C), out (N, L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+)
+def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
+    """``move`` of some of images (n, lines, pixels), bilinear; 0 beyond.
+
+    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand.
+    """
+    lines, pixels = images.shape[1:]
+    right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
+    whole = np.empty((STRETCH, 2, (pixels + STRETCH - 1) // STRETCH), np.int64)
+    shares = np.empty((STRETCH, 2, pixels), np.float32)
+    for first in range(0, lines, STRETCH):
+        count = min(STRETCH, lines - first)
+        for i in range(count):
+            node_row(across, first + i, right)
+            node_row(along, first + i, down)
+            aim_line(right, down, pixels, whole[i], shares[i])
+        for n in which:
+            for i in range(count):
+                move_line(images[n], first + i, whole[i], shares[i], out[n, first + i])
+
+
+@kernel(
+    "across (R, C), along (R, C), left, right, top, bottom, out (L, P)",
+    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
+    fastmath=True,
+    error_model="numpy",
+)
+def within(across, along, left, right, top, bottom, out):  # type: ignore[no-untyped-def]
+    """Which pixels look between left and right, top and bottom [pixels]; out (lines, pixels) uint8."""
+    lines, pixels = out.shape
+    at_x, at_y = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
+    for line in range(lines):
+        node_row(across, line, at_x)
+        node_row(along, line, at_y)
+        for k in range(at_x.size - 1):
+            start = k * STRETCH
+            x_slope = (at_x[k + 1] - at_x[k]) / np.float32(STRETCH) + np.float32(1)
+            y_slope = (at_y[k + 1] - at_y[k]) / np.float32(STRETCH)
+            x0, y0 = at_x[k] + np.float32(start), at_y[k] + np.float32(line)
+            for i in range(min(STRETCH, pixels - start)):
+                x, y = x0 + x_slope * np.float32(i), y0 + y_slope * np.float32(i)
+                out[line, start + i] = (x > left) & (x < right) & (y > top) & (y < bottom)

@@ -1,0 +1,68 @@
+"""Compiled loops: what a page is like, summed up over it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+_SOLID = np.float32(0.9)
+_PRINTED = np.float32(0.05)
+_HEAVY = np.float32(2)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignore[no-untyped-def]
+    """What a row says within the page, added to out (11,): ``portrait_sums``; returns how much of it is within."""
+    total = np.zeros(11, np.float32)
+    count = np.int32(0)
+    for x in range(texture.size):
+        there = np.float32(inside[x])
+        c, m, y, k = there * cyan[x], there * magenta[x], there * yellow[x], there * black[x]
+        together = c + m + y + k
+        count += np.int32(inside[x])
+        total[0] += c
+        total[1] += m
+        total[2] += y
+        total[3] += k
+        total[4] += np.float32(c > _SOLID)
+        total[5] += np.float32(m > _SOLID)
+        total[6] += np.float32(y > _SOLID)
+        total[7] += np.float32(k > _SOLID)
+        total[8] += np.float32(together > _PRINTED)
+        total[9] += np.float32(together > _HEAVY)
+        total[10] += there * texture[x]
+    for i in range(total.size):
+        out[i] += total[i]
+    return count
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
+    """Steps along a row, added to out (3,): of black, of the others' sum, and the second greatest of all four."""
+    of_black, of_others, of_two = np.float32(0), np.float32(0), np.float32(0)
+    for x in range(cyan.size - 1):
+        by_c, by_m, by_y = cyan[x + 1] - cyan[x], magenta[x + 1] - magenta[x], yellow[x + 1] - yellow[x]
+        c, m, y, k = abs(by_c), abs(by_m), abs(by_y), abs(black[x + 1] - black[x])
+        of_black += k
+        of_others += abs(by_c + by_m + by_y)
+        of_two += max(min(max(c, m), max(y, k)), max(min(c, m), min(y, k)))
+    out[0] += of_black
+    out[1] += of_others
+    out[2] += of_two
+
+
+@kernel("cover (4, L, P), texture (L, P), inside (L, P), every")
+def portrait_sums(cover, texture, inside, every):  # type: ignore[no-untyped-def]
+    """Sums over every so many-th line of cover (4, lines, pixels), texture and inside (lines, pixels).
+
+    (14,): within the page each ink's area, where each is solid, where anything is printed, where more than two solids
+    are, and texture; then ``edge_row`` everywhere. With them the pixels within, and the steps there are.
+    """
+    sums, kept, steps = np.zeros(14), 0, 0
+    for line in range(0, texture.shape[0], every):
+        c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
+        kept += area_row(c, m, y, k, texture[line], inside[line], sums[:11])
+        edge_row(c, m, y, k, sums[11:])
+        steps += c.size - 1
+    return sums, kept, steps

@@ -1,0 +1,259 @@
+"""Compiled loops: block means for the nuisance fit, residuals without what was fitted, sums of modes over tiles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES
+
+INKS = 4
+_SAME = np.float32(0.004)
+"""Ink area by which recipes may differ that are taken for one."""
+_FLOOR = np.float32(1e-12)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def placed_level(area):  # type: ignore[no-untyped-def]
+    """The tabulated level of an ink area or the next lower one, and how far it lies above that."""
+    at = min(max(area, np.float32(0)), np.float32(1)) * np.float32(LEVELS - 1)
+    below = min(np.int32(at), np.int32(LEVELS - 2))
+    return below, at - np.float32(below)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out):  # type: ignore[no-untyped-def]
+    """Smooth function of colour along a row of ink areas (pixels,): sum over j of weights_j bell_j; bells: ``Colours``.
+
+    last (INKS + 1,): recipe and value of the pixel found last, which stand for all that differ by less than
+    ``_SAME``.
+    """
+    for x in range(1, out.size - 1):
+        if not inside[x]:
+            continue
+        c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
+        apart = max(max(abs(c - last[0]), abs(m - last[1])), max(abs(y - last[2]), abs(k - last[3])))
+        if apart >= _SAME:
+            at_c, c_share = placed_level(c)
+            at_m, m_share = placed_level(m)
+            at_y, y_share = placed_level(y)
+            at_k, k_share = placed_level(k)
+            c0, m0, y0, k0 = bells[0, at_c], bells[1, at_m], bells[2, at_y], bells[3, at_k]
+            c1, m1, y1, k1 = bells[0, at_c + 1], bells[1, at_m + 1], bells[2, at_y + 1], bells[3, at_k + 1]
+            value = np.float32(0)
+            for j in range(SHAPES):
+                of_cm = (c0[j] + c_share * (c1[j] - c0[j])) * (m0[j] + m_share * (m1[j] - m0[j]))
+                of_yk = (y0[j] + y_share * (y1[j] - y0[j])) * (k0[j] + k_share * (k1[j] - k0[j]))
+                value += weights[j] * of_cm * of_yk
+            last[0], last[1], last[2], last[3], last[4] = c, m, y, k, value
+        out[x] = last[4]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_row(measured, expected, offset, relative, columns, out):  # type: ignore[no-untyped-def]
+    """A row of residuals without what is proportional to the light."""
+    for x in range(out.size):
+        out[x] = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, down, out):  # type: ignore[no-untyped-def]
+    """Take what one ink does out of a row of residuals, in place; its ends are left alone."""
+    pixels = out.size
+    for x in range(1, pixels - 1):
+        u = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
+        out[x] -= gain[x] * (at_centre + to_right * u) + dot[x] * dots
+    for x in range(1, pixels - 1):
+        area = here[x]
+        moved = (here[x + 1] - here[x - 1]) * right + (below[x] - above[x]) * down
+        out[x] += gain[x] * np.float32(0.5) * moved / area if area > np.float32(0.02) else np.float32(0)
+
+
+@kernel(
+    "measured (L, P), expected (L, P), offset (P), inside (L, P), gain (4, L, P), dot (4, L, P), "
+    "cover (4, L, P), bells (4, LEVELS, SHAPES), weights (SHAPES), columns (P), gains (4, 3), "
+    "dots (4), planes (4, 2), out (L, P)",
+    fastmath=True,
+    error_model="numpy",
+)
+def residuals(  # type: ignore[no-untyped-def]
+    measured, expected, offset, inside, gain, dot, cover, bells, weights, columns, gains, dots, planes, out
+):
+    """What is left of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
+
+    bells (4, LEVELS, SHAPES), weights (SHAPES,): relative change of light by colour. columns (pixels,): the same by
+    column. gains (4, 3): at the centre, and added at the right and lower edges; dots (4,); planes (4, 2): how far each
+    lies too far right and down [pixels].
+    """
+    lines, pixels = measured.shape
+    relative, last = np.zeros(pixels, np.float32), np.full(INKS + 1, np.float32(-1))
+    printed = np.zeros(INKS, np.bool_)
+    for ink in range(INKS):
+        for line in range(lines):
+            printed[ink] = printed[ink] or cover[ink, line].any()
+    for line in range(lines):
+        row = out[line]
+        if line == 0 or line == lines - 1:
+            row[:] = np.float32(0)
+            continue
+        c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
+        shape_row(c, m, y, k, inside[line], bells, weights, last, relative)
+        take_row(measured[line], expected[line], offset, relative, columns, row)
+        v = np.float32(2 * (line + 0.5) / lines - 1)
+        for ink in range(INKS):
+            if printed[ink]:
+                at_centre = gains[ink, 0] + gains[ink, 2] * v
+                areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
+                how = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
+                take_ink(gain[ink, line], dot[ink, line], *areas, *how, row)
+        there = inside[line]
+        for x in range(pixels):
+            row[x] = row[x] if there[x] else np.float32(0)
+        row[0] = row[pixels - 1] = np.float32(0)
+
+
+# With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
+@kernel(
+    "light (L, P), variance (L, P), texture (L, P), inside (L, P), scale, edge, contrast, share, "
+    "dark, white, out (L, P), of_edges (L, P)",
+    error_model="numpy",
+)
+def variances(light, variance, texture, inside, scale, edge, contrast, share, dark, white, out, of_edges):  # type: ignore[no-untyped-def]
+    """Inverse variance of residuals of one sensor, (lines, pixels) [1/DN^2], and the edges' share of it; 0 outside.
+
+    What is dark counts for no variance in that share.
+
+    scale x temporal variance + edge x mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s =
+    share + dark x log(white / light)^2.
+    """
+    lines, pixels = light.shape
+    squares = np.zeros((lines, pixels), np.float32)
+    for line in range(1, lines - 1):
+        for x in range(1, pixels - 1):
+            across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
+            along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
+            squares[line, x] = across * across + along * along
+    for line in range(lines):
+        for x in range(pixels):
+            if line < 2 or x < 2 or line >= lines - 2 or x >= pixels - 2 or not inside[line, x]:
+                out[line, x] = np.float32(0)
+                of_edges[line, x] = np.float32(0)
+                continue
+            slope = np.float32(0)
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    slope += squares[line + i, x + j]
+            slope *= np.float32(1 / 9)
+            depth = np.log(white / min(max(light[line, x], np.float32(0.01) * white), white))
+            at_white, level = share * light[line, x], (share + dark * depth * depth) * light[line, x]
+            rest = scale * variance[line, x] + edge * slope + contrast * texture[line, x]
+            out[line, x] = np.float32(1) / (rest + level * level)
+            # What is dark is not flat for that.
+            of_edges[line, x] = edge * slope / (rest + at_white * at_white)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_slopes(residual, weight, above, light, below, made, sums):  # type: ignore[no-untyped-def]
+    """Add what a row says of displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
+
+    above, light, below: rows of light; made (3, pixels) is working space.
+    """
+    push, across, along = made[0], made[1], made[2]
+    for x in range(residual.size):
+        r, w = residual[x], weight[x]
+        push[x] = r * w * min(np.float32(1), np.float32(8) / np.sqrt(r * r * w + _FLOOR))
+    for x in range(1, residual.size - 1):
+        across[x] = (light[x + 1] - light[x - 1]) * np.float32(0.5)
+    across[0] = across[residual.size - 1] = np.float32(0)
+    for x in range(residual.size):
+        along[x] = (below[x] - above[x]) * np.float32(0.5)
+    ax, ay, xx, yy, xy = sums[0], sums[1], sums[2], sums[3], sums[4]
+    for x in range(residual.size):
+        ax[x] += across[x] * push[x]
+    for x in range(residual.size):
+        ay[x] += along[x] * push[x]
+    for x in range(residual.size):
+        xx[x] += across[x] * across[x] * weight[x]
+    for x in range(residual.size):
+        yy[x] += along[x] * along[x] * weight[x]
+    for x in range(residual.size):
+        xy[x] += across[x] * along[x] * weight[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def sum_of(row):  # type: ignore[no-untyped-def]
+    """Of a row (n,)."""
+    total = np.float32(0)
+    for x in range(row.size):
+        total += row[x]
+    return total
+
+
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), side, out (5, _, _)", fastmath=True, error_model="numpy"
+)
+def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-def]
+    """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns).
+
+    Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along; r is kept
+    below 8 sigma. The last tiles take what is left over.
+    """
+    lines, pixels = residual.shape
+    rows, columns = out.shape[1], out.shape[2]
+    sums, made = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
+    for row in range(rows):
+        sums[:] = np.float32(0)
+        last = lines - 2 if row == rows - 1 else (row + 1) * side
+        for line in range(max(row * side, 2), min(last, lines - 2)):
+            around = light[line - 1], light[line], light[line + 1]
+            add_slopes(residual[line], weight[line], *around, made, sums)
+        for i in range(5):
+            for column in range(columns):
+                stop = pixels if column == columns - 1 else (column + 1) * side
+                out[i, row, column] += sum_of(sums[i, column * side : stop])
+
+
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), across_by (L, P), along_by (L, P)",
+    fastmath=True,
+    error_model="numpy",
+)
+def take_slopes(residual, weight, light, across_by, along_by):  # type: ignore[no-untyped-def]
+    """Take local displacements, fields (lines, pixels) [pixels], out of one sensor's residuals, in place."""
+    lines, pixels = residual.shape
+    for line in range(2, lines - 2):
+        for x in range(2, pixels - 2):
+            if weight[line, x] > 0:
+                across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
+                along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
+                residual[line, x] -= across * across_by[line, x] + along * along_by[line, x]
+
+
+@kernel("residual (L, P), weight (L, P), light (L, P), known, out (P)", fastmath=True, error_model="numpy")
+def column_gains(residual, weight, light, known, out):  # type: ignore[no-untyped-def]
+    """Relative gain of each column of one sensor from its residuals, (pixels,) [-]; known: 1 / prior variance."""
+    lines, pixels = residual.shape
+    power = np.full(pixels, known)
+    out[:] = 0
+    for line in range(2, lines - 2):
+        for x in range(pixels):
+            w = weight[line, x]
+            if w > 0:
+                r = residual[line, x]
+                z2 = r * r * w
+                if z2 > np.float32(9):
+                    r *= np.float32(3) / np.sqrt(z2)
+                out[x] += light[line, x] * r * w
+                power[x] += light[line, x] * light[line, x] * w
+    for x in range(pixels):
+        out[x] /= power[x]
+
+
+@kernel("residual (L, P), weight (L, P), light (L, P), gains (P)", fastmath=True, error_model="numpy")
+def take_columns(residual, weight, light, gains):  # type: ignore[no-untyped-def]
+    """Take column gains (pixels,) out of one sensor's residuals, in place."""
+    lines, pixels = residual.shape
+    for line in range(lines):
+        for x in range(pixels):
+            if weight[line, x] > 0:
+                residual[line, x] -= light[line, x] * gains[x]

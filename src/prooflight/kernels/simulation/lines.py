@@ -1,0 +1,254 @@
+"""Compiled loops of the fast path: light of the inks filtered as prediction does, lit, and noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.aiming import place_row, weights_at_phases
+from prooflight.kernels.simulation.inks import NOISE_STEPS, look_up_pair
+
+PHASES = 1024
+"""Places within a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel at
+s = 2, which is less than a thousandth of an edge."""
+
+
+@inner_kernel()
+def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-def]
+    """Where every camera pixel's footprint begins: raster pixel and phase, (pixels,) each; nodes: of ``place_row``."""
+    for k in range(nodes.size - 1):
+        start = k * segment
+        advance = (nodes[k + 1] - nodes[k]) / segment
+        for i in range(start, min(start + segment, first.size)):
+            at = nodes[k] + (i - start) * advance - reach
+            whole = np.floor(at)
+            first[i] = int(whole)
+            phase[i] = int((at - whole) * PHASES + 0.5)
+
+
+@inner_kernel(fastmath={"reassoc", "contract"})
+def sample_across(light, texture, pad, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
+    """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps.
+
+    Sums may be taken in any order, so that taps run in vectors; taking them from slices is what makes them do so.
+    """
+    taps = table.shape[1]
+    last = light.size - pad
+    for i in range(first.size):
+        begin = min(max(first[i] + pad, 0), last)
+        weights = table[phase[i]]
+        lights, textures = light[begin : begin + taps], texture[begin : begin + taps]
+        light_sum = np.float32(0)
+        texture_sum = np.float32(0)
+        for t in range(taps):
+            light_sum += weights[t] * lights[t]
+            texture_sum += weights[t] * textures[t]
+        light_out[i] = light_sum
+        texture_out[i] = texture_sum
+
+
+@inner_kernel()
+def sample_along(  # type: ignore[no-untyped-def]
+    light_ring, texture_ring, rows, first, phase, table, weights, light_out, texture_out
+):
+    """One line from rings of filtered rows, row r at r % depth; rows off the page count as 0.
+
+    table (taps, 1025); weights (pixels,) is working space: small loops run in vectors, one large one would not.
+    """
+    depth = light_ring.shape[0]
+    light_out[:] = 0
+    texture_out[:] = 0
+    start = 0
+    while start < first.size:
+        stop = start + 1
+        while stop < first.size and first[stop] == first[start]:
+            stop += 1
+        count = stop - start
+        phases = phase[start:stop]
+        light_sum, texture_sum = light_out[start:stop], texture_out[start:stop]
+        for t in range(max(-first[start], 0), min(table.shape[0], rows - first[start])):
+            slot = (first[start] + t) % depth
+            light, texture, of_tap = light_ring[slot, start:stop], texture_ring[slot, start:stop], table[t]
+            for i in range(count):
+                weights[i] = of_tap[np.uint32(phases[i])]
+            for i in range(count):
+                light_sum[i] += weights[i] * light[i]
+            for i in range(count):
+                texture_sum[i] += weights[i] * texture[i]
+        start = stop
+
+
+@kernel(
+    "words (H, _), planes (4, 2), gains (4, 3), dot_gains (4), speck_places (N, 2), "
+    "speck_words (N), nodes (_, 2), bends (4, _), paper (2), across_places (I, J), across_pitch, "
+    "across_segment, across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
+    "along_cumulative (_), step, depth, above_backing (L, P), texture_variance (L, P)",
+    where=(
+        "(I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= L, "
+        "(M - 1) * along_segment >= P"
+    ),
+)
+def scan_lines(  # type: ignore[no-untyped-def]
+    words,
+    planes,
+    gains,
+    dot_gains,
+    speck_places,
+    speck_words,
+    nodes,
+    bends,
+    paper,
+    across_places,
+    across_pitch,
+    across_segment,
+    across_cumulative,
+    along_places,
+    along_pitch,
+    along_segment,
+    along_cumulative,
+    step,
+    depth,
+    above_backing,
+    texture_variance,
+):
+    """Light above the backing's and texture of every line of one sensor, before lamp and columns.
+
+    words (rows, columns) uint32: the raster; speck_places (n, 2), speck_words (n,) as ``speck_pixels``; paper: the
+    white's factor and, [1], the backing's light; arguments from across_places to depth as in
+    ``prediction.sampling_grid``.
+    Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
+    """
+    rows, columns = words.shape
+    lines, pixels = above_backing.shape
+    taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    reach = (across_cumulative.size - 1) / (2 * step)
+    across_table = weights_at_phases(across_cumulative, step, PHASES, taps)
+    along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, PHASES, taps).T)
+    printed = np.empty((2, columns), np.uint32)
+    light = np.zeros((2, columns + 2 * taps), np.float32)
+    texture = np.zeros((2, columns + 2 * taps), np.float32)
+    lights, textures = light[:, taps : taps + columns], texture[:, taps : taps + columns]
+    inks = planes, gains, dot_gains, speck_places, speck_words, nodes, bends, paper
+    light_ring = np.empty((depth, pixels), np.float32)
+    texture_ring = np.empty((depth, pixels), np.float32)
+    x_places = np.empty(across_places.shape[1])
+    y_places = np.empty(along_places.shape[1])
+    x_first = np.empty(pixels, np.int32)
+    x_phase = np.empty(pixels, np.int32)
+    y_first = np.empty(pixels, np.int32)
+    y_phase = np.empty(pixels, np.int32)
+    weights = np.empty(pixels, np.float32)
+    next_row = -1
+    pair = -1
+    for line in range(lines):
+        place_row(along_places, along_pitch, line, y_places)
+        begin_at(y_places, along_segment, reach, y_first, y_phase)
+        if next_row < 0:
+            next_row = max(y_first.min(), 0)
+        while next_row < min(y_first.max() + taps, rows):
+            if pair != next_row // 2:
+                pair = next_row // 2
+                look_up_pair(words, 2 * pair, *inks, printed, lights, textures)
+            place_row(across_places, across_pitch, next_row, x_places)
+            begin_at(x_places, across_segment, reach, x_first, x_phase)
+            slot = next_row % depth
+            sample_across(
+                light[next_row & 1],
+                texture[next_row & 1],
+                taps,
+                x_first,
+                x_phase,
+                across_table,
+                light_ring[slot],
+                texture_ring[slot],
+            )
+            next_row += 1
+        sample_along(
+            light_ring,
+            texture_ring,
+            rows,
+            y_first,
+            y_phase,
+            along_table,
+            weights,
+            above_backing[line],
+            texture_variance[line],
+        )
+
+
+@kernel(
+    "mean (L, P), variance (L, P), backing, columns (P), flicker (L), cloud (_, _), "
+    "cloud_down (L), cloud_across (P), column_offset (P), column_gain (P), contrast, "
+    "noise (NOISE_STEPS), noise_top, top_code"
+)
+def light_lines(  # type: ignore[no-untyped-def]
+    mean,
+    variance,
+    backing,
+    columns,
+    flicker,
+    cloud,
+    cloud_down,
+    cloud_across,
+    column_offset,
+    column_gain,
+    contrast,
+    noise,
+    noise_top,
+    top_code,
+):
+    """Light above the backing's and texture -> expected DN and its variance, in place, (lines, pixels) each.
+
+    columns (pixels,): lamps, table gain and what flat-fielding left. cloud: its nodes; cloud_down (lines,),
+    cloud_across (pixels,): where lines and pixels lie among them, below 0 off the page. contrast: of the halftone.
+    noise (1024,): variance before rounding at light 0 .. noise_top.
+    """
+    lines, pixels = mean.shape
+    to_step = np.float32((NOISE_STEPS - 1) / noise_top)
+    row = np.empty(cloud.shape[1], np.float32)
+    for i in range(lines):
+        on_page = cloud_down[i] >= 0
+        if on_page:
+            cell = int(cloud_down[i])
+            share = np.float32(cloud_down[i] - cell)
+            for j in range(row.size):
+                row[j] = cloud[cell, j] + share * (cloud[cell + 1, j] - cloud[cell, j])
+        for j in range(pixels):
+            factor = columns[j] * flicker[i]
+            if on_page and cloud_across[j] >= 0:
+                cell = int(cloud_across[j])
+                share = cloud_across[j] - np.float32(cell)
+                factor *= np.float32(1) + row[cell] + share * (row[cell + 1] - row[cell])
+            factor *= column_gain[j]
+            light = factor * (mean[i, j] + backing)
+            place = min(max(light, np.float32(0)) * to_step, np.float32(NOISE_STEPS - 1.001))
+            at = int(place)
+            sensor = noise[at] + (place - np.float32(at)) * (noise[at + 1] - noise[at])
+            halftone = factor * contrast
+            variance[i, j] = (
+                sensor + halftone * halftone * max(variance[i, j], np.float32(0)) + np.float32(1 / 12)
+            )
+            mean[i, j] = min(max(column_offset[j] + light, np.float32(0)), top_code)
+
+
+@kernel("mean (N), variance (N), top_code, normal (65536), key, dn (N)")
+def add_noise(mean, variance, top_code, normal, key, dn):  # type: ignore[no-untyped-def]
+    """Expected DN and its variance, rounding included -> digital numbers; all (n,), dn uint16.
+
+    Noise is the sum of two draws from ``normal``, 2^16 even quantiles of a normal distribution of variance 1/2, at 16
+    bits each of a counter's hash (splitmix64: Steele, Lea and Flood 2014), two pixels a hash.
+    """
+    mask = np.uint64(0xFFFF)
+    bits = np.uint64(0)
+    for i in range(mean.size):
+        if i & 1 == 0:
+            bits = key + np.uint64(i // 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
+            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            bits = bits ^ (bits >> np.uint64(31))
+        else:
+            bits = bits >> np.uint64(32)
+        noise = normal[bits & mask] + normal[(bits >> np.uint64(16)) & mask]
+        spread = np.sqrt(max(variance[i] - np.float32(1 / 12), np.float32(0)))
+        value = np.rint(mean[i] + spread * noise)
+        dn[i] = np.uint16(min(max(value, np.float32(0)), top_code))

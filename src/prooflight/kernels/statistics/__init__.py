@@ -1,0 +1,1 @@
+"""Compiled loops that sum evidence up, and that rank it."""

@@ -1,0 +1,71 @@
+"""Compiled loops: sums over boxes of tiles, from size to size.
+
+Cells tile the map; boxes are 2 x 2 cells and overlap by half; four cells make one of the next size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def box_row(cells, y, out):  # type: ignore[no-untyped-def]
+    """Sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); there is nothing beyond the map."""
+    height, last = cells.shape[0], out.size - 1
+    top, bottom = cells[y], cells[min(y + 1, height - 1)]
+    share = np.float32(1) if y + 1 < height else np.float32(0)
+    for x in range(last):
+        out[x] = top[x] + top[x + 1] + share * (bottom[x] + bottom[x + 1])
+    out[last] = top[last] + share * bottom[last]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
+    """Take so much of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
+    height, last = cells.shape[0], out.size - 1
+    top, bottom = cells[y], cells[min(y + 1, height - 1)]
+    for x in range(last):
+        out[x] -= above * (top[x] + top[x + 1]) + below * (bottom[x] + bottom[x + 1])
+    out[last] -= above * top[last] + below * bottom[last]
+
+
+@kernel(
+    "cells (4, N, H, W), gains (H), out (4, M, -(-H // 2), -(-W // 2))",
+    where="M <= N",
+    fastmath=True,
+    error_model="numpy",
+)
+def merged(cells, gains, out):  # type: ignore[no-untyped-def]
+    """Cells (4, modes, h, w) of twice the side into out; gains (h,): share of C taken from N of each row."""
+    modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
+    line = np.empty(width + 1, np.float32)
+    line[width] = 0
+    for part in range(4):
+        for mode in range(modes):
+            of, c = cells[part, mode], cells[2, mode]
+            for k in range(out.shape[2]):
+                y = 2 * k
+                z = min(y + 1, height - 1)
+                share = np.float32(1) if y + 1 < height else np.float32(0)
+                if part == 0:
+                    g, h = gains[y], gains[z]
+                    for x in range(width):
+                        line[x] = of[y, x] - g * c[y, x] + share * (of[z, x] - h * c[z, x])
+                else:
+                    for x in range(width):
+                        line[x] = of[y, x] + share * of[z, x]
+                target = out[part, mode, k]
+                for i in range(target.size):
+                    target[i] = line[2 * i] + line[2 * i + 1]
+
+
+@kernel("maps (N, H, W), out (N, H // 2, W // 2)", fastmath=True, error_model="numpy")
+def squares(maps, out):  # type: ignore[no-untyped-def]
+    """Sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""
+    for n in range(out.shape[0]):
+        for y in range(out.shape[1]):
+            above, below, row = maps[n, 2 * y], maps[n, 2 * y + 1], out[n, y]
+            for x in range(row.size):
+                row[x] = above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1]

@@ -1,0 +1,86 @@
+"""A compiled loop: one extremely randomised tree (Geurts, Ernst, Wehenkel 2006) from its root to its ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+
+@inner_kernel(error_model="numpy")
+def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
+    """Of so many columns drawn, each cut at a place drawn evenly between its least and greatest: which, and where.
+
+    columns (columns, pages); rows: of the node, of_bad and of_all: their weights; order: all columns in any order,
+    shuffled as far as they are drawn. -1: none leaves ``least`` rows on either side.
+    """
+    best, at, most = -1, np.float32(0), 0.0
+    for drawn in range(tries):
+        swap = drawn + int(rng.random() * (order.size - drawn))
+        which = order[swap]
+        order[swap] = order[drawn]
+        order[drawn] = which
+        column = columns[which]
+        low = high = column[rows[0]]
+        for row in rows:
+            low, high = min(low, column[row]), max(high, column[row])
+        cut = low + (high - low) * np.float32(rng.random())
+        count, above, bad_above = 0, 0.0, 0.0
+        for row in rows:
+            if column[row] > cut:
+                count += 1
+                above += weight[row]
+                bad_above += weight[row] * bad[row]
+        if count < least or rows.size - count < least:
+            continue
+        gain = bad_above**2 / above + (of_bad - bad_above) ** 2 / (of_all - above)
+        if gain > most:
+            best, at, most = which, cut, gain
+    return best, at
+
+
+@kernel(
+    "columns (K, N), bad (N), weight (N), tries, least, rng, column (M), cut (M), left (M), "
+    "right (M), share (M)",
+    where="0 < N, tries <= K, 2 * N <= M",
+    error_model="numpy",
+)
+def grow(columns, bad, weight, tries, least, rng, column, cut, left, right, share):  # type: ignore[no-untyped-def]
+    """Nodes of a tree into (2 pages,) arrays of a forest, as its ranking has them; returns how many there are."""
+    pages = bad.size
+    rows = np.arange(pages)
+    order = np.arange(columns.shape[0])
+    begin, end, parent = np.zeros((3, pages + 1), np.int64)
+    end[0], parent[0] = pages, -1
+    waiting, nodes = 1, 0
+    while waiting:
+        waiting -= 1
+        first, last, above = begin[waiting], end[waiting], parent[waiting]
+        here = rows[first:last]
+        if above >= 0:  # the left branch is taken up first
+            if left[above] < 0:
+                left[above] = nodes
+            else:
+                right[above] = nodes
+        of_all = of_bad = 0.0
+        for row in here:
+            of_all += weight[row]
+            of_bad += weight[row] * bad[row]
+        share[nodes] = of_bad / of_all
+        which, at = -1, np.float32(0)
+        if 0 < of_bad < of_all and here.size >= 2 * least:
+            which, at = best_cut(columns, bad, weight, here, of_bad, of_all, order, tries, least, rng)
+        column[nodes], cut[nodes], left[nodes], right[nodes] = which, at, -1, -1
+        if which >= 0:
+            middle = first
+            for place in range(first, last):
+                row = rows[place]
+                if columns[which, row] <= at:
+                    rows[place] = rows[middle]
+                    rows[middle] = row
+                    middle += 1
+            begin[waiting], end[waiting], parent[waiting] = middle, last, nodes
+            begin[waiting + 1], end[waiting + 1], parent[waiting + 1] = first, middle, nodes
+            waiting += 2
+        nodes += 1
+    return nodes

@@ -1,0 +1,68 @@
+"""Compiled loops: what columns say once the light about them is taken out, and columns side by side taken together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+
+@inner_kernel()
+def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
+    """Sums of a row (w,) from ``reach_before`` before each place to ``reach_after`` behind it, into out (w,) float64.
+
+    beyond: 1: the first and the last value go on beyond the row, 0: nothing does. prefix (w + 1,) float64 is working
+    space.
+    """
+    size = row.size
+    prefix[0] = 0.0
+    for x in range(size):
+        prefix[x + 1] = prefix[x] + row[x]
+    for x in range(size):
+        first, last = x - reach_before, x + reach_after + 1
+        total = prefix[min(last, size)] - prefix[max(first, 0)]
+        if beyond:
+            total += max(-first, 0) * row[0] + max(last - size, 0) * row[size - 1]
+        out[x] = total
+
+
+@kernel("columns (4, M, S, W), length, known, wide, out (3, M, S - length + 1, W)")
+def levelled_parts(columns, length, known, wide, out):  # type: ignore[no-untyped-def]
+    """N', D' and the edges' part of D', out (3, modes, parts, w), of segments of columns (4, modes, segments, w).
+
+    What light as a whole does, known: 1 / its prior variance, and the mean amount over ``wide`` columns about each are
+    taken out of N'.
+    """
+    modes, parts, width = out.shape[1], out.shape[2], out.shape[3]
+    sums, common = np.empty((4, width), np.float32), np.empty((2, width), np.float32)
+    prefix, push, power = np.empty(width + 1), np.empty(width), np.empty(width)
+    for part in range(parts):
+        for mode in range(modes):
+            for i in range(4):
+                sums[i] = columns[i, mode, part]
+                for k in range(part + 1, part + length):
+                    sums[i] += columns[i, mode, k]
+            own, rest, edges = out[0, mode, part], out[1, mode, part], out[2, mode, part]
+            own[:], rest[:], edges[:] = sums[0], sums[1], sums[3]
+            if mode == 0:
+                common[0], common[1] = sums[0], sums[1]
+            else:
+                for x in range(width):
+                    level = common[1, x] + known
+                    own[x] -= sums[2, x] * (common[0, x] / level)
+                    rest[x] = max(sums[1, x] - sums[2, x] ** 2 / level, np.float32(0))
+            for x in range(width):
+                edges[x] *= min(rest[x] / max(sums[1, x], np.float32(1e-9)), np.float32(1))
+            running(own, wide // 2, wide - wide // 2 - 1, True, prefix, push)
+            running(rest, wide // 2, wide - wide // 2 - 1, True, prefix, power)
+            for x in range(width):
+                own[x] -= push[x] / (power[x] + 1e-6 * wide) * rest[x]
+
+
+@kernel("maps (N, W), count, out (N, W)")
+def widened(maps, count, out):  # type: ignore[no-untyped-def]
+    """Sums over ``count`` columns about each of maps (n, w), out (n, w); there is nothing beyond the ends."""
+    prefix, sums = np.empty(maps.shape[1] + 1), np.empty(maps.shape[1])
+    for n in range(maps.shape[0]):
+        running(maps[n], count // 2, count - count // 2 - 1, False, prefix, sums)
+        out[n] = sums

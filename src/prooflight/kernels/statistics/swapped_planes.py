@@ -1,0 +1,50 @@
+"""Compiled loop: what tiles say of two inks that are exchanged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+INKS = 4
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untyped-def]
+    """N' and D' of one mode along a row of tiles, added to push and power (w,)."""
+    own, whole, shared = tiles[0, mode, y], tiles[1, mode, y], tiles[2, mode, y]
+    push0, power0 = tiles[0, 0, y], tiles[1, 0, y]
+    for x in range(push.size):
+        push[x] += own[x] - shared[x] * push0[x] / (power0[x] + known)
+    for x in range(push.size):
+        power[x] += max(whole[x] - shared[x] * shared[x] / (power0[x] + known), np.float32(0))
+
+
+@kernel(
+    "tiles (4, M, H, W), cover (4, H, W), pairs (N, 2), known, side, out (2, N, H // side, W // side)",
+    where="M > 2 * INKS",
+    fastmath=True,
+    error_model="numpy",
+)
+def exchange_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
+    """Pushes and powers of exchanging each of pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
+
+    tiles (4, 9 modes or more, h, w): N, D, C of light, each ink added, each ink's gain; cover (4, h, w); known: 1 / the
+    prior variance of light.
+    """
+    width = out.shape[3] * side
+    push, power = np.empty((2, INKS, tiles.shape[3]), np.float32)
+    out[:] = 0
+    for y in range(out.shape[2] * side):
+        push[:] = 0
+        power[:] = 0
+        for ink in range(INKS):
+            without_light(tiles, 1 + ink, y, known, push[ink], power[ink])
+            without_light(tiles, 1 + INKS + ink, y, known, push[ink], power[ink])
+        for n in range(pairs.shape[0]):
+            a, b = pairs[n]
+            pushes, powers = out[0, n, y // side], out[1, n, y // side]
+            for x in range(width):
+                step = cover[b, y, x] - cover[a, y, x]
+                pushes[x // side] += step * (push[a, x] - push[b, x])
+                powers[x // side] += step * step * (power[a, x] + power[b, x])

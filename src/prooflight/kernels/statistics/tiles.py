@@ -1,0 +1,206 @@
+"""Compiled loops: what residuals say of every mode, summed over tiles and down columns.
+
+Row by row, one array written at a time: so the loops run in vectors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+INKS = 4
+LINE_MODES = 10
+"""Light, each ink added (4), each ink's gain (4), void."""
+MODES = 12
+"""The same, and blur and all inks' gain."""
+_MOST_SQUARE = np.float32(25)
+_FLOOR = np.float32(1e-12)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type: ignore[no-untyped-def]
+    """A row (pixels,) ready to be summed up, out (4, pixels): r / V with r kept below ``most`` sigma, 1 / V, light / V
+    and the edges' part of 1 / V. Pixels more of whose variance than ``most_edge`` is edges' count nothing.
+    """
+    push, power, shared, edges = out[0], out[1], out[2], out[3]
+    for x in range(residual.size):
+        power[x] = weight[x] if of_edges[x] <= most_edge else np.float32(0)
+    for x in range(residual.size):
+        r, w = residual[x], power[x]
+        push[x] = r * w * min(np.float32(1), most / np.sqrt(r * r * w + _FLOOR))
+    for x in range(residual.size):
+        shared[x] = light[x] * power[x]
+    for x in range(residual.size):
+        edges[x] = of_edges[x] * power[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
+    """Add what a row says of one mode (pixels,) to its four sums; push .. edge: as ``weigh_row`` makes them."""
+    for x in range(mode.size):
+        pushes[x] += mode[x] * push[x]
+    for x in range(mode.size):
+        powers[x] += mode[x] * mode[x] * power[x]
+    for x in range(mode.size):
+        shared[x] += mode[x] * light[x]
+    for x in range(mode.size):
+        edges[x] += mode[x] * mode[x] * edge[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def void_row(light, white, out):  # type: ignore[no-untyped-def]
+    """What is missing to bare paper."""
+    for x in range(out.size):
+        out[x] = white[x] - light[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def blur_row(light, line, out):  # type: ignore[no-untyped-def]
+    """Half the sum of four neighbours less twice the middle; 0 at both ends."""
+    above, here, below = light[line - 1], light[line], light[line + 1]
+    out[0], out[out.size - 1] = np.float32(0), np.float32(0)
+    for x in range(1, out.size - 1):
+        around = here[x + 1] + here[x - 1] + above[x] + below[x]
+        out[x] = around * np.float32(0.5) - np.float32(2) * here[x]
+
+
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), white (P), add (4, L, P), gain (4, L, P), "
+    "of_edges (L, P), most_edges (N), shift (L), segment_lines, out (N, 4, LINE_MODES, _, P)",
+    fastmath=True,
+    error_model="numpy",
+)
+def line_sums(  # type: ignore[no-untyped-def]
+    residual, weight, light, white, add, gain, of_edges, most_edges, shift, segment_lines, out
+):
+    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
+
+    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. white (pixels,): bare
+    paper's light. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
+    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
+    """
+    lines, pixels = residual.shape
+    rows = np.empty((most_edges.size, 4, pixels), np.float32)
+    void = np.empty(pixels, np.float32)
+    for line in range(2, lines - 2):
+        segment = min(line // segment_lines, out.shape[3] - 1)
+        by = shift[line]
+        left, right = max(by, 0), min(pixels + by, pixels)
+        if left >= right:
+            continue
+        for n in range(most_edges.size):
+            images = residual[line], weight[line], light[line], of_edges[line]
+            weigh_row(*images, np.float32(4), most_edges[n], rows[n])
+        void_row(light[line], white, void)
+        to = slice(left - by, right - by)
+        for m in range(LINE_MODES):
+            if m == 0:
+                mode = light[line, left:right]
+            elif m < 1 + INKS:
+                mode = add[m - 1, line, left:right]
+            elif m < 1 + 2 * INKS:
+                mode = gain[m - 1 - INKS, line, left:right]
+                if not mode.any():
+                    continue
+            else:
+                mode = void[left:right]
+            for n in range(most_edges.size):
+                row = rows[n]
+                weighed = row[0, left:right], row[1, left:right], row[2, left:right], row[3, left:right]
+                push, power = out[n, 0, m, segment, to], out[n, 1, m, segment, to]
+                add_mode(mode, *weighed, push, power, out[n, 2, m, segment, to], out[n, 3, m, segment, to])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_tile_row(  # type: ignore[no-untyped-def]
+    residual, weight, light, white, add, gain, of_edges, first, last, side, rows, made, sums, out
+):
+    """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, MODES + 1, tile columns).
+
+    rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.
+    """
+    for line in range(first, last):
+        k = line - first
+        images = residual[line], weight[line], light[line], of_edges[line]
+        weigh_row(*images, np.float32(10), np.float32(1), rows[k])
+        void_row(light[line], white, made[0, k])
+        blur_row(light, line, made[1, k])
+        whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+    for m in range(MODES):
+        sums[:] = np.float32(0)
+        for k in range(last - first):
+            if m == 0:
+                mode = light[first + k]
+            elif m < 1 + INKS:
+                mode = add[m - 1, first + k]
+            elif m < 1 + 2 * INKS:
+                mode = gain[m - 1 - INKS, first + k]
+                if not mode.any():
+                    continue
+            else:
+                mode = made[m - 1 - 2 * INKS, k]
+            row = rows[k]
+            add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
+        for part in range(4):
+            gather(sums[part], side, out[part, m])
+    sums[:2] = np.float32(0)
+    for line in range(first, last):
+        add_energy(residual[line], weight[line], sums[0], sums[1])
+    gather(sums[0], side, out[0, MODES])
+    gather(sums[1], side, out[1, MODES])
+
+
+@kernel(
+    "residual (S, L, P), weight (S, L, P), light (S, L, P), white (S, P), add (S, 4, L, P), "
+    "gain (S, 4, L, P), of_edges (S, L, P), side, out (4, MODES + 1, L // side, P // side)"
+)
+def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  # type: ignore[no-untyped-def]
+    """Sums over tiles of all sensors, written to out (4, MODES + 1, tile rows, tile columns).
+
+    Images (sensors, ..., lines, pixels), white (sensors, pixels). As ``line_sums``, r kept below 10 sigma; the last
+    mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of tiles, whose sums
+    stay at hand: all tiles together are as large as all images.
+    """
+    lines, pixels = residual.shape[1:]
+    rows = np.empty((side, 4, pixels), np.float32)
+    made = np.empty((3, side, pixels), np.float32)
+    sums = np.empty((4, pixels), np.float32)
+    here = np.empty((4, MODES + 1, out.shape[3]), np.float32)
+    for tile in range(out.shape[2]):
+        here[:] = np.float32(0)
+        first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
+        for s in range(residual.shape[0]):
+            images = residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s]
+            add_tile_row(*images, first, last, side, rows, made, sums, here)
+        out[:, :, tile] = here
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def whole_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
+    """All inks' gain together."""
+    for x in range(out.size):
+        out[x] = cyan[x] + magenta[x] + yellow[x] + black[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
+    """Add a row's squared residuals over their variance, and where there are any."""
+    for x in range(residual.size):
+        energy[x] += min(residual[x] * residual[x] * weight[x], _MOST_SQUARE)
+    for x in range(residual.size):
+        count[x] += np.float32(weight[x] > 0)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def gather(sums, side, out):  # type: ignore[no-untyped-def]
+    """Sums (pixels,) added up in tiles of ``side``, added to out (tile columns,)."""
+    if side == 2:
+        for column in range(out.size):
+            out[column] += sums[2 * column] + sums[2 * column + 1]
+        return
+    for column in range(out.size):
+        total = np.float32(0)
+        for x in range(column * side, (column + 1) * side):
+            total += sums[x]
+        out[column] += total

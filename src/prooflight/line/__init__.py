@@ -1,0 +1,1 @@
+"""The running press: endless lines in, one verdict a sheet out."""

@@ -1,0 +1,139 @@
+"""What the running inspection asks of whoever judges: make a design ready, look at one scan of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar
+
+import numpy as np
+
+from prooflight.inspection.rejudging import kept_evidence
+from prooflight.line.monitor.evidence import run_evidence
+from prooflight.line.monitor.run import PageEvidence
+from prooflight.line.sheets.thumbnails import thumbnail_of
+from prooflight.prediction.predict import predict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Verdict
+    from prooflight.inspection.inspection import Prepared
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.sheets.thumbnails import Thumbnail
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.press.artefact import Press
+
+Ready = TypeVar("Ready")
+Keep = Literal["all", "misprints", "none"]
+OFF_PLACE: Final = (2, 1)
+"""Lines and pixels that a rehearsed page lies off its place."""
+HOLE_PART: Final = 16
+"""Of a scan's length and width, gone from a rehearsed page."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """One sheet's verdict, what it adds to its run, and what the journal keeps of it."""
+
+    verdict: Verdict
+    evidence: PageEvidence = field(default_factory=PageEvidence)
+    kept: Mapping[str, NDArray[Any]] | None = None
+
+
+class Judge(Protocol[Ready]):
+    """Judges sheets; called from several threads at once."""
+
+    def prepare(self, page: Page) -> Ready:
+        """All that can be known of a design ahead of its sheets."""
+        ...
+
+    def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
+        """Look at one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
+        ...
+
+    def thumbnail(self, ready: Ready) -> Thumbnail:
+        """By which the design's sheets are known."""
+        ...
+
+    def rehearse(self, ready: Ready) -> None:
+        """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory."""
+        ...
+
+    def following(self, press: Press) -> Judge[Ready]:
+        """The same judge on a press whose light has changed a little."""
+        ...
+
+    def renewed(self, ready: Ready) -> Ready:
+        """A design that the judge made ready before, once it follows the press as it is now."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """A design ready for its sheets."""
+
+    prepared: Prepared
+    thumbnail: Thumbnail
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressJudge:
+    """An ``Inspector`` as a judge."""
+
+    inspector: Inspector
+    keep: Keep = "none"
+    """Of which sheets evidence is kept for the journal."""
+
+    def prepare(self, page: Page) -> Known:
+        """See ``Judge``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
+        prepared = replace(self.inspector, threads=1).prepare(page)
+        expected = self._expected(prepared)
+        return Known(prepared=prepared, thumbnail=thumbnail_of(prepared.page, expected, self.inspector.press))
+
+    def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
+        """See ``Judge``; ScanError: the scan does not fit press or page."""
+        prepared, press = ready.prepared, self.inspector.press
+        inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
+        evidence = run_evidence(
+            inspection, press, page_width_mm=prepared.page.width_mm, threads=self.inspector.threads or 1
+        )
+        kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
+        return Judged(
+            verdict=inspection.verdict,
+            evidence=evidence,
+            kept=kept_evidence(inspection, prepared, self.inspector) if kept else None,
+        )
+
+    def thumbnail(self, ready: Known) -> Thumbnail:
+        """See ``Judge``."""
+        return ready.thumbnail
+
+    def rehearse(self, ready: Known) -> None:
+        """See ``Judge``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
+        expected = np.rint(self._expected(ready.prepared).expected_dn).clip(0).astype(np.uint16)
+        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
+        for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
+            scan = np.roll(expected, off, axis=(1, 2))
+            scan[:, lines, pixels] = hole
+            self.inspect(ready, scan, name="rehearsal", seed=0)
+        self.prepare(ready.prepared.page)
+
+    def following(self, press: Press) -> Self:
+        """See ``Judge``."""
+        return replace(self, inspector=replace(self.inspector, press=press))
+
+    def renewed(self, ready: Known) -> Known:
+        """See ``Judge``; next to no work, where no detector has learned more of it."""
+        sought = ready.prepared.sought
+        if sought is None:
+            return self.prepare(ready.prepared.page)
+        return replace(ready, prepared=replace(ready.prepared, sought=sought.relit(self.inspector.press)))
+
+    def _expected(self, ready: Prepared) -> Prediction:
+        if ready.sought is not None:
+            return ready.sought.nominal
+        press = self.inspector.press
+        threads = self.inspector.threads
+        return predict(ready.page, sensors=press.sensors, geometry=press.geometry, threads=threads)

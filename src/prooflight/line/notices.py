@@ -1,0 +1,103 @@
+"""What a run says that is of no sheet: a page of the job that cannot be used, a source that has fallen silent."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from prooflight.inspection.reasons import reason_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Iterator
+
+    from prooflight.scans.lines import LineBlock
+
+NoticeKind = Literal["page-unusable", "page-usable", "silent", "lines-again"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """Something that whoever watches must know at once."""
+
+    kind: NoticeKind
+    text: str
+    """One line for people."""
+
+
+class Silence:
+    """How long a source has given no line: said once when that has lasted too long, and once when it is over.
+
+    One thread reads the source through ``heard``; another asks ``check`` now and then.
+    """
+
+    def __init__(
+        self, limit_s: float, say: Callable[[Notice], None], *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._limit_s, self._say, self._clock = limit_s, say, clock
+        self._guard = threading.Lock()
+        self._since_s: float | None = None
+        self._said = False
+
+    def heard(self, blocks: Iterator[LineBlock]) -> Iterator[LineBlock]:
+        """The same blocks; what their taker does between two of them is no silence."""
+        while True:
+            with self._guard:
+                self._since_s = self._clock()
+            block = None
+            try:
+                block = next(blocks, None)
+            finally:
+                self._over(came=block is not None)
+            if block is None:
+                return
+            yield block
+
+    def check(self) -> None:
+        """Say it, if it has lasted too long."""
+        with self._guard:
+            since_s = self._since_s
+            if self._said or since_s is None or self._clock() - since_s < self._limit_s:
+                return
+            self._said = True
+            self._say(Notice(kind="silent", text=f"no line has come for {self._limit_s:g} s"))
+
+    def _over(self, *, came: bool) -> None:
+        with self._guard:
+            since_s, self._since_s = self._since_s, None
+            if self._said and came and since_s is not None:
+                lasted_s = self._clock() - since_s
+                self._say(Notice(kind="lines-again", text=f"lines come again, after {lasted_s:.0f} s"))
+            self._said = False
+
+
+class Unusable:
+    """Designs that cannot be made ready, and why; every reason is said once. Asked and told by several threads."""
+
+    def __init__(self, say: Callable[[Notice], None]) -> None:
+        self._say = say
+        self._guard = threading.Lock()
+        self._why: dict[Hashable, tuple[str, str]] = {}
+
+    def __getitem__(self, design: Hashable) -> str:
+        """Why one cannot be used; empty: nothing is known against it."""
+        with self._guard:
+            return self._why.get(design, ("", ""))[1]
+
+    def add(self, design: Hashable, name: str, error: Exception) -> None:
+        """It could not be made ready; name: of its page."""
+        why = reason_of(error, of=f"page {name} could not be made ready")
+        with self._guard:
+            if self._why.get(design, ("", ""))[1] == why:
+                return
+            self._why[design] = name, why
+        text = f"page {name} of the job cannot be used, its sheets will not be inspected: {why}"
+        self._say(Notice(kind="page-unusable", text=text))
+
+    def remove(self, design: Hashable) -> None:
+        """It is ready after all."""
+        with self._guard:
+            was = self._why.pop(design, None)
+        if was is not None:
+            self._say(Notice(kind="page-usable", text=f"page {was[0]} of the job can be used after all"))

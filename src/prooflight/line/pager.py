@@ -1,0 +1,350 @@
+"""Endless lines -> pages of the job, in step with it whatever happens on the way.
+
+    pager = Pager(press, expected=thumbnails)
+    for block in source.blocks():
+        for page in pager.push(block):
+            ...  # SeenPage or MissingPage
+    pager.flush()
+
+Every sheet is found by its edges in the image, cut out as a scan, and laid on the thumbnails of the pages that may
+come: likelihood says which one it shows. Nothing is assumed of the page before.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.thumbnails import SHRINK, STEPS
+from prooflight.line.sheets.edges import EDGE_LINES, STRETCH, Sheet, SheetFinder
+from prooflight.line.sheets.fitting import inside, lay
+from prooflight.line.sheets.following import Expected, Following
+from prooflight.line.sheets.records import FAULT_KINDS, Fault, FaultKind, MissingPage, SeenPage
+from prooflight.line.sheets.rhythm import Rhythm
+from prooflight.line.sheets.sheet_faults import length_fault, splice_fault
+from prooflight.line.sheets.store import LineStore
+from prooflight.line.sheets.thumbnails import RepeatedJob, Shrinker, Thumbnail, thumbnail_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.line.sheets.following import Match
+    from prooflight.press.artefact import Press
+    from prooflight.scans.lines import LineBlock
+
+__all__ = [
+    "FAULT_KINDS",
+    "Expected",
+    "Fault",
+    "FaultKind",
+    "MissingPage",
+    "PageStart",
+    "Pager",
+    "RepeatedJob",
+    "SeenPage",
+    "SheetEdge",
+    "Thumbnail",
+    "TriggerCount",
+    "thumbnail_of",
+]
+
+SLIP_MM: Final = 1.2
+"""A sheet further than this off its place has slipped: good ones of the press world lie within 0.76 mm of it."""
+PAGES_LIKE_GAP: Final = 3
+"""Pages that are asked whether what looks like a gap is theirs: the one expected, and its neighbours."""
+ABOUT, ABOUT_SHARE = 5, 0.8
+"""How many times as far from the backing, and on what share of the columns, a page's own tint still looks like it."""
+TRIGGER_REACH_MM: Final = 12.0
+"""A sheet further from its trigger is cut at its edge: registration looks no further."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetEdge:
+    """A scan starts lead-in above the sheet's edge, as the image shows it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerCount:
+    """A scan starts every so many lines of the camera's own count; the image says whether a sheet lies there."""
+
+    lines: int
+    """From scan to scan."""
+    first_line: int = 0
+    """The camera's count at the first scan's first line."""
+
+    def nearest(self, line: int) -> int:
+        """The trigger nearest to a line of the camera's count."""
+        return self.first_line + round((line - self.first_line) / self.lines) * self.lines
+
+
+PageStart = SheetEdge | TriggerCount
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """A sheet cut out, and what it shows."""
+
+    sheet: Sheet
+    first: int
+    """Position of the scan's first line."""
+    scan: NDArray[np.uint16]
+    match: Match
+    hidden: bool
+    """Its edge looked like backing, and was found from its print instead: its length is not measured."""
+
+
+class Pager:
+    """Blocks in, pages out. What comes out does not depend on how the lines were cut into blocks."""
+
+    def __init__(
+        self,
+        press: Press,
+        *,
+        expected: Expected,
+        start: PageStart | None = None,
+        first_page: int = 0,
+    ) -> None:
+        """expected: thumbnails in job order, asked for when near; the same object for the same design; None: not known
+        yet. first_page: where in it the run begins.
+        """
+        geometry = press.geometry
+        self._geometry, self._start = geometry, start or SheetEdge()
+        self._lead_in, self._lead_out = (
+            round(mm / geometry.line_pitch_mm) for mm in (geometry.lead_in_mm, geometry.lead_out_mm)
+        )
+        self._following = Following(expected=expected, geometry=geometry, frontier=first_page)
+        self._longest = max(self._lengths(), default=2 * geometry.pixels)
+        self._store = LineStore(press, longest=self._longest)
+        self._finder = SheetFinder(self._store, lengths=self._lengths, like_gap=self._like_gap)
+        self._shrinker = Shrinker(press)
+        self._sheets: deque[Sheet] = deque()
+        self._said: deque[tuple[int, Fault]] = deque()
+        self._rhythm = Rhythm(tolerance=SLIP_MM / geometry.line_pitch_mm)
+        self._before: Sheet | None = None
+
+    @property
+    def next_page(self) -> int:
+        """The page of ``expected`` that should come next."""
+        return self._following.frontier
+
+    @property
+    def to_come(self) -> int:
+        """Pages of ``expected`` behind the furthest that came."""
+        return max(len(self._following.expected) - self._following.frontier, 0)
+
+    @property
+    def missing(self) -> int:
+        """Pages that were said to be missing and have not come since."""
+        return len(self._following.missing)
+
+    def rehearse(self) -> None:
+        """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
+        self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
+        for page in self._following.known_near()[:1]:
+            self._following.identify(page.light.astype(np.float32) / np.float32(STEPS), longer=0.0)
+
+    def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
+        """Pages that are complete with this block. ScanError: the block is not of this press's camera."""
+        self._said.extend(self._store.add(block))
+        self._sheets.extend(self._finder.sheets())
+        pages: list[SeenPage | MissingPage] = []
+        while self._sheets and self._store.end >= self._sheets[0].end + self._lead_out:
+            pages += self._page(self._sheets.popleft())
+        needed = min(self._finder.needed_from, self._sheets[0].start if self._sheets else self._store.end)
+        # An edge that looks like backing is found later than it comes: the whole gap before a sheet is kept.
+        gap = 0 if self._before is None else self._before.end
+        self._store.forget(max(min(needed, gap), needed - self._longest) - self._lead_in)
+        return pages
+
+    def flush(self) -> list[SeenPage | MissingPage]:
+        """What is left when the lines have ended. Pages that were still to come are not said to be missing."""
+        self._sheets.extend(self._finder.sheets())
+        last = self._finder.last()
+        pages: list[SeenPage | MissingPage] = []
+        for sheet in self._sheets:
+            pages += self._page(sheet)
+        self._sheets.clear()
+        if last is not None:
+            page = self._page_of_length(last)
+            pages += [self._cut_short(last, page)] if self._is_short(last, page) else self._page(last)
+        return pages + self._following.ended(self._store.count_at(self._store.end))
+
+    def _page(self, sheet: Sheet) -> list[SeenPage | MissingPage]:
+        """A sheet and what it says of the pages before it; missing pages first."""
+        page = self._page_of_length(sheet)
+        skipped = self._room_before(sheet)
+        found = self._identified(sheet, page, skipped)
+        match = found.match
+        if match.page is not None and page is not None and match.page.height_mm != page.height_mm:
+            found = self._identified(sheet, match.page, skipped)
+        sheet, match = found.sheet, found.match
+        count = self._store.count_at(sheet.start)
+        faults, gone = self._faults_until(sheet.end + self._lead_out), list[MissingPage]()
+        off_lines = self._late(sheet)
+        if off_lines:
+            what = f"the sheet came {abs(off_lines) * self._geometry.line_pitch_mm:.1f} mm"
+            detail = f"{what} {'late' if off_lines > 0 else 'early'}"
+            faults.append(Fault(kind="slip", first_line=count, detail=detail))
+        if match.job_page is not None and match.fit is not None and match.page is not None:
+            faults += self._of_sheet(found, count)
+            of_order, gone = self._following.arrived(match.job_page, count)
+            faults += of_order
+        elif match.taken_for is not None:
+            self._following.taken(match.taken_for)
+        elif match.blank:
+            faults.append(Fault(kind="blank", first_line=count, detail="nothing is printed on the sheet"))
+            self._following.stray("a blank sheet came in its place")
+        else:
+            what = f"no page of the job is like the sheet, {match.likeness:.0%} at most"
+            faults.append(Fault(kind="unknown", first_line=count, detail=what))
+            self._following.stray("a sheet that is no page of the job came in its place")
+        self._before = sheet
+        seen = SeenPage(
+            scan=found.scan,
+            first_line=self._store.count_at(found.first),
+            last_line_time_s=self._store.time_at(min(found.first + found.scan.shape[1], self._store.end) - 1),
+            job_page=match.job_page,
+            faults=tuple(faults),
+            taken_for=match.taken_for,
+        )
+        return [*gone, seen]
+
+    def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
+        """A sheet of which only the beginning was read: not enough to tell its page by."""
+        first, scan, _ = self._cut(sheet, page, sheet.start)
+        expected = self._following.frontier if self.to_come else None
+        if expected is not None:
+            self._following.taken(expected)
+        return SeenPage(
+            scan=scan,
+            first_line=self._store.count_at(first),
+            last_line_time_s=self._store.time_at(self._store.end - 1),
+            job_page=None,
+            faults=tuple(self._faults_until(self._store.end)),
+            taken_for=expected,
+            cut_short=True,
+        )
+
+    def _is_short(self, sheet: Sheet, page: Thumbnail | None) -> bool:
+        """Whether a sheet without a gap behind it ends before its page does; it does where no page is known."""
+        if sheet.free or page is None:
+            return not sheet.free
+        page_lines = page.height_mm / self._geometry.line_pitch_mm
+        return sheet.end - sheet.start < (1 - STRETCH) * page_lines - EDGE_LINES
+
+    def _identified(self, sheet: Sheet, page: Thumbnail | None, skipped: int) -> _Found:
+        """What a sheet shows, cut out as ``page`` would be."""
+        first, scan, light = self._cut(sheet, page, sheet.start)
+        longer = self._longer(sheet, page) / SHRINK
+        match = self._following.identify(light, longer=longer, skipped=skipped)
+        fit, hidden = match.fit, False
+        if fit is not None and fit.drop.size and np.ptp(fit.drop) < 1 and isinstance(self._start, SheetEdge):
+            late = -round(float(fit.drop.mean()) * SHRINK)
+            # A print that lies beside its sheet is a misprint; a sheet whose dark end looks like backing is not.
+            hidden = abs(late) > SHRINK and (not sheet.free or abs(late + longer * SHRINK) <= SHRINK)
+            if hidden and match.page is not None:
+                sheet = replace(sheet, start=sheet.start - late)
+                first, scan, light = self._cut(sheet, match.page, sheet.start)
+                fit = lay(light, match.page, inside(match.page, self._geometry))
+                match = replace(match, fit=fit, likeness=fit.likeness)
+        return _Found(sheet=sheet, first=first, scan=scan, match=match, hidden=hidden)
+
+    def _cut(
+        self, sheet: Sheet, page: Thumbnail | None, edge: int
+    ) -> tuple[int, NDArray[np.uint16], NDArray[np.float32]]:
+        """First line's position, scan, and its light, of a sheet whose edge lies at a position."""
+        height_mm = (
+            (sheet.end - sheet.start) * self._geometry.line_pitch_mm if page is None else page.height_mm
+        )
+        first = edge - self._lead_in
+        if isinstance(self._start, TriggerCount):
+            count = self._store.count_at(first)
+            off = self._start.nearest(count) - count
+            if abs(off) * self._geometry.line_pitch_mm <= TRIGGER_REACH_MM:
+                first += off
+        since = 0 if self._before is None else self._before.end
+        until = sheet.end + (self._lead_out if sheet.free else 0)
+        scan = self._store.cut(first, self._geometry.lines(height_mm), since=since, until=until)
+        return first, scan, self._shrinker.picture(scan)
+
+    def _of_sheet(self, found_sheet: _Found, count: int) -> list[Fault]:
+        """What is wrong with the sheet itself, whose page is known."""
+        sheet, match = found_sheet.sheet, found_sheet.match
+        assert match.fit is not None
+        assert match.page is not None
+        page_lines = round(match.page.height_mm / self._geometry.line_pitch_mm)
+        found = [
+            length_fault(
+                match.fit,
+                longer_lines=0.0 if found_sheet.hidden else self._longer(sheet, match.page),
+                page_lines=page_lines,
+                start_line=count,
+            ),
+            splice_fault(
+                match.fit,
+                match.page,
+                start_line=count,
+                line_pitch_mm=self._geometry.line_pitch_mm,
+            ),
+        ]
+        return [fault for fault in found if fault is not None]
+
+    def _longer(self, sheet: Sheet, page: Thumbnail | None) -> float:
+        """How much longer a sheet is than a page, 0 where its end is not known. [lines]"""
+        if page is None or not sheet.free:
+            return 0.0
+        return sheet.end - sheet.start - page.height_mm / self._geometry.line_pitch_mm
+
+    def _room_before(self, sheet: Sheet) -> int:
+        """For how many sheets there was room before this one."""
+        if self._before is None or not self._before.free or isinstance(self._start, TriggerCount):
+            return 0
+        return self._rhythm.room(sheet.start - self._before.end, self._lines_of(sheet))
+
+    def _late(self, sheet: Sheet) -> float:
+        """How many lines late a sheet came; 0: in time, or nobody can tell."""
+        if isinstance(self._start, TriggerCount):
+            count = self._store.count_at(sheet.start - self._lead_in)
+            off = float(count - self._start.nearest(count))
+            return off if abs(off) * self._geometry.line_pitch_mm > SLIP_MM else 0.0
+        if self._before is None or not self._before.free:
+            return 0.0
+        return self._rhythm.beat(sheet.start - self._before.end, self._lines_of(sheet))
+
+    def _lines_of(self, sheet: Sheet) -> float:
+        page = self._page_of_length(sheet)
+        return sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm
+
+    def _faults_until(self, position: int) -> list[Fault]:
+        faults = []
+        while self._said and self._said[0][0] < position:
+            faults.append(self._said.popleft()[1])
+        return faults
+
+    def _page_of_length(self, sheet: Sheet) -> Thumbnail | None:
+        """The page to be expected, or the first near it that is as long as the sheet."""
+        near = self._following.known_near()
+        pitch, length = self._geometry.line_pitch_mm, sheet.end - sheet.start
+        for page in near if sheet.free else []:
+            if abs(page.height_mm / pitch - length) <= STRETCH * length + EDGE_LINES:
+                return page
+        return near[0] if near else None
+
+    def _lengths(self) -> list[int]:
+        """Lines of the sheets that may come, the next one's first."""
+        pitch = self._geometry.line_pitch_mm
+        return list(dict.fromkeys(round(page.height_mm / pitch) for page in self._following.known_near()))
+
+    def _like_gap(self, below: int) -> bool:
+        """Whether a page that may come next looks about like backing so many lines below its edge."""
+        row = (below + self._lead_in) // SHRINK
+        for page in self._following.known_near()[:PAGES_LIKE_GAP]:
+            end = len(page.light) - self._lead_out // SHRINK - 2
+            rows = page.light[max(row - 2, 0) : min(row + 3, end)].astype(np.float32) / STEPS
+            off = np.abs(rows - self._store.backing_light)
+            if rows.size and ((off < ABOUT * self._store.near).mean(axis=1) >= ABOUT_SHARE).any():
+                return True
+        return False

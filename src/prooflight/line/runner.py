@@ -1,0 +1,437 @@
+"""The running press: endless lines in, a verdict a sheet out, each before the reject gate.
+
+One thread reads the source and cuts sheets, some make designs ready ahead of them, some inspect, and one puts what they
+find in the order of the run: run level, journal, whoever watches. A sheet that cannot be inspected in time is passed
+on and said so (``queues.Waiting`` has the rule); a source that can wait is made to.
+
+    waiting -> preparing -> inspecting -> draining -> stopped
+                   `------------`-----------`-------> fault
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.errors import ProoflightError
+from prooflight.inspection.reasons import reason_of
+from prooflight.line.book import KnownThumbnails
+from prooflight.line.notices import Notice, Silence, Unusable
+from prooflight.line.outcomes import InOrder, Outcome, absent, kinds_of, outcome, passed, strange
+from prooflight.line.pager import MissingPage, SeenPage
+from prooflight.line.prefetch import Ahead, size_bytes
+from prooflight.line.queues import Sheet, Waiting
+from prooflight.line.status import Phase, Status, Tally
+from prooflight.pages.files import page_name
+from prooflight.pages.process import touch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping, Sequence
+
+    from prooflight.line.judging import Judge, Judged
+    from prooflight.line.outcomes import RunWatch
+    from prooflight.line.pager import Pager
+    from prooflight.line.prefetch import PageBook
+    from prooflight.line.settings import Settings
+    from prooflight.line.sheets.thumbnails import Thumbnail
+    from prooflight.press.artefact import Press
+    from prooflight.scans.lines import LineBlock, LineSource
+
+_log = logging.getLogger(__name__)
+
+BUSY: Final = "being inspected"
+REHEARSALS: Final = 2
+"""By each thread that inspects."""
+MIND_S: Final = 0.25
+"""How often it is asked whether the source has fallen silent, or a person has stopped the run."""
+DOUBTED: Final = 3
+"""Pages about the expected one that a sheet may be: one that cannot be used may be any sheet like no other there."""
+STOPPED: Final = "the run was stopped"
+CUT_SHORT: Final = "the lines ended within the sheet"
+
+
+class Running:
+    """One run of a press. ``start``, then ``join`` or ``stop``; ``status`` at any time."""
+
+    def __init__(
+        self,
+        *,
+        press: Press,
+        source: LineSource,
+        pager: Callable[[Sequence[Thumbnail | None]], Pager],
+        book: PageBook,
+        judge: Judge[Any],
+        watch: RunWatch,
+        settings: Settings,
+        tell: Callable[[Outcome], None] = lambda _outcome: None,
+        notice: Callable[[Notice], None] = lambda _notice: None,
+        name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
+        flaws: Mapping[int, Exception] = MappingProxyType({}),
+        durable: Callable[[], int] = lambda: 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """pager: made when the first thumbnails are known. tell: called with every outcome, in the order of the run, by
+        one thread; notice: by the same, with what is of no sheet. name: of a sheet's page. flaws: sheets whose pages
+        are known to be unusable, and why. durable: pages in the journal.
+        """
+        self._press, self._source, self._make_pager, self._book = press, source, pager, book
+        self._judge, self._watch, self._settings = judge, watch, settings
+        self._tell, self._notice, self._name = tell, notice, name
+        self._flaws, self._durable, self._clock = flaws, durable, clock
+        self.tally = Tally()
+        self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
+        self._thumbnails = KnownThumbnails(book)
+        self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
+        self._unusable = Unusable(self._done.put)
+        self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
+        self._ahead: Ahead[tuple[Judge[Any], Any, Any]] = Ahead(
+            book,
+            self._maker(judge),
+            depth=settings.ahead,
+            room_bytes=settings.ahead_bytes,
+            threads=settings.preparers,
+            took=lambda seconds: self.tally.took("prepare", seconds),
+            size=lambda made: size_bytes(made[1]),
+            made=self._design_ready,
+            failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
+            clock=clock,
+        )
+        self._order = InOrder()
+        self._sheets = self._told = 0
+        self._noted: list[str] = []
+        self._behind = False
+        self._unready = 0  # sheets since the last whose design was ready
+        self._stopping, self._dropping = threading.Event(), threading.Event()
+        self._ended = threading.Event()
+        self._started_s = clock()
+        self._threads: list[threading.Thread] = []
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        run = threading.Thread(target=self._run, name="run", daemon=True)
+        self._threads.append(run)
+        run.start()
+
+    def join(self, timeout_s: float | None = None) -> bool:
+        """Wait until the run has ended; False: it has not yet."""
+        return self._ended.wait(timeout_s)
+
+    def stop(self, *, drop: bool = False) -> None:
+        """End cleanly: no more lines are read, sheets that wait are still inspected, or dropped and said so."""
+        self._stopping.set()
+        self._source.close()
+        if drop:
+            self._dropping.set()
+            for sheet in self._waiting.clear():
+                self._pass(sheet, STOPPED)
+
+    def status(self) -> Status:
+        """The run at this moment."""
+        return self.tally.snapshot(
+            queue_depth=len(self._waiting),
+            being_inspected=self.tally.counts[BUSY],
+            ahead=self._ahead.ready,
+            journalled=self._durable(),
+            elapsed_s=self._clock() - self._started_s,
+        )
+
+    # --- threads ---
+
+    def _run(self) -> None:
+        inspectors = [
+            threading.Thread(target=self._inspect_all, name=f"inspect-{n}", daemon=True)
+            for n in range(self._settings.inspectors)
+        ]
+        finisher = threading.Thread(target=self._finish_all, name="finish", daemon=True)
+        minder = threading.Thread(target=self._mind, name="mind", daemon=True)
+        try:
+            finisher.start()
+            minder.start()
+            self._prepare()
+            for thread in inspectors:
+                thread.start()
+            self._read_all()
+        except Exception as error:
+            self._fault(error)
+        finally:
+            self._waiting.close()
+            for thread in inspectors:
+                if thread.ident is not None:
+                    thread.join()
+            self._source.close()
+            self._ahead.close()
+            self._done.put(None)
+            if finisher.ident is not None:
+                finisher.join()
+            self.tally.count("untold", by=self._sheets - self._told)
+            if self.tally.phase is not Phase.FAULT:
+                self.tally.phase = Phase.STOPPED
+            self._ended.set()
+
+    def _prepare(self) -> None:
+        """Have the first designs ready, and everything compiled, before the first line is read."""
+        self.tally.phase = Phase.PREPARING
+        for sheet, flaw in self._flaws.items():
+            self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
+        first = range(max(min(self._settings.ahead, len(self._book)), 1))
+        self._ahead.expect(0)
+        for sheet in first:
+            self._ready(sheet)
+        if self._stopping.is_set():
+            return
+        if not self._ahead.ready:
+            self._ahead.get(first[0])  # it raises: of the first designs none can be used
+        touch(self._ahead.still_to_fill())
+        # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
+        # and last, or designs would lie where that memory was.
+        judge, ready, _ = self._ahead.largest()
+        threads = self._settings.inspectors
+        with ThreadPoolExecutor(threads + 1) as rehearsing:  # one more: designs are made beside
+            turns = [
+                rehearsing.submit(lambda: None if self._stopping.is_set() else judge.rehearse(ready))
+                for _ in range(REHEARSALS * (threads + 1))
+            ]
+        for turn in turns:
+            if (error := turn.exception()) is not None:
+                _log.error("a rehearsal failed", exc_info=error)  # its sheets will say so themselves
+                break
+
+    def _read_all(self) -> None:
+        """Read until the lines end; whatever ends them, what has passed until then is inspected."""
+        pager = self._make_pager(self._thumbnails)
+        pager.rehearse()
+        self.tally.phase = Phase.INSPECTING
+        broken: Exception | None = None
+        try:
+            self._read_lines(pager)
+        except Exception as error:
+            broken = error
+        self.tally.phase = Phase.DRAINING
+        try:
+            for page in pager.flush():
+                self._arrived(page, None, next_page=pager.next_page)
+        finally:
+            self.tally.count("to come", by=pager.to_come)
+            self.tally.count("absent", by=pager.to_come + pager.missing)
+        closed = self._stopping.is_set() and isinstance(broken, (ProoflightError, OSError))
+        if broken is not None and not closed:  # a source that is closed while it reads may break
+            raise broken
+
+    def _read_lines(self, pager: Pager) -> None:
+        for block in self._silence.heard(self._source.blocks()):
+            spare_s = self._spare_s(block)
+            self._behind = spare_s <= 0
+            if self._unknown(pager.next_page) and not self._behind:  # it could not be told from a stranger
+                self._ready(pager.next_page, within_s=spare_s)
+            for page in pager.push(block):
+                self._arrived(page, block, next_page=pager.next_page)
+            if self._stopping.is_set():
+                return
+
+    def _spare_s(self, block: LineBlock) -> float:
+        """How long a block's sheet may wait for its design and still be in time; none left: nothing is waited for."""
+        if self._settings.source_waits or not self._settings.source_clock:
+            return math.inf
+        due_s = block.time_s + self._settings.deadline_s
+        return due_s - self._inspect_s() - self._clock()
+
+    def _unknown(self, sheet: int) -> bool:
+        """Whether a sheet's design has not been made ready."""
+        return sheet < len(self._book) and self._thumbnails[sheet] is None
+
+    def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
+        """Wait for a sheet's design; one that cannot be had is said as soon as that is known, and not waited for."""
+        begun_s = self._clock()
+        while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
+            left_s = within_s - (self._clock() - begun_s)
+            try:
+                self._ahead.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
+            except TimeoutError:
+                if left_s > MIND_S and not self._stopping.is_set():
+                    continue
+            except Exception as error:
+                _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has said it
+            return
+
+    def _design_ready(self, design: Hashable, made: tuple[Judge[Any], Any, Any]) -> None:
+        self._thumbnails.know(design, made[0].thumbnail(made[1]))
+        self._unusable.remove(design)
+
+    def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
+        """Count a sheet and let it wait."""
+        number, now_s = self._sheets, self._clock()
+        self._sheets += 1
+        if isinstance(page, MissingPage):
+            self.tally.count("missing")
+            name = self._name(page.job_page)
+            self._done.put(absent(number, page, now_s if block is None else block.time_s, name=name))
+            return
+        self.tally.arrived(now_s, list(kinds_of(page.faults)))
+        if page.job_page is None:
+            self._arrived_unknown(number, page, next_page)
+            return
+        self._unready = 0
+        self._ahead.expect(page.job_page)
+        arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
+        deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
+        sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
+        if self._dropping.is_set():
+            self._pass(sheet, STOPPED)
+        else:
+            for gone in self._waiting.put(sheet, deadline_s):
+                self._pass(gone, "too many sheets waited")
+
+    def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
+        """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
+        name = None if page.taken_for is None else self._name(page.taken_for)
+        if page.cut_short:
+            self._done.put(passed(number, page, CUT_SHORT, name=name))
+        elif page.taken_for is not None:
+            why = self._why_unusable(page.taken_for)
+            self._unready += not why
+            self._ahead.expect(next_page + self._unready)
+            self._done.put(passed(number, page, why or "its design was not ready in time", name=name))
+        elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
+            self._done.put(passed(number, page, doubt))
+        else:
+            self._done.put(strange(number, page))
+
+    def _why_unusable(self, sheet: int) -> str:
+        """Why a sheet's page cannot be used; empty: nothing is known against it."""
+        return self._unusable[self._book.design(sheet)] if sheet < len(self._book) else ""
+
+    def _doubt(self, next_page: int) -> str:
+        """Why a sheet may be a page that cannot be used; empty: none of those that may come is such."""
+        for page in range(max(next_page - DOUBTED, 0), next_page + DOUBTED):
+            if self._unknown(page) and (why := self._why_unusable(page)):
+                return f"it is like no page that can be used, and may be {self._name(page)}: {why}"
+        return ""
+
+    def _inspect_all(self) -> None:
+        while True:
+            sheet, gone = self._waiting.take(
+                lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
+            )
+            for late in gone:
+                self._pass(late, "its verdict would have come too late")
+            if sheet is None and gone:
+                continue
+            if sheet is None:
+                return
+            self.tally.count(BUSY)
+            try:
+                self._done.put(self._inspect(sheet))
+            finally:
+                self.tally.count(BUSY, by=-1)
+
+    def _inspect_s(self) -> float:
+        """What an inspection is reckoned to take; not the whole deadline, or a slow start would end all trying."""
+        return min(self.tally.typical_s("inspect"), self._settings.deadline_s / 2)
+
+    def _inspect(self, sheet: Sheet) -> Outcome:
+        """The verdict on one sheet; whatever goes wrong with it does not stop the run."""
+        begun_s = self._clock()
+        self.tally.took("queue", begun_s - sheet.arrived_s)
+        assert sheet.seen.job_page is not None
+        try:
+            judge, ready, used = self._ahead.get(sheet.seen.job_page)
+            judged = judge.inspect(
+                ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
+            )
+            decided_s = self._clock()
+            done = self._outcome(sheet, judged, used, decided_s)
+        except Exception as error:
+            why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
+            return passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
+        self.tally.took("inspect", decided_s - begun_s)
+        self.tally.took("verdict", decided_s - sheet.arrived_s)
+        return done
+
+    def _outcome(self, sheet: Sheet, judged: Judged, used: Any, decided_s: float) -> Outcome:
+        evidence, adapting = judged.evidence, self._watch.adapting
+        if adapting is not None:
+            evidence = replace(evidence, values=adapting.whole(evidence.values, used))
+        return outcome(
+            sheet.number,
+            sheet.seen,
+            judged.verdict,
+            late=decided_s > sheet.deadline_s,
+            latency_s=decided_s - sheet.arrived_s,
+            evidence=evidence,
+            kept=judged.kept,
+        )
+
+    def _pass(self, sheet: Sheet, why: str) -> None:
+        assert sheet.seen.job_page is not None
+        self._done.put(passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
+
+    def _mind(self) -> None:
+        while not self._ended.wait(MIND_S):
+            self._silence.check()
+
+    def _finish_all(self) -> None:
+        while (done := self._done.get()) is not None:
+            if isinstance(done, Notice):
+                self._finish_one(f"notice {done.kind}", self._say, done)
+                continue
+            for turn in self._order.put(done):
+                self._told += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
+
+    def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:
+        """Whether it was told: who watches or the disk must not end the inspection."""
+        try:
+            finish(done)
+        except Exception as error:
+            self.tally.detail = f"{name}: {reason_of(error, of=name)}"
+            return False
+        return True
+
+    def _say(self, notice: Notice) -> None:
+        self._noted.append(notice.text)
+        self._notice(notice)
+
+    def _finish(self, turn: Outcome) -> None:
+        told = self._noting(self._watch.add(turn))
+        record = told.record
+        if told.came:
+            self.tally.count(record.verdict.verdict)
+        if record.late:
+            self.tally.count("late")
+        self.tally.count("announcements", by=len(told.announcements))
+        adapting = self._watch.adapting
+        if adapting is not None:
+            press = adapting.renewed(self._press, record.sheet)
+            if press is not None:
+                self._judge = judge = self._judge.following(press)
+                used = adapting.used.copy()
+                self._ahead.renew(
+                    self._maker(judge), again=lambda made: (judge, judge.renewed(made[1]), used)
+                )
+        self._tell(told)
+
+    # --- parts ---
+
+    def _noting(self, told: Outcome) -> Outcome:
+        """With what was noticed since the last sheet, for the journal."""
+        noted, self._noted = self._noted, []
+        if not noted:
+            return told
+        return replace(told, record=replace(told.record, notes=(*told.record.notes, *noted)))
+
+    def _maker(self, judge: Judge[Any]) -> Callable[[Any], tuple[Judge[Any], Any, Any]]:
+        """Makes designs ready for this judge, and says what the press was taken to do then."""
+        adapting = self._watch.adapting
+        used = None if adapting is None else adapting.used.copy()
+        return lambda page: (judge, judge.prepare(page), used)
+
+    def _fault(self, error: Exception) -> None:
+        if not isinstance(error, (ProoflightError, OSError)):
+            _log.error("the run broke off", exc_info=error)
+        self.tally.phase, self.tally.detail = Phase.FAULT, str(error)

@@ -1,0 +1,1 @@
+"""From endless lines to sheets."""

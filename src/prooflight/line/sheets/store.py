@@ -1,0 +1,161 @@
+"""The lines of the last few pages, in one unbroken count, whatever the camera's own count does."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.thumbnails import SHRINK, count_near
+from prooflight.line.sheets.records import Fault
+from prooflight.line.sheets.thumbnails import Shrinker
+from prooflight.scans.lines import check_block
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
+    from prooflight.scans.lines import LineBlock
+
+NEAR_BACKING: Final = 0.006, 0.1
+"""Light this close to the backing's counts as it: in white, and as a share of the backing's own. Lamps and tables of
+the press world err by 2 %, and darker solids than a backing of 5 % are 0.035 away; tints that are this near come on one
+page in dozens."""
+GAP_SHARE: Final = 0.97
+"""Of columns at the backing's light in a row of gap: dust may lie on the backing."""
+WIDE_SHARE: Final = 0.25
+"""Least share of the columns that a sheet covers; what is narrower is dirt on the backing."""
+GAP_MM: Final = 3.0
+"""Of backing put in where the camera began to count anew, so that sheets before and after do not run together."""
+
+
+class LineStore:
+    """Lines by position: 0 for the first that came, every line one more, lost lines made up for by the last before.
+
+    A sheet so keeps its length when the camera says which lines were lost. Lines that come again are left out. Where
+    the camera's count jumps by more than ``longest``, or back by as much, it is taken to count anew.
+    """
+
+    def __init__(self, press: Press, *, longest: int) -> None:
+        self._sensors, self._pixels = len(press.sensors), press.geometry.pixels
+        self._longest = longest
+        self._shrinker = Shrinker(press)
+        backing = [
+            np.rint(sensor.column_offset_dn + sensor.column_gain * sensor.backing_dn)
+            for sensor in press.sensors
+        ]
+        self.backing_dn = np.clip(np.stack(backing), 0, 65535).astype(np.uint16)
+        self._gap_lines = round(GAP_MM / press.geometry.line_pitch_mm)
+        self.backing_light = float(
+            np.mean([sensor.backing_dn / sensor.white_dn for sensor in press.sensors], dtype=np.float64)
+        )
+        """Of the backing. [white]"""
+        self.near = max(NEAR_BACKING[0], NEAR_BACKING[1] * self.backing_light)
+        """Light this close to it counts as backing. [white]"""
+        self._parts: deque[tuple[int, NDArray[np.uint16], float]] = deque()
+        self._counts: list[tuple[int, int]] = []  # from this position on, the camera's count is so much more
+        self._backing = deque[int]()  # columns at the backing's light in every row from ``first_row`` on
+        self.first_row = 0
+        self.end = 0
+        """Position behind the last line."""
+
+    def add(self, block: LineBlock) -> list[tuple[int, Fault]]:
+        """Take a block's lines in; what its count says went wrong, with the position. ScanError: not of this camera."""
+        check_block(block, sensors=self._sensors, pixels=self._pixels)
+        lines, said = block.lines, list[tuple[int, Fault]]()
+        if not self._counts:
+            self._counts.append((0, block.first_line))
+        due = self.count_at(self.end)
+        ahead = block.first_line - due
+        if abs(ahead) > self._longest:
+            what = f"the camera counts {block.first_line} after {due}: lines were lost, how many is not known"
+            said.append((self.end, Fault(kind="lost-lines", first_line=block.first_line, detail=what)))
+            self._keep(np.repeat(self.backing_dn[:, None], self._gap_lines, axis=1), block.time_s)
+            self._counts.append((self.end, block.first_line - self.end))
+        elif ahead > 0:
+            what = f"lines {due} to {block.first_line - 1} were not delivered"
+            said.append((self.end, Fault(kind="lost-lines", first_line=due, detail=what)))
+            last = self._parts[-1][1][:, -1:] if self._parts else self.backing_dn[:, None]
+            self._keep(np.repeat(last, ahead, axis=1), block.time_s)
+        elif ahead < 0:
+            again = min(-ahead, lines.shape[1])
+            what = f"lines {block.first_line} to {block.first_line + again - 1} came again"
+            said.append((self.end, Fault(kind="extra-lines", first_line=block.first_line, detail=what)))
+            lines = lines[:, again:]
+        self._keep(lines, block.time_s)
+        return said
+
+    def _keep(self, lines: NDArray[np.uint16], time_s: float) -> None:
+        if not lines.shape[1]:
+            return
+        self._parts.append((self.end, lines, time_s))
+        self.end += lines.shape[1]
+        rows = self._shrinker.rows(lines)
+        if len(rows):
+            counts = np.empty(len(rows), np.int64)
+            count_near(rows, np.float32(self.backing_light), np.float32(self.near), counts)
+            self._backing.extend(counts.tolist())
+
+    @property
+    def end_row(self) -> int:
+        """Behind the last complete row of 8 lines."""
+        return self.first_row + len(self._backing)
+
+    def is_gap(self, row: int) -> bool:
+        """Whether lines 8 row to 8 row + 7 show nothing but backing."""
+        return self._backing[row - self.first_row] >= GAP_SHARE * self._shrinker.columns
+
+    def is_wide(self, row: int) -> bool:
+        """Whether they show something as wide as a sheet."""
+        return self._backing[row - self.first_row] <= (1 - WIDE_SHARE) * self._shrinker.columns
+
+    def count_at(self, position: int) -> int:
+        """The camera's count at a position."""
+        if not self._counts:
+            return position
+        place = bisect_right(self._counts, position, key=lambda entry: entry[0])
+        return position + self._counts[max(place - 1, 0)][1]
+
+    def time_at(self, position: int) -> float:
+        """When the line at a position was read, to a block. [s]"""
+        for first, lines, time_s in self._parts:
+            if position < first + lines.shape[1]:
+                return time_s
+        return self._parts[-1][2] if self._parts else 0.0
+
+    def cut(self, first: int, count: int, *, since: int = 0, until: int | None = None) -> NDArray[np.uint16]:
+        """Lines from position ``first`` on, a copy (sensors, count, pixels); backing where there are none.
+
+        since, until: before and from these positions on it is backing, too.
+        """
+        found = np.empty((self._sensors, count, self._pixels), np.uint16)
+        begun = max(first, since, self._parts[0][0] if self._parts else self.end)
+        stop = min(first + count, self.end if until is None else min(until, self.end))
+        for begin, lines, _ in self._parts:
+            start, end = max(begin, begun), min(begin + lines.shape[1], stop)
+            if start < end:
+                found[:, start - first : end - first] = lines[:, start - begin : end - begin]
+        found[:, : max(begun - first, 0)] = self.backing_dn[:, None]
+        found[:, max(stop - first, 0) :] = self.backing_dn[:, None]
+        return found
+
+    def profile(self, first: int, count: int) -> NDArray[np.float64]:
+        """Share of pixels that are not backing in each line (count,), of the first sensor. [-]"""
+        lines = self.cut(first, count)[0].astype(np.float32)
+        level = self.backing_dn[0].astype(np.float32)
+        # A single pixel is as noisy as its sensor; the share of a line is not.
+        limit = np.maximum(1.5 * self.near / max(self.backing_light, 1e-3) * level, 12.0)
+        return (np.abs(lines - level) > limit).mean(axis=1, dtype=np.float64)
+
+    def forget(self, before: int) -> None:
+        """Let go of lines that no one needs any more."""
+        while self._parts and self._parts[0][0] + self._parts[0][1].shape[1] <= before:
+            self._parts.popleft()
+        row = min(before // SHRINK, self.end_row)
+        while self.first_row < row:
+            self._backing.popleft()
+            self.first_row += 1
+        while len(self._counts) > 1 and self._counts[1][0] <= before:
+            self._counts.pop(0)

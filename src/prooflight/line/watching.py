@@ -1,0 +1,78 @@
+"""Everything that a run of a press needs, put together."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from prooflight.line.following import Adapting
+from prooflight.line.judging import PressJudge
+from prooflight.line.monitor.evidence import columns_mm
+from prooflight.line.monitor.run import RunLevel
+from prooflight.line.outcomes import RunWatch
+from prooflight.line.pager import Pager, SheetEdge
+from prooflight.line.runner import Running
+from prooflight.line.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.judging import Keep
+    from prooflight.line.pager import PageStart
+    from prooflight.line.prefetch import PageBook
+    from prooflight.line.sheets.thumbnails import Thumbnail
+    from prooflight.scans.lines import LineSource
+
+
+def watched(
+    inspector: Inspector,
+    *,
+    source: LineSource,
+    book: PageBook,
+    settings: Settings,
+    start: PageStart | None = None,
+    keep: Keep = "none",
+    follow: bool = True,
+    false_alarms: float = 1.0,
+    **told: Any,
+) -> Running:
+    """A run ready to start.
+
+    follow: whether slow changes of lamp and paper are followed. false_alarms: of the run level, a 100,000 pages.
+    told: ``tell``, ``notice``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
+    """
+    press = inspector.press
+
+    def pager(known: Sequence[Thumbnail | None]) -> Pager:
+        return Pager(press, expected=known, start=start or SheetEdge())
+
+    level = RunLevel.begin(
+        sensors=[sensor.name for sensor in press.sensors],
+        columns_mm=columns_mm(press),
+        costs=press.costs,
+        false_alarms=false_alarms,
+    )
+    return Running(
+        press=press,
+        source=source,
+        pager=pager,
+        book=book,
+        judge=PressJudge(inspector=replace(inspector, threads=threads_a_sheet(settings)), keep=keep),
+        watch=RunWatch(
+            level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
+        ),
+        settings=settings,
+        **told,
+    )
+
+
+def threads_a_sheet(settings: Settings) -> int:
+    """Threads that one sheet takes.
+
+    With a deadline each sheet is shared out over all cores, for its verdict to come soon. Without one, sheets are
+    shared out, not their parts: less is done twice, and nobody waits for another.
+    """
+    cores = os.cpu_count() or 1
+    return max(cores // settings.inspectors, 1) if settings.source_waits else cores

@@ -1,0 +1,1 @@
+"""PDF -> plates, as a digital press rips it; MuPDF is entered in a process of its own."""

@@ -1,0 +1,211 @@
+"""The one process that rips for this one, kept from page to page, and ended when a page exceeds its limits.
+
+A PDF is a program: it may loop, ask for any amount of memory, or hit a fault of the renderer. Here that costs its page,
+and nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import weakref
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight import errors
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    from numpy.typing import NDArray
+
+SECONDS: Final = "PROOFLIGHT_RIP_SECONDS"
+"""Environment: how long opening a PDF, or ripping a page, may take."""
+GIGABYTES: Final = "PROOFLIGHT_RIP_GB"
+"""Environment: how much memory it may take beyond its raster's own."""
+USUAL_SECONDS: Final = 60.0
+"""A page of A4 takes a third of a second, A0 with photographs and transparency some ten."""
+USUAL_GIGABYTES: Final = 2.0
+"""MuPDF keeps 0.25 for fonts and images; an uncompressed CMYK photograph as large as A0 at 300 dpi takes 0.6."""
+START_SECONDS: Final = 60.0
+ANSWER_BYTES_MAX: Final = 64 * 2**20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RipLimits:
+    """What one request may take."""
+
+    seconds: float = USUAL_SECONDS
+    gigabytes: float = USUAL_GIGABYTES
+
+    @classmethod
+    def of_environment(cls) -> RipLimits:
+        """RequestError: a limit that is set is no number above 0."""
+        return cls(seconds=_number(SECONDS, USUAL_SECONDS), gigabytes=_number(GIGABYTES, USUAL_GIGABYTES))
+
+
+class RipFailure(Exception):
+    """The process that rips has been lost; its text is the predicate of a sentence, ``remedy`` what may help."""
+
+    def __init__(self, what: str, remedy: str) -> None:
+        self.what, self.remedy = what, remedy
+        super().__init__(what)
+
+
+class RipProcess:
+    """A child process that answers one request at a time, whichever thread asks."""
+
+    def __init__(self) -> None:
+        """RipFailure: it does not start."""
+        ours, theirs = Pipe()
+        lifeline, kept = os.pipe()
+        self._memory = _shared_memory()
+        self._map: mmap.mmap | None = None
+        try:
+            descriptors = (theirs.fileno(), lifeline, self._memory)
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "prooflight.pages.pdf.worker", *map(str, descriptors)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=descriptors,
+                start_new_session=True,  # Ctrl-C is for this process, which then ends that one
+                env=os.environ
+                | {
+                    "PYTHONPATH": os.pathsep.join(str(Path(place).absolute()) for place in sys.path),
+                    "OPENBLAS_NUM_THREADS": "1",
+                },
+            )
+        finally:
+            theirs.close()
+            os.close(lifeline)
+        self._process, self._connection = process, ours
+        self.end = weakref.finalize(self, _end, process, ours, (kept, self._memory))
+        """End the process and let go of all that was shared with it; also called at the interpreter's exit."""
+        self._answer(START_SECONDS, "does not start")
+
+    def ask(
+        self, request: dict[str, Any], limits: RipLimits
+    ) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
+        """The answer, and the page's raster if one was drawn. InputError: it is refused; RipFailure: it was lost."""
+        limited = {"seconds": limits.seconds, "room_bytes": limits.gigabytes * 1e9}
+        try:
+            with contextlib.suppress(OSError):  # it has ended: the answer will say so
+                self._connection.send_bytes(json.dumps(request | limited).encode())
+            answer = self._answer(limits.seconds, f"takes longer than {limits.seconds:g} s")
+            raster = self._raster(answer["shape"]) if "shape" in answer else None
+        except BaseException:  # KeyboardInterrupt as well: the next request would get this one's answer
+            self.end()
+            raise
+        if "memory" in answer:
+            self.end()  # what MuPDF left half done is not used again
+            what = f"takes more than {limits.gigabytes:g} GB of memory beyond its raster"
+            raise RipFailure(what, f"simplify it, or set {GIGABYTES} above {limits.gigabytes:g}")
+        if "refused" in answer:
+            kind, where, what, remedy = answer["refused"]
+            raise getattr(errors, kind)(where, what, remedy=remedy)
+        return answer, raster
+
+    def _answer(self, seconds: float, late: str) -> dict[str, Any]:
+        try:
+            if self._connection.poll(seconds):
+                return json.loads(self._connection.recv_bytes(ANSWER_BYTES_MAX))
+        except (EOFError, OSError):
+            raise RipFailure(_fate(self._process), "export it again, or simplify it") from None
+        raise RipFailure(late, f"simplify it, or set {SECONDS} above {seconds:g}")
+
+    def _raster(self, shape: tuple[int, int, int]) -> NDArray[np.uint8]:
+        """A copy of the shared memory: the next page is drawn over it."""
+        size = os.fstat(self._memory).st_size
+        if self._map is None or len(self._map) != size:
+            self._map = mmap.mmap(self._memory, size, prot=mmap.PROT_READ)
+        return np.frombuffer(self._map, np.uint8, int(np.prod(shape))).reshape(shape).copy()
+
+
+_guard = threading.RLock()
+_running: list[RipProcess] = []
+"""The one that rips for this process."""
+
+
+def ask(request: dict[str, Any], limits: RipLimits) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
+    """As ``RipProcess.ask``, of the process that is there, or of a new one."""
+    with _guard:
+        if _running and not _running[0].end.alive:
+            _running.clear()
+        if not _running:
+            _running.append(RipProcess())
+        return _running[0].ask(request, limits)
+
+
+def forget(request: dict[str, Any]) -> None:
+    """Have the process, if there is one, let go of the file that a request is about."""
+    with _guard, contextlib.suppress(RipFailure):
+        if _running and _running[0].end.alive:
+            _running[0].ask(request | {"do": "close"}, RipLimits())
+
+
+def _abandoned() -> None:
+    """In a process that was forked: what rips belongs to the one that it was forked from."""
+    global _guard
+    _guard = threading.RLock()
+    for detached in [one.end.detach() for one in _running]:
+        if detached is not None:
+            process, connection, descriptors = detached[2]
+            connection.close()
+            for descriptor in descriptors:
+                os.close(descriptor)
+            process.returncode = 0  # so that nobody waits for it here
+    _running.clear()
+
+
+os.register_at_fork(after_in_child=_abandoned)
+
+
+def _end(process: subprocess.Popen[bytes], connection: Connection, descriptors: tuple[int, ...]) -> None:
+    connection.close()
+    for descriptor in descriptors:
+        os.close(descriptor)
+    process.kill()
+    process.wait()
+
+
+def _fate(process: subprocess.Popen[bytes]) -> str:
+    """How a process ended, as the predicate of a sentence."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        code = process.wait(5)
+        if code == -signal.SIGKILL:
+            return "is ended by the system, as happens when memory runs out"
+        if code < 0:
+            return f"makes the renderer fail ({signal.Signals(-code).name})"
+    return "makes the renderer fail"
+
+
+def _shared_memory() -> int:
+    """A file without a name that lives in memory, where the system has such."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("prooflight-page")
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
+
+
+def _number(name: str, usual: float) -> float:
+    text = os.environ.get(name, "")
+    try:
+        value = float(text) if text.strip() else usual
+    except ValueError:
+        value = -1.0
+    if not 0 < value < float("inf"):
+        raise RequestError(name, f"{text!r} is no limit", remedy=f"give a number above 0, as {usual:g}")
+    return value

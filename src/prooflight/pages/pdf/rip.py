@@ -1,0 +1,102 @@
+"""PDF -> pages: what a digital press prints of a PDF, as CMYK rasters.
+
+What is printed is the TrimBox where the page has one, else the CropBox, else the MediaBox, turned by /Rotate and
+scaled by /UserUnit; annotations and layers as for printing. Its top-left corner is the corner of pixel (0, 0), and
+the raster has round(size * dpi / 72) columns and rows. A pixel is ink or paper: nothing is anti-aliased.
+
+Colour: DeviceCMYK and DeviceGray (to K alone) are printed as they stand; RGB, ICC-based and Lab colours are
+converted to the given profile, else to the output intent of the page or document, else to MuPDF's built-in CMYK
+(SWOP-like). Overprint (OPM 0 and 1) and spot colours: see ``plates``.
+
+Opening and ripping take place in a process of their own, within limits: ``rip_process``.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from prooflight.errors import JobError, ProfileError, RequestError
+from prooflight.pages.files import check_dpi, page_name
+from prooflight.pages.memory import file_size
+from prooflight.pages.pdf import process as rip_process
+from prooflight.pages.raster import MM_PER_INCH, Page
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+POINTS_PER_INCH = 72
+
+
+class PdfJob:
+    """A PDF whose pages can be ripped one at a time, by any thread; they wait for one another."""
+
+    def __init__(self, path: Path, *, profile: Path | None = None) -> None:
+        """JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF is missing. ProfileError: not a CMYK profile."""
+        self.path = Path(path)
+        self.warnings: list[str] = []
+        """What MuPDF had to say about the file so far, one line each."""
+        if find_spec("pymupdf") is None:
+            remedy = 'pip install "prooflight[pdf]", or give CMYK TIFF or JPEG files'
+            raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
+        self._limits = rip_process.RipLimits.of_environment()
+        self._request = self._about_file() | self._about_profile(profile)
+        self._count = int(self._asked("opening it", do="open")[0]["pages"])
+
+    def _about_file(self) -> dict[str, Any]:
+        file_size(self.path, JobError)
+        with self.path.open("rb") as file:  # OSError for what the system cannot open
+            head = file.read(1024)
+        if b"%PDF-" not in head:  # ISO 32000-1, annex H.3.4.1: within the first 1024 bytes
+            raise JobError(self.path, "not a PDF", remedy="give a PDF file")
+        facts = self.path.stat()
+        stamp = [facts.st_ino, facts.st_mtime_ns, facts.st_size]
+        return {"path": str(self.path.absolute()), "shown": str(self.path), "stamp": stamp}
+
+    @staticmethod
+    def _about_profile(profile: Path | None) -> dict[str, Any]:
+        if profile is None:
+            return {"profile": None}
+        file_size(Path(profile), ProfileError)
+        return {"profile": str(Path(profile).absolute()), "shown_profile": str(profile)}
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        rip_process.forget(self._request)
+
+    @property
+    def page_sizes_mm(self) -> tuple[tuple[float, float], ...]:
+        """Width and height of every page as printed. [mm]"""
+        scale = MM_PER_INCH / POINTS_PER_INCH
+        sizes = self._asked("measuring its pages", do="sizes")[0]["sizes"]
+        return tuple((width * scale, height * scale) for width, height in sizes)
+
+    def page(self, number: int, dpi: float) -> Page:
+        """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped."""
+        check_dpi(self.path, dpi)
+        if not 1 <= number <= len(self):
+            remedy = f"it has pages 1 to {len(self)}"
+            raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
+        _, cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi))
+        assert cmyk is not None
+        return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
+
+    def _asked(self, subject: str, **asked: Any) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
+        """The answer, once its messages have been taken in; JobError names what ``subject`` could not be ripped for."""
+        try:
+            answer, cmyk = rip_process.ask(self._request | asked, self._limits)
+        except rip_process.RipFailure as failure:
+            raise JobError(self.path, f"{subject} {failure.what}", remedy=failure.remedy) from None
+        self.warnings += [line for line in answer["said"] if line not in self.warnings]
+        return answer, cmyk

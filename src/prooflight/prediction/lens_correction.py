@@ -1,0 +1,80 @@
+"""Light as short separable footprints saw it -> light as the lens gives it."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.kernels.prediction.lens_correction import (
+    BLOCK,
+    NEAR_REACH,
+    add_blocks,
+    block_means,
+    convolve,
+    correct_lines,
+)
+from prooflight.pages.parallel import shared_out
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.sampling import LensCorrection
+
+LINES_PER_BAND = 256
+
+
+def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, threads: int = 1) -> None:
+    """Correct light (lines, pixels), measured from the backing's level so that it is 0 beyond the scan, in place.
+
+    Working space is a sixteenth of the light's.
+    """
+    if correction.is_identity:
+        return
+    far = far_light(light, correction)
+    weights = np.ascontiguousarray(correction.near[NEAR_REACH:, NEAR_REACH:])
+    starts = range(0, len(light), LINES_PER_BAND)
+    none = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
+    padded = [(_lines(light, start - NEAR_REACH), _lines(light, start + LINES_PER_BAND)) for start in starts]
+    tasks = [
+        partial(
+            correct_lines,
+            light,
+            above if above is not None else none,
+            below if below is not None else none,
+            weights,
+            far,
+            start,
+            min(start + LINES_PER_BAND, len(light)),
+        )
+        for start, (above, below) in zip(starts, padded, strict=True)
+    ]
+    shared_out(tasks, threads=threads)
+
+
+def far_light(light: NDArray[np.float32], correction: LensCorrection) -> NDArray[np.float32]:
+    """What reaches each block of pixels from blocks around it and far away; light (lines, pixels) is not changed."""
+    blocks = _means(light)
+    large = _means(blocks)
+    far, farther = np.empty_like(blocks), np.empty_like(large)
+    convolve(blocks, correction.far, far)
+    convolve(large, correction.farther, farther)
+    add_blocks(farther, far)
+    return far
+
+
+def _means(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    means = np.empty([-(-extent // BLOCK) for extent in image.shape], np.float32)
+    block_means(image, means)
+    return means
+
+
+def _lines(light: NDArray[np.float32], first: int) -> NDArray[np.float32] | None:
+    """A copy of ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; None where all are."""
+    if first < 0 or first >= len(light):
+        return None
+    lines = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
+    there = light[first : first + NEAR_REACH]
+    lines[: len(there)] = there
+    return lines

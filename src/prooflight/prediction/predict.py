@@ -1,0 +1,251 @@
+"""A page's raster -> the lines the camera must see, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.kernels.prediction.lines import filter_lines, relight, to_columns
+from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
+from prooflight.kernels.prediction.moving import filter_moved_lines
+from prooflight.pages.parallel import shared_out
+from prooflight.prediction.lens_correction import correct_light
+from prooflight.prediction.quantised_table import bricks_of
+from prooflight.prediction.sampling_grid import course
+from prooflight.scans.placement import IN_PLACE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.sampling_grid import Course
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+BANDS_A_WORKER = 3
+"""Few, for each begins with rows that its neighbour filters too; and more than one, for a worker may be held up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """What a good scan of one page must show."""
+
+    expected_dn: NDArray[np.float32]
+    """(sensors, lines, pixels), unrounded. [DN]"""
+    variance_dn2: NDArray[np.float32]
+    """(sensors, lines, pixels), temporal, the 1/12 DN^2 of rounding included. [DN^2]"""
+
+
+def predict(
+    page: Page,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    placement: Placement = IN_PLACE,
+    threads: int | None = None,
+) -> Prediction:
+    """Expected lines of a whole page that lies as ``placement`` says.
+
+    The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not the signal
+    of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
+    it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
+    by its stretch. Displacements are linear between nodes 16 camera pixels apart (``course``).
+    threads: bands of lines run at once, default one a core.
+    """
+    lines = geometry.lines(page.height_mm)
+    where = course(page, geometry, placement)
+    expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
+    variance = np.empty_like(expected)
+    workers = threads or os.cpu_count() or 1
+    filtered = []
+    for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
+        filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))
+        if shot_slope(sensor) == 0:
+            filtered.append((sensor, sensor.variance_dn2, sensor.backing_variance_dn2, variance_out))
+    _in_bands(
+        workers,
+        lines,
+        [
+            _filtering(page, sensor, where, table, backing, light)
+            for sensor, table, backing, light in filtered
+        ],
+    )
+    for sensor, _, _, light in filtered:
+        correct_light(light, sensor.correction, threads=workers)
+    levels = [
+        partial(to_columns_of(sensor), mean=mean_out, variance=variance_out)
+        for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True)
+    ]
+    _in_bands(workers, lines, levels)
+    return Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+def predict_light(
+    page: Page,
+    tables: Sequence[SensorModel],
+    out: Sequence[NDArray[np.float32]],
+    *,
+    geometry: ScanGeometry,
+    sign: int = 1,
+) -> None:
+    """What bare columns without a lens's far light see of a page in its place, above the backing, of each table.
+
+    The tables have one footprint. Written: (lines, pixels) each [the table's units], at least 0, times ``sign``.
+    """
+    if not tables:
+        return
+    where = course(page, geometry, IN_PLACE)
+    nodes, backings = [table.mean_dn for table in tables], [table.backing_dn for table in tables]
+    seen = _filtering_still(page, tables[0], where, nodes, backings, out, sign=sign)
+    seen(line_from=0, line_to=len(out[0]))
+
+
+def relit(
+    prediction: Prediction, sensors: Sequence[SensorModel], now: Sequence[SensorModel]
+) -> Prediction | None:
+    """A prediction by ``sensors`` as it is by the same ones with other column gains; None: it has to be made again."""
+    expected = np.empty_like(prediction.expected_dn)
+    variance = np.empty_like(prediction.variance_dn2)
+    for index, (sensor, changed) in enumerate(zip(sensors, now, strict=True)):
+        known = relight(
+            sensor.column_offset_dn,
+            changed.column_gain / sensor.column_gain,
+            np.float32(sensor.dark_variance_dn2),
+            np.float32(sensor.top_code_dn),
+            prediction.expected_dn[index],
+            prediction.variance_dn2[index],
+            expected[index],
+            variance[index],
+        )
+        if not known:
+            return None
+    return Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
+    """Its part of some lines and columns."""
+    part = (slice(None), *area)
+    return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
+
+
+def looked_up(
+    cmyk: NDArray[np.uint8], sensor: SensorModel
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
+    words = np.zeros(-(-len(cmyk) // AT_ONCE) * AT_ONCE, np.uint32)
+    words[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
+    mean, variance = np.empty((2, words.size), np.float32)
+    look_up_light(words, bricks_of(sensor.mean_dn), np.float32(0), mean)
+    slope = shot_slope(sensor)
+    if slope > 0:
+        variance = (sensor.backing_variance_dn2 + slope * (mean - sensor.backing_dn)).astype(np.float32)
+    else:
+        look_up_light(words, bricks_of(sensor.variance_dn2), np.float32(0), variance)
+    return mean[: len(cmyk)], variance[: len(cmyk)]
+
+
+@lru_cache(maxsize=128)
+def shot_slope(sensor: SensorModel) -> float:
+    """``SensorModel.shot_slope``, found once: it looks through both tables."""
+    return sensor.shot_slope()
+
+
+def to_columns_of(sensor: SensorModel) -> Callable[..., None]:
+    """``to_columns`` with all that it takes of the sensor; left are line_from, line_to, mean and variance."""
+    return partial(
+        to_columns,
+        np.float32(sensor.backing_dn),
+        np.float32(sensor.backing_variance_dn2),
+        np.float32(shot_slope(sensor)),
+        sensor.column_offset_dn,
+        sensor.column_gain,
+        np.float32(sensor.dark_variance_dn2),
+        np.float32(sensor.top_code_dn),
+    )
+
+
+def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
+    """Run ``works`` for all lines, in bands on all workers; a band begins by filtering rows that others do too."""
+    band = lines if workers == 1 else -(-lines // (BANDS_A_WORKER * workers))
+    tasks = [
+        partial(work, line_from=start, line_to=min(start + band, lines))
+        for work in works
+        for start in range(0, lines, band)
+    ]
+    shared_out(tasks, threads=workers)
+
+
+def _filtering(
+    page: Page,
+    sensor: SensorModel,
+    where: Course,
+    table: NDArray[np.float32],
+    backing: float,
+    light: NDArray[np.float32],
+) -> Callable[..., None]:
+    """The filtering kernel with everything set but the lines to do."""
+    if where.still:
+        return _filtering_still(page, sensor, where, [table], [backing], [light])
+    across, along = where.across, where.along
+    return partial(
+        filter_moved_lines,
+        page.words,
+        bricks_of(table),
+        np.float32(backing),
+        across.places,
+        across.pitch,
+        across.segment,
+        sensor.footprint.across,
+        along.places,
+        along.pitch,
+        along.segment,
+        sensor.footprint.along,
+        _step(page, sensor),
+        where.phase_bits,
+        math.ceil(np.ptp(along.places, axis=1).max()),
+        light=light,
+    )
+
+
+def _filtering_still(
+    page: Page,
+    sensor: SensorModel,
+    where: Course,
+    tables: Sequence[NDArray[np.float32]],
+    backings: Sequence[float],
+    lights: Sequence[NDArray[np.float32]],
+    *,
+    sign: int = 0,
+) -> Callable[..., None]:
+    """The same of a page that is only shifted, for tables of one footprint."""
+    across, along = where.across, where.along
+    return partial(
+        filter_lines,
+        page.words,
+        tuple(bricks_of(table) for table in tables),
+        np.array(backings, np.float32),
+        where.stride,
+        across.places[0],
+        across.segment,
+        sensor.footprint.across,
+        np.ascontiguousarray(along.places[:, :1]),
+        along.pitch,
+        sensor.footprint.along,
+        _step(page, sensor),
+        np.float32(sign),
+        lights=tuple(lights),
+    )
+
+
+def _step(page: Page, sensor: SensorModel) -> float:
+    """A raster pixel in steps of the footprint's tables."""
+    footprint = sensor.footprint
+    return float((footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm)

@@ -1,0 +1,171 @@
+"""A sensor's table over CMYK as prediction looks it up: small, in whole numbers, each cell in one piece.
+
+Not the table itself is interpolated but its square root (plus a little): ink on paper adds up to amplitudes rather than
+intensities (Yule and Nielsen 1951, n near 2), and an error of a root is the same share of shot noise everywhere. Roots
+are nearly straight along most inks, so 2^16 cells hold what 2^20 of the table would: each ink has as many cells as its
+own curve needs.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import numpy as np
+
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CELL_BITS = 16
+"""Of a recipe's 32: all four inks' cells together. What is left, 16, are fractions."""
+FEWEST, MOST = 3, 5
+"""Bits of one ink's cells: 8 to 32 cells."""
+OFFSET = 1 / 50
+"""Of a table's greatest value, added before the root: near black the root of the value itself would be steep.
+assumed: about read noise over shot noise at white; ten times more or less changes little."""
+CODES = 32767
+INKS = 4
+
+
+class Bricks(NamedTuple):
+    """One table: value = unit x (65536 x interpolated code)^2 - offset."""
+
+    bricks: NDArray[np.int16]
+    """(2^16, 16) codes at a cell's corners; cells and corners with black slowest and cyan fastest."""
+    inner: NDArray[np.int16]
+    """(.., 4) weights of cyan and magenta's four corners at each pair of their fractions."""
+    outer: NDArray[np.int32]
+    """(.., 8) of yellow and black's, each twice."""
+    bits: NDArray[np.uint32]
+    """(4,) bits of each ink's cells, cyan first."""
+    unit: np.float32
+    offset: np.float32
+
+    @classmethod
+    def of(cls, table: NDArray[np.float32]) -> Self:
+        """Of a table (33, 33, 33, 33) over cyan, magenta, yellow, black.
+
+        Recipes of nothing but bare paper and solid inks have the table's own value; between, least squares.
+        """
+        exact = np.asarray(table, np.float64)
+        for ink in range(INKS):
+            exact = _ending_at_solid(exact, ink)
+        offset = OFFSET * max(float(exact.max()), 1.0) - min(float(exact.min()), 0.0)
+        roots = np.sqrt(exact + offset)
+        bits = cells_bits(roots)
+        for ink in range(INKS):
+            roots = _along(_fit(bits[ink]), roots, ink)
+        white = float(roots[0, 0, 0, 0])
+        scale = np.floor(CODES * white / roots.max()) / white  # so that white itself is a whole number
+        codes = np.rint(roots * scale).astype(np.int16)
+        fractions = [8 - count for count in bits]
+        return cls(
+            bricks=_bricks(codes),
+            inner=_weights(fractions[1], fractions[0]).astype(np.int16),
+            outer=np.repeat(_weights(fractions[3], fractions[2]), 2, axis=1).astype(np.int32),
+            bits=np.array(bits, np.uint32),
+            unit=np.float32((1 / (scale * 65536)) ** 2),
+            offset=np.float32(offset),
+        )
+
+
+@lru_cache(maxsize=64)
+def _found(key: _ByIdentity) -> Bricks:
+    return Bricks.of(key.table)
+
+
+class _ByIdentity:
+    """A table as a key: the same array, not an equal one."""
+
+    def __init__(self, table: NDArray[np.float32]) -> None:
+        self.table = table
+
+    def __hash__(self) -> int:
+        return id(self.table)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and other.table is self.table
+
+
+def bricks_of(table: NDArray[np.float32]) -> Bricks:
+    """``Bricks.of``, made once for each table."""
+    return _found(_ByIdentity(table))
+
+
+def cells_bits(roots: NDArray[np.float64]) -> tuple[int, ...]:
+    """Bits of each ink's cells, ``CELL_BITS`` together, with the least square error; roots (33, 33, 33, 33)."""
+    thin = tuple(slice(None, None, 4) for _ in range(INKS))
+    cost = np.empty((INKS, MOST + 1))
+    for ink in range(INKS):
+        kept = (*thin[:ink], slice(None), *thin[ink + 1 :])
+        along = roots[kept]
+        for count in range(FEWEST, MOST + 1):
+            back = _hats(1 << count) @ _fit(count)
+            cost[ink, count] = np.square(_along(back, along, ink) - along).mean()
+    choices = [c for c in product(range(FEWEST, MOST + 1), repeat=INKS) if sum(c) == CELL_BITS]
+    return min(choices, key=lambda choice: sum(cost[ink, count] for ink, count in enumerate(choice)))
+
+
+def _ending_at_solid(table: NDArray[np.float64], ink: int) -> NDArray[np.float64]:
+    """The last node of an ink moved from byte value 256 to 255."""
+    nodes = np.moveaxis(table.copy(), ink, 0)
+    nodes[-1] -= (nodes[-1] - nodes[-2]) / NODE_STEP
+    return np.moveaxis(nodes, 0, ink)
+
+
+def _places() -> NDArray[np.float64]:
+    """Byte values of a table's nodes that ends at solid, (33,)."""
+    return np.append(np.arange(NODES - 1) * float(NODE_STEP), 255.0)
+
+
+def _hats(cells: int) -> NDArray[np.float64]:
+    """What each node of so many even cells over 0..256 gives to each of ``_places``, (33, cells + 1)."""
+    return np.maximum(1 - np.abs(_places()[:, None] / (256 / cells) - np.arange(cells + 1)), 0)
+
+
+@lru_cache
+def _fit(bits: int) -> NDArray[np.float64]:
+    """Values at ``_places`` -> nodes of 2^bits cells, (2^bits + 1, 33): least squares, both ends kept as they are."""
+    hats = _hats(1 << bits)
+    if bits == MOST:
+        return np.asarray(np.linalg.inv(hats), np.float64)
+    weight = np.ones(NODES)
+    weight[1::2], weight[2:-1:2] = 4, 2  # Simpson's rule
+    ends = [0, NODES - 1]
+    kept = hats[ends]
+    system = np.block([[hats.T @ (weight[:, None] * hats), kept.T], [kept, np.zeros((2, 2))]])
+    right = np.vstack([hats.T * weight, np.eye(NODES)[ends]])
+    solved = np.linalg.solve(system, right)
+    return np.asarray(solved[: hats.shape[1]], np.float64)
+
+
+def _along(matrix: NDArray[np.float64], values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    return np.asarray(np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis), np.float64)
+
+
+def _weights(slow_bits: int, fast_bits: int) -> NDArray[np.int64]:
+    """Corners' weights at every pair of fractions of two inks, (2^(slow_bits + fast_bits), 4)."""
+    sides = [
+        np.stack([(1 << bits) - np.arange(1 << bits), np.arange(1 << bits)], axis=1)
+        for bits in (slow_bits, fast_bits)
+    ]
+    return np.asarray(np.einsum("ai,bj->abij", *sides), np.int64).reshape(-1, 4)
+
+
+def _bricks(codes: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Nodes of cyan, magenta, yellow, black -> corners of each cell, (2^16, 16), at an even address."""
+    nodes = codes.transpose()
+    cells = tuple(count - 1 for count in nodes.shape)
+    corners = [
+        nodes[tuple(slice(start, start + count) for start, count in zip(corner, cells, strict=True))]
+        for corner in product((0, 1), repeat=INKS)
+    ]
+    # A brick of 32 bytes must not straddle two lines of the cache.
+    room = np.empty((1 << CELL_BITS) * 16 + 32, np.int16)
+    first = -room.ctypes.data % 64 // 2
+    bricks = room[first : first + (1 << CELL_BITS) * 16].reshape(-1, 16)
+    bricks[:] = np.stack(corners, axis=-1).reshape(-1, 16)
+    return bricks

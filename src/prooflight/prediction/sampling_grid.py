@@ -1,0 +1,133 @@
+"""Where camera pixels look on a page that lies a little off its place, in raster pixels, at a few nodes.
+
+Prediction filters in two passes: every raster row across, then those rows along. The first needs, for a raster row
+and a camera column, the raster column that is seen where the two meet; the second, for a line and a column, the raster
+row. Both vary slowly, so they are tabulated at nodes and are linear between.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+NODE_PITCH: Final = 16
+"""Lines, raster rows and columns from node to node; 1.7 mm at the paper's pitch, where warps span 25 mm."""
+MOST_COLUMNS: Final = 256
+"""From node to node where places are straight: single precision then holds them to 1e-4 raster pixels."""
+BEND_PIXELS: Final = 0.001
+"""How far places may lie off the line between nodes for those to be left out. [camera pixels]"""
+PHASES: Final = 4096
+"""At least so many to a camera pixel: the nearest is off by at most 1/8192, and weights by 0.01 % of an edge."""
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nodes:
+    """One coordinate of what is seen, in raster pixels from the page's corner (a pixel's centre lies at its half)."""
+
+    places: NDArray[np.float64]
+    """(nodes down, nodes across): at node rows, and at columns 0, segment, 2 segment, ... [raster pixels]"""
+    pitch: int
+    """Rows (raster rows, or lines) from node to node."""
+    segment: int
+    """Columns from node to node."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """The two coordinates that the two passes need."""
+
+    across: Nodes
+    """Raster columns, at raster rows and camera columns."""
+    along: Nodes
+    """Raster rows, at lines and camera columns."""
+    still: bool
+    """Whether what is seen at a column is the same in every row, but for the row's own place."""
+    stride: int
+    """Whole raster pixels from one camera column to the next; 0 if they are no whole number."""
+    phase_bits: int
+    """A raster pixel has 2^phase_bits phases."""
+
+
+def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
+    """What the camera sees of ``page`` where ``placement`` puts it."""
+    rows, lines = page.cmyk.shape[0], geometry.lines(page.height_mm)
+    x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(lines)
+    pixel_mm = page.pixel_mm
+
+    def seen(
+        x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return placement.seen_mm(
+            np.broadcast_to(x, y.shape), y, page_width_mm=page.width_mm, page_height_mm=page.height_mm
+        )
+
+    def column_at(row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = x_mm[0] + column * geometry.pixel_pitch_mm
+        page_y = np.broadcast_to((row[:, None] + 0.5) * pixel_mm, (row.size, column.size))
+        # Two steps towards the line that sees this row here; each leaves a hundredth of the error, a page's turn.
+        y = page_y
+        for _ in range(2):
+            y = y + page_y - seen(x, y)[1]
+        return seen(x, y)[0] / pixel_mm
+
+    def row_at(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = x_mm[0] + column * geometry.pixel_pitch_mm
+        y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
+        return seen(x, y)[1] / pixel_mm
+
+    ratio = geometry.pixel_pitch_mm / pixel_mm
+    bend, still = BEND_PIXELS * ratio, placement.is_shift
+    across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
+    along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
+    steps = np.diff(across.places[0]) / across.segment
+    even = still and np.abs(steps - round(ratio)).max() < _ROUNDING
+    return Course(
+        across=across,
+        along=along,
+        still=still,
+        stride=round(ratio) if even else 0,
+        phase_bits=max(math.ceil(math.log2(PHASES / ratio)), 0),
+    )
+
+
+def _nodes(
+    place: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+    rows: int,
+    columns: int,
+    *,
+    bend: float,
+    still: bool,
+) -> Nodes:
+    """Nodes as coarse as bends allow.
+
+    still: what is seen at a column is the same, but for the row's own place, in every row; one cell down then does.
+    """
+    pitch = max(rows, 1) if still else NODE_PITCH
+    down = np.arange(-(-rows // pitch) + 1, dtype=np.float64) * pitch
+
+    def at(segment: int) -> NDArray[np.float64]:
+        return place(down, np.arange(-(-columns // segment) + 1, dtype=np.float64) * segment)
+
+    places, segment = at(NODE_PITCH), NODE_PITCH
+    while segment < min(columns, MOST_COLUMNS) and _straight(places, bend):
+        places, segment = at(2 * segment), 2 * segment
+    return Nodes(places=places, pitch=pitch, segment=segment)
+
+
+def _straight(places: NDArray[np.float64], bend: float) -> bool:
+    """Whether every second node may be left out: it lies on the line between its neighbours, to ``bend``."""
+    bends = np.diff(places, 2, axis=1)
+    return bool(max(bends.max(initial=0.0), -bends.min(initial=0.0)) <= 2 * bend)

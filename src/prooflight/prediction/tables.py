@@ -1,0 +1,82 @@
+"""What prediction needs of one sensor: two tables over CMYK, its footprint, its columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.pages.sampling import LensCorrection
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.sampling import Footprint
+
+STRAIGHT = 1e-3
+"""Share of a variance that it may lie off the line and still be taken from it: 0.05 % of sigma."""
+
+
+def node_fractions() -> NDArray[np.float64]:
+    """Ink fractions at the nodes of one axis, (33,): 0, 8/255, ..., 256/255; the last lies just beyond full ink."""
+    return np.arange(NODES, dtype=np.float64) * (NODE_STEP / 255)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorModel:
+    """One sensor as prediction sees it.
+
+    Expected DN of a column = offset + gain x mean(CMYK); its temporal variance = dark variance + gain x
+    (variance(CMYK) - dark variance), which is exact for shot noise.
+    """
+
+    name: str
+    mean_dn: NDArray[np.float32]
+    """(33, 33, 33, 33) light signal at each node, above dark, column gain 1. [DN]"""
+    variance_dn2: NDArray[np.float32]
+    """(33, 33, 33, 33) temporal variance at each node, rounding included, column gain 1. [DN^2]"""
+    footprint: Footprint
+    column_offset_dn: NDArray[np.float32]
+    """(pixels,) what each column gives without light: dark, DSNU, black level. [DN]"""
+    column_gain: NDArray[np.float32]
+    """(pixels,) lamp, cos^4 and PRNU, 1 where the tables were made. [-]"""
+    dark_variance_dn2: float
+    """Temporal variance without light, rounding included. [DN^2]"""
+    backing_dn: float
+    """Light signal of what lies beyond the page. [DN]"""
+    backing_variance_dn2: float
+    top_code_dn: int
+    """Greatest digital number. [DN]"""
+    correction: LensCorrection = field(default_factory=LensCorrection.none)
+    """What the footprint misses of the lens."""
+
+    def interleaved(self) -> NDArray[np.float32]:
+        """Both tables side by side, (33^4, 2): mean, variance; one look-up fetches both."""
+        return np.ascontiguousarray(
+            np.stack([self.mean_dn.ravel(), self.variance_dn2.ravel()], axis=1), dtype=np.float32
+        )
+
+    def shot_slope(self) -> float:
+        """Slope of variance over mean [DN] if that is a straight line, as shot noise has it, backing included; else 0.
+
+        Then variance need not be filtered: it follows from the mean.
+        """
+        low, high = (
+            np.unravel_index(find(self.mean_dn), self.mean_dn.shape) for find in (np.argmin, np.argmax)
+        )
+        rise = float(self.mean_dn[high]) - float(self.mean_dn[low])
+        slope = (float(self.variance_dn2[high]) - float(self.variance_dn2[low])) / rise if rise > 0 else 0.0
+        start = self.variance_dn2[low] - slope * self.mean_dn[low]
+        nodes = np.abs(start + np.float32(slope) * self.mean_dn - self.variance_dn2)
+        backing = abs(start + slope * self.backing_dn - self.backing_variance_dn2)
+        straight = (
+            nodes <= STRAIGHT * self.variance_dn2
+        ).all() and backing <= STRAIGHT * self.backing_variance_dn2
+        return slope if straight and slope > 0 else 0.0
+
+    @property
+    def white_dn(self) -> float:
+        """Light signal of bare paper. [DN]"""
+        return float(self.mean_dn[0, 0, 0, 0])

@@ -1,0 +1,247 @@
+"""The press artefact: what one press needs to be watched, in one versioned, digested file.
+
+What it may hold, ``press_schema`` says; nothing else is written or read. Schema history:
+1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
+2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
+3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
+4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
+5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
+6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
+presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from safetensors.numpy import save
+
+from prooflight.artefact import Damaged, Tensors
+from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.detectors.paper.bayes import BayesDetector
+from prooflight.errors import PressError
+from prooflight.files.atomic import whole_file
+from prooflight.files.schema import Misfit, part_of
+from prooflight.pages.sampling import Footprint, LensCorrection
+from prooflight.prediction.tables import SensorModel
+from prooflight.press.schema import check_press
+from prooflight.scans.geometry import ScanGeometry
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+SCHEMA = 6
+KIND = "prooflight press"
+TEXTS = frozenset({"kind", "schema", "digest", "document"})
+TABLES = ("mean_dn", "variance_dn2")
+CORRECTION = ("near", "far", "farther")
+INKS = "inks."
+DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
+    "ours": CalibratedDetector,
+    "bayes": BayesDetector,
+}
+REBUILD = "build it again with `prooflight press build`"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClippedShare:
+    """Shares of a sensor's table nodes whose noise is cut off, so that it is not Gaussian; 0..1 each."""
+
+    black: float
+    """Within four sigma of 0 DN."""
+    saturation: float
+    """Within four sigma of the top code."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Press:
+    """One press with its camera, ready to predict, compare and decide."""
+
+    name: str
+    geometry: ScanGeometry
+    sensors: tuple[SensorModel, ...]
+    supersampling: int
+    """Raster pixels across one camera pixel at which PDF pages are ripped."""
+    appearance_srgb: NDArray[np.uint8]
+    """(n, n, n, n, 3) sRGB of recipes at n even steps of each ink, paper shown white; for pictures only."""
+    costs: RunningCosts
+    good_pages_per_false_alarm: float
+    """The promise: one good page in so many may alarm."""
+    origin: Mapping[str, str] = field(default_factory=dict)
+    """What it was made from: texts, digests, seed."""
+    ink_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """Arrays of the ink model that the tables were made from; ``commissioning.inks`` makes the model again."""
+    ink_facts: Mapping[str, str] = field(default_factory=dict)
+    """Its name, its kind and what it is worth."""
+    clipped: tuple[ClippedShare, ...] = ()
+    """Of each sensor; empty where nobody looked."""
+    variation: Mapping[str, Any] = field(default_factory=dict)
+    """How much good prints of this press vary, as far as it is known: what JSON can hold."""
+    fringes: bool = False
+    """Whether our detector predicts planes that share edges where their fringes show them; it is taught with it."""
+    ours: CalibratedDetector | None = None
+    """Our detector, taught for this press; None: not yet."""
+    bayes: BayesDetector | None = None
+    """The paper's learned detector, taught for this press; None: not yet."""
+
+    @property
+    def dpi(self) -> float:
+        """Resolution at which this press wants PDF pages ripped. [pixels/inch]"""
+        return self.geometry.raster_dpi(self.supersampling)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything in it; equal digests, equal verdicts."""
+        arrays, document = self._parts()
+        return _digest(arrays, document)
+
+    def check(self) -> None:
+        """PressError, with the field's name, if it holds what no artefact may: nothing can be judged by it."""
+        arrays, document = self._parts()
+        _checked(f"press {self.name}", document, arrays)
+
+    def save(self, path: Path) -> str:
+        """Write to ``path``, whole or not at all; returns the digest. PressError: ``load`` would refuse it."""
+        arrays, document = self._parts()
+        _checked(path, document, arrays)
+        digest = _digest(arrays, document)
+        metadata = {"kind": KIND, "schema": str(SCHEMA), "digest": digest, "document": document}
+        with whole_file(path) as unfinished:
+            unfinished.write_bytes(save(arrays, metadata))
+        return digest
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a press artefact; PressError if it is none, damaged, of another schema, or holds what none may."""
+        if not path.is_file():
+            raise PressError(path, "there is no such file", remedy=f"{REBUILD} or give the right path")
+        try:
+            document, arrays = _read(path)
+        except Damaged as error:
+            raise PressError(path, "is damaged or not a press artefact", remedy=REBUILD) from error
+        except Misfit as error:
+            raise PressError(path, str(error), remedy=REBUILD) from error
+        return cls._from_parts(arrays, _checked(path, document, arrays))
+
+    def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
+        arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
+        arrays |= {INKS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
+        detectors: dict[str, Any] = {}
+        for name in DETECTORS:
+            taught: CalibratedDetector | BayesDetector | None = getattr(self, name)
+            if taught is not None:
+                detectors[name] = taught.facts()
+                arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in taught.arrays().items()}
+        sensors = []
+        for index, sensor in enumerate(self.sensors):
+            for name in (*TABLES, "column_offset_dn", "column_gain"):
+                arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
+            arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
+            arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
+            for name in CORRECTION:
+                arrays[f"sensor{index}.correction_{name}"] = getattr(sensor.correction, name)
+            sensors.append(
+                {
+                    "name": sensor.name,
+                    "footprint_reach_mm": sensor.footprint.reach_mm,
+                    "dark_variance_dn2": sensor.dark_variance_dn2,
+                    "backing_dn": sensor.backing_dn,
+                    "backing_variance_dn2": sensor.backing_variance_dn2,
+                    "top_code_dn": sensor.top_code_dn,
+                }
+            )
+        document = {
+            "name": self.name,
+            "geometry": asdict(self.geometry),
+            "sensors": sensors,
+            "supersampling": self.supersampling,
+            "costs": asdict(self.costs),
+            "good_pages_per_false_alarm": self.good_pages_per_false_alarm,
+            "origin": dict(self.origin),
+            "ink_facts": dict(self.ink_facts),
+            "clipped": [asdict(share) for share in self.clipped],
+            "variation": dict(self.variation),
+            "detectors": detectors,
+        }
+        if self.fringes:  # a press that does without is what it was before there was this
+            document["fringes"] = True
+        return arrays, json.dumps(document, sort_keys=True)
+
+    @classmethod
+    def _from_parts(cls, arrays: dict[str, NDArray[Any]], document: dict[str, Any]) -> Self:
+        sensors = []
+        for index, scalars in enumerate(document["sensors"]):
+            of_sensor = f"sensor{index}."
+            footprint = Footprint(
+                reach_mm=scalars.pop("footprint_reach_mm"),
+                across=arrays[of_sensor + "footprint_across"],
+                along=arrays[of_sensor + "footprint_along"],
+            )
+            tables: dict[str, Any] = {
+                name: arrays[of_sensor + name] for name in (*TABLES, "column_offset_dn", "column_gain")
+            }
+            correction = LensCorrection(
+                **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
+            )
+            sensors.append(SensorModel(footprint=footprint, correction=correction, **tables, **scalars))
+        detectors: dict[str, Any] = {
+            name: DETECTORS[name].from_parts(part_of(arrays, f"{name}."), facts)
+            for name, facts in document["detectors"].items()
+        }
+        return cls(
+            name=document["name"],
+            geometry=ScanGeometry(**document["geometry"]),
+            sensors=tuple(sensors),
+            supersampling=document["supersampling"],
+            appearance_srgb=arrays["appearance_srgb"],
+            costs=RunningCosts(**document["costs"]),
+            good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
+            origin=document["origin"],
+            ink_arrays=part_of(arrays, INKS),
+            ink_facts=document["ink_facts"],
+            clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
+            variation=document["variation"],
+            fringes=document.get("fringes", False),
+            **detectors,
+        )
+
+
+def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
+    """Document and arrays whose digest is right, yet unchecked. Damaged, Misfit: see ``Tensors``."""
+    file = Tensors(path)
+    if file.texts.get("kind") != KIND:
+        raise PressError(path, "is not a press artefact", remedy=REBUILD)
+    if (schema := file.texts.get("schema")) != str(SCHEMA):
+        what = f"has schema {schema}, this version reads schema {SCHEMA}"
+        raise PressError(path, what, remedy=REBUILD)
+    if unknown := sorted(set(file.texts) - TEXTS):
+        raise Misfit(unknown[0], "is not known here")
+    arrays, document = file.arrays(), file.texts.get("document", "")
+    if _digest(arrays, document) != file.texts.get("digest"):
+        raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
+    return document, arrays
+
+
+def _checked(where: object, document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """What ``document`` says, once all of it and of ``arrays`` is known to be sound."""
+    try:
+        return check_press(document, arrays)
+    except Misfit as error:
+        raise PressError(where, str(error), remedy=REBUILD) from error
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]], document: str) -> str:
+    sha = hashlib.sha256(document.encode())
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        sha.update(f"{name} {array.dtype} {array.shape}".encode())
+        sha.update(array.tobytes())
+    return sha.hexdigest()

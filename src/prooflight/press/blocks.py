@@ -1,0 +1,307 @@
+"""What may stand in a press file (TOML), and what is said of one in which something else stands."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+
+from prooflight.errors import PressFileError
+from prooflight.files.given import shortly
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Strict: text and booleans are no numbers.
+# Nothing about a press is smaller or larger, in any of our units; so products of several stay finite.
+LEAST, GREATEST = 1e-9, 1e12
+Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]
+Share = Annotated[float, Field(strict=True, ge=LEAST, le=1)]
+Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
+"""Of what good prints do: per cent, micrometres, millimetres."""
+Range = tuple[
+    Annotated[float, Field(strict=True, ge=1e-3, le=1000)], Annotated[float, Field(strict=True, le=1000)]
+]
+
+Lead = Annotated[float, Field(strict=True, ge=0, le=10_000)]
+_DEEPEST = 8
+"""Tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
+"""``a.b.c`` and so on: tomllib takes time and memory in the square of its parts."""
+
+
+class _Block(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class LightBlock(_Block):
+    """``[light]``."""
+
+    illuminant: str | None = None
+    file: str | None = None
+    luminance_cd_m2: Positive
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.illuminant is None) == (self.file is None):
+            message = "needs either illuminant or file"
+            raise ValueError(message)
+        return self
+
+
+class LensBlock(_Block):
+    """``[lens]``."""
+
+    focal_length_mm: Positive
+    f_number: Positive
+    transmittance: Share = 1.0
+    object_distance_mm: Positive
+
+
+class QuantumEfficiencyBlock(_Block):
+    """``quantum_efficiency = { wave_nm, qe }`` or ``{ file }``."""
+
+    wave_nm: tuple[Positive, ...] | None = None
+    qe: tuple[Annotated[float, Field(strict=True, ge=0, le=1)], ...] | None = None
+    file: str | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.file is None) == (self.wave_nm is None) or (self.wave_nm is None) != (self.qe is None):
+            message = "needs either wave_nm and qe, or file"
+            raise ValueError(message)
+        return self
+
+
+class SensorBlock(_Block):
+    """One ``[[sensor]]``."""
+
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+    pixels: Annotated[int, Field(strict=True, ge=16, le=65536)]
+    pixel_pitch_um: Positive
+    fill_factor: Share
+    tdi_stages: Count
+    line_rate_hz: Positive
+    conversion_gain_uv_per_e: Positive
+    voltage_swing_v: Positive
+    read_noise_e: NotNegative
+    dark_current_e_per_s: NotNegative
+    dsnu_e: NotNegative
+    prnu_percent: NotNegative
+    bits: Annotated[int, Field(strict=True, ge=1, le=16)]
+    black_level_dn: NotNegative = 0
+    quantum_efficiency: QuantumEfficiencyBlock
+
+    @model_validator(mode="after")
+    def _black_is_a_code(self) -> Self:
+        if self.black_level_dn >= 2**self.bits - 1:
+            message = f"black_level_dn must be below the greatest code, {2**self.bits - 1}"
+            raise ValueError(message)
+        return self
+
+
+class TransportBlock(_Block):
+    """``[transport]``; lead-in, lead-out and backing are of the simulated drum."""
+
+    speed_mm_s: Positive | None = None
+    binning_along: Count = 1
+    lead_in_mm: Lead = 2.0
+    lead_out_mm: Lead = 2.0
+    backing_reflectance: Share = 0.05
+    """assumed: a black anodised or rubber drum."""
+
+
+class InksBlock(_Block):
+    """``[inks]``; absent: the built-in press."""
+
+    chart: str | None = None
+    model: str = "auto"
+
+
+class CostsBlock(_Block):
+    """``[costs]``."""
+
+    misprint_rate: Annotated[float, Field(strict=True, ge=LEAST, lt=1)] = 0.01
+    false_alarm_cents: Positive = 0.01
+    missed_misprint_cents: Positive = 0.1
+
+
+class DecisionBlock(_Block):
+    """``[decision]``."""
+
+    good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e9)] = 100_000.0
+    """assumed: a press of 100 pages a minute then stops for nothing about once in two shifts."""
+
+
+class InspectionBlock(_Block):
+    """``[inspection]``: how our detector looks at scans."""
+
+    fringes: Annotated[bool, Field(strict=True)] = True
+    """``study press``: without, 15 % of misprints are missed at a promised 1 %, with 10 %."""
+
+
+class _Amounts(_Block):
+    """A block of amounts; those that are absent are ``worlds.toml``'s."""
+
+    @model_validator(mode="after")
+    def _ranges_rise(self) -> Self:
+        for name in type(self).model_fields:
+            given = getattr(self, name)
+            if isinstance(given, tuple) and given[0] > given[1]:
+                message = f"{name} must be [least, greatest]"
+                raise ValueError(message)
+        return self
+
+
+VARIATION = {
+    "page": ("shift_mm", "skew_deg", "scale_percent", "warp_across_um", "warp_along_um"),
+    "register": ("plane_um", "plane_clip_um"),
+    "ink": (
+        "gain_session_percent",
+        "gain_print_percent",
+        "gain_tilt_percent",
+        "dot_gain_percent",
+        "halftone_contrast",
+    ),
+    "paper": (
+        "white_percent",
+        "white_channel_percent",
+        "cloudiness_percent",
+        "specks_per_page",
+        "specks_ink_percent",
+        "specks_diameter_mm",
+    ),
+    "lamp": ("profile_percent", "profile_print_percent", "flicker_percent"),
+    "camera": ("column_gain_percent", "sigma_error", "table_gain_percent", "table_shape_percent"),
+}
+"""The amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may state anew."""
+VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
+"""Those of them that are [least, greatest]."""
+
+
+def _variation_block() -> type[_Block]:
+    """``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
+    blocks: dict[str, Any] = {"all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0)}
+    for block, names in VARIATION.items():
+        fields: dict[str, Any] = {
+            name: (Range if name in VARIATION_RANGES else Amount, None) for name in names
+        }
+        of_block = create_model(f"Variation{block.title()}Block", __base__=_Amounts, **fields)
+        # Under another name inside: ``register`` is also a method of every class of pydantic's.
+        blocks[f"of_{block}"] = (of_block, Field(of_block(), alias=block))
+    return create_model("VariationBlock", __base__=_Block, **blocks)
+
+
+VariationBlock = _variation_block()
+
+
+class Document(_Block):
+    """All of a press file."""
+
+    light: LightBlock
+    lens: LensBlock
+    sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1, max_length=16)]
+    transport: TransportBlock = TransportBlock()
+    inks: InksBlock = InksBlock()
+    costs: CostsBlock = CostsBlock()
+    decision: DecisionBlock = DecisionBlock()
+    inspection: InspectionBlock = InspectionBlock()
+    variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
+
+
+def checked(path: Path, text: str) -> Document:
+    """The document that a file's text is; PressFileError names the field that is wrong and what would be right."""
+    tree = _tree(path, text)
+    _refuse_what_no_field_holds(path, tree)
+    try:
+        return Document.model_validate(tree)
+    except ValidationError as error:
+        raise _first_fault(path, error) from error
+
+
+def _tree(path: Path, text: str) -> dict[str, Any]:
+    key = _LONG_KEY.search(text)
+    if key:
+        line = text.count("\n", 0, key.start()) + 1
+        raise PressFileError(path, f"line {line} has a name of more than 32 parts", remedy="mend that line")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise PressFileError(path, f"is not TOML ({str(error)[:200]})", remedy="mend that line") from error
+    except RecursionError:
+        raise PressFileError(path, "has lists in lists without end", remedy="take them out") from None
+    except ValueError:  # of int(): more digits than it takes
+        what = "has a number of thousands of digits"
+        raise PressFileError(path, what, remedy="give numbers as a press has them") from None
+
+
+def _refuse_what_no_field_holds(path: Path, tree: dict[str, Any]) -> None:
+    """Numbers too long, tables too deep: neither can be checked field by field, or even be shown."""
+    level: list[tuple[str, Any]] = list(tree.items())
+    for _ in range(_DEEPEST):
+        for field, value in level:
+            if isinstance(value, int) and abs(value) >= 2**63:
+                what = f"{shortly(field)} is a number of more than 18 digits"
+                raise PressFileError(path, what, remedy="change that value")
+        level = [inner for field, value in level for inner in _inside(field, value)]
+    if level:
+        field = shortly(".".join(level[0][0].split(".")[:2]))
+        raise PressFileError(path, f"{field} holds tables in tables", remedy="change that value")
+
+
+def _inside(field: str, value: Any) -> list[tuple[str, Any]]:
+    match value:
+        case dict():
+            return [(f"{field}.{name}", inner) for name, inner in value.items()]
+        case list():
+            return [(f"{field}.{at}", inner) for at, inner in enumerate(value, start=1)]
+        case _:
+            return []
+
+
+def _first_fault(path: Path, error: ValidationError) -> PressFileError:
+    faults = error.errors()
+    if len(faults) > 1:  # a list whose only member is faulty is also called too short
+        faults = [fault for fault in faults if fault["type"] != "too_short"]
+    # A misspelt field is missing as well: its wrong name says more.
+    fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
+    place = [str(part + 1) if isinstance(part, int) else shortly(part) for part in fault["loc"]]
+    field = ".".join(place) or "file"
+    others = len(faults) - 1
+    more = f" (and {others} more)" if others else ""
+    match fault["type"]:
+        case "missing":
+            return PressFileError(path, f"{field} is missing{more}", remedy="add it")
+        case "extra_forbidden":
+            names = _names_beside(fault["loc"])
+            near = difflib.get_close_matches(place[-1], names, n=1)
+            meant = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
+            return PressFileError(path, f"{field} is not a known field{more}", remedy=meant)
+        case _:
+            text = fault["msg"].removeprefix("Value error, ")
+            given = "" if isinstance(fault["input"], dict) else f", got {shortly(repr(fault['input']))}"
+            return PressFileError(
+                path, f"{field}: {text[0].lower()}{text[1:]}{given}{more}", remedy="change that value"
+            )
+
+
+def _names_beside(place: tuple[Any, ...]) -> list[str]:
+    """Fields that are allowed where an unknown one stood."""
+    block: type[BaseModel] = Document
+    for part in place[:-1]:
+        if isinstance(part, str):
+            fields = {field.alias or name: field for name, field in block.model_fields.items()}
+            block = _block_of(fields[part].annotation)
+    return [field.alias or name for name, field in block.model_fields.items()]
+
+
+def _block_of(annotation: Any) -> type[BaseModel]:
+    """The block that a field holds: itself, or each of several."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return _block_of(get_args(annotation)[0])

@@ -1,0 +1,262 @@
+"""The press file (TOML): one press and its camera in a user's words.
+
+Units stand in the names; unknown fields are refused.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from prooflight import spectra
+from prooflight.camera.camera import Camera
+from prooflight.camera.light import Light
+from prooflight.camera.optics import Lens
+from prooflight.camera.sensor import LineSensor
+from prooflight.detectors.cost import RunningCosts
+from prooflight.errors import PressFileError
+from prooflight.files.given import GivenFiles, shortly
+from prooflight.inks.built_in import built_in_inks
+from prooflight.inks.cgats import number
+from prooflight.inks.chart import read_chart
+from prooflight.inks.ink_model import InkModel
+from prooflight.inks.selection import AUTO, MODELS
+from prooflight.press.blocks import GREATEST, LEAST, checked
+from prooflight.press.limits import refuse_unworkable
+from prooflight.scans.geometry import ScanGeometry
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+    from pydantic import BaseModel
+
+    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.press.blocks import SensorBlock
+
+PRESS_FILES: Final = GivenFiles(
+    error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
+)
+CURVE_FILES: Final = GivenFiles(
+    error=PressFileError, remedy="name a file of wavelengths and values", largest_mb=0.25
+)
+TWO_SENSORS: Final = "two-sensors.toml"
+"""The paper's camera with its second sensor, among the presets."""
+
+
+class PressFile:
+    """A press file that has been read and checked; builds the values that the stages work with."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        """``path`` is named in errors and is where relative file names start from."""
+        self.path, self.text = path, text
+        self._document = checked(path, text)
+        self._inks: ReflectanceModel | None = None
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file; PressFileError names the field that is wrong and what would be right."""
+        try:
+            text = PRESS_FILES.read_text(path)
+        except OSError as error:
+            raise PressFileError(path, "cannot be read", remedy=PRESS_FILES.remedy) from error
+        return cls(path, text)
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """One that comes with the package."""
+        return cls.read(Path(str(resources.files("prooflight.press").joinpath("presets", name))))
+
+    @classmethod
+    def prototype(cls) -> Self:
+        """The paper's rig with the built-in inks."""
+        text = (
+            resources.files("prooflight.press")
+            .joinpath("presets", "prototype.toml")
+            .read_text(encoding="utf-8")
+        )
+        return cls(Path("prototype.toml"), text)
+
+    @property
+    def name(self) -> str:
+        """The press's name: the file's."""
+        return self.path.stem
+
+    @property
+    def good_pages_per_false_alarm(self) -> float:
+        """The promise of ``[decision]``."""
+        return self._document.decision.good_pages_per_false_alarm
+
+    @property
+    def fringes(self) -> bool:
+        """``[inspection]``: whether prediction follows planes that share edges."""
+        return self._document.inspection.fringes
+
+    @property
+    def backing_reflectance(self) -> float:
+        """Reflectance of what lies beyond the page, the same at every wavelength. [-]"""
+        return self._document.transport.backing_reflectance
+
+    def costs(self) -> RunningCosts:
+        """``[costs]``."""
+        return RunningCosts(**self._document.costs.model_dump())
+
+    def variation(self) -> dict[str, Any]:
+        """``[variation]`` as it stands in the file: only what is given, nested alike, ranges as lists."""
+        given: BaseModel = self._document.variation
+        return given.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+    def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
+        """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.
+
+        Fitting takes up to half a minute, so ``progress`` is told what is tried, and the model is kept.
+        """
+        if self._inks is None:
+            block = self._document.inks
+            if block.chart is None:
+                self._inks = built_in_inks()
+            else:
+                if block.model not in (AUTO, *MODELS):
+                    what = f"inks.model: there is no ink model {shortly(block.model)!r}"
+                    remedy = f"take {AUTO}, {', '.join(MODELS)}"
+                    raise PressFileError(self.path, what, remedy=remedy)
+                chart = read_chart(self.path.parent / block.chart)
+                self._inks = InkModel.fit(chart, block.model, progress=progress)
+        return self._inks
+
+    def camera(self) -> Camera:
+        """``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""
+        document = self._document
+        try:
+            camera = Camera(
+                light=self._light(),
+                lens=Lens(**document.lens.model_dump()),
+                sensors=tuple(self._sensor(index, block) for index, block in enumerate(document.sensor)),
+                speed_mm_s=document.transport.speed_mm_s,
+                binning_along=document.transport.binning_along,
+            )
+        except PressFileError:
+            raise
+        except ValueError as error:
+            raise PressFileError(self.path, str(error), remedy="change that field") from error
+        refuse_unworkable(self.path, camera)
+        return camera
+
+    def geometry(self, camera: Camera) -> ScanGeometry:
+        """How ``camera`` samples a page on this transport."""
+        transport = self._document.transport
+        return ScanGeometry(
+            pixels=camera.sensors[0].pixels,
+            pixel_pitch_mm=camera.pixel_pitch_mm,
+            line_pitch_mm=camera.line_pitch_mm,
+            lead_in_mm=transport.lead_in_mm,
+            lead_out_mm=transport.lead_out_mm,
+        )
+
+    def _light(self) -> Light:
+        block = self._document.light
+        if block.file is not None:
+            power = self._curve("light.file", block.file)
+            if power.max() < LEAST:
+                what = f"light.file: {self.path.parent / block.file} holds no light from 380 to 730 nm"
+                raise PressFileError(self.path, what, remedy="give its relative power")
+            name = Path(block.file).stem
+        else:
+            name = str(block.illuminant)
+            power = _illuminant(self.path, name)
+        return Light(name=name, relative_power=power, luminance_cd_m2=block.luminance_cd_m2)
+
+    def _sensor(self, index: int, block: SensorBlock) -> LineSensor:
+        where = f"sensor.{index + 1}.quantum_efficiency"
+        curve = block.quantum_efficiency
+        if curve.file is not None:
+            qe = self._curve(where, curve.file)
+            if qe.max() > 1:
+                what = f"{where}: {self.path.parent / curve.file} goes up to {qe.max():g}"
+                raise PressFileError(self.path, what, remedy="give electrons per photon, 0..1")
+        else:
+            qe = self._on_grid(where, np.array(curve.wave_nm), np.array(curve.qe))
+        return LineSensor(**block.model_dump(exclude={"quantum_efficiency"}), quantum_efficiency=qe)
+
+    def _curve(self, where: str, name: str) -> NDArray[np.float64]:
+        """A two-column file (wavelength nm, value), comma, semicolon, tab or blank between, header lines allowed.
+
+        PressFileError names the line that is neither.
+        """
+        path = self.path.parent / name
+        try:
+            text = CURVE_FILES.read_text(path)
+        except (OSError, PressFileError) as error:
+            why = (
+                f" ({error.what.removeprefix('cannot be read: ')})"
+                if isinstance(error, PressFileError)
+                else ""
+            )
+            what = f"{where}: {path} cannot be read{why}"
+            raise PressFileError(self.path, what, remedy=CURVE_FILES.remedy) from error
+        try:
+            rows = _pairs(text)
+        except ValueError as error:
+            raise PressFileError(
+                self.path, f"{where}: {path} {error}", remedy="give lines of wavelength [nm] and value"
+            ) from None
+        table = np.array(rows)
+        return self._on_grid(f"{where}: {path}", table[:, 0], table[:, 1])
+
+    def _on_grid(
+        self, where: str, wave_nm: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        try:
+            return spectra.resample(wave_nm, values)
+        except ValueError as error:
+            raise PressFileError(
+                self.path, f"{where}: {error}", remedy="give values from 380 to 730 nm"
+            ) from error
+
+
+def _pairs(text: str) -> list[tuple[float, float]]:
+    """Rows of a curve's file; lines before the first number are its header. ValueError names the line at fault."""
+    rows: list[tuple[float, float]] = []
+    for at, line in enumerate(text.split("\n"), start=1):
+        cells = [
+            cell.strip()
+            for cell in re.split(r"[;\t]" if re.search(r"[;\t]", line) else r"[,\s]+", line.strip())
+        ]
+        values = [number(cell) for cell in cells[:2]]
+        if not any(cells) or cells[0].startswith("#") or _is_header(cells[0], rows):
+            continue
+        if len(values) < 2 or np.isnan(values).any():
+            message = f"line {at}: {shortly(line.strip())!r} is no wavelength and finite value"
+            raise ValueError(message)
+        wave, value = values
+        if rows and wave <= rows[-1][0]:
+            message = f"line {at}: {wave:g} nm does not follow {rows[-1][0]:g} nm, wavelengths must increase"
+            raise ValueError(message)
+        if not 0 < wave <= GREATEST:
+            message = f"line {at}: {wave:g} nm is no wavelength"
+            raise ValueError(message)
+        if not 0 <= value <= GREATEST:
+            message = f"line {at}: {value:g} is not in 0..{GREATEST:g}"
+            raise ValueError(message)
+        rows.append((wave, value))
+    if len(rows) < 2:
+        message = "has no two columns of numbers"
+        raise ValueError(message)
+    return rows
+
+
+def _is_header(cell: str, rows: list[tuple[float, float]]) -> bool:
+    return not rows and not cell[:1].isdecimal() and np.isnan(number(cell))
+
+
+def _illuminant(path: Path, name: str) -> NDArray[np.float64]:
+    known = {"A": "A", "C": "C", "E": "E", "D50": "D50", "D55": "D55", "D65": "D65", "D75": "D75"}
+    known |= {f"F{number}": f"FL{number}" for number in range(1, 13)}
+    if name not in known:
+        what = f"light.illuminant: there is no illuminant {shortly(name)!r}"
+        raise PressFileError(path, what, remedy=f"choose one of {', '.join(known)}, or give file")
+    return spectra.illuminant(known[name])

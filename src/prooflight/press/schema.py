@@ -1,0 +1,239 @@
+"""What a press artefact may hold: every number of its document and of its arrays, checked at save and at load.
+
+Detectors check their own parts (``deciding``), ink models theirs (``ink_schema``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import numpy as np
+from pydantic import Field
+
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.detectors.paper.bayes import BayesDetector
+from prooflight.files.ink_schema import check_inks, check_score
+from prooflight.files.schema import (
+    Block,
+    Chance,
+    Kept,
+    Misfit,
+    Name,
+    Positive,
+    Share,
+    check_arrays,
+    checked,
+    parsed,
+    part_of,
+)
+from prooflight.kernels.prediction.lens_correction import NEAR_REACH
+from prooflight.kernels.prediction.look_up import NODES
+from prooflight.pages.raster import MM_PER_INCH
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+LONGEST_PAGE_MM: Final = 420.0
+"""A3, by which the memory that a geometry asks for is reckoned. [mm]"""
+MOST_SCAN_BYTES: Final = 2 << 30
+"""Of the prediction of such a page: 4 a camera pixel and sensor."""
+MOST_RASTER_BYTES: Final = 4 << 30
+"""Of the raster of such a page as wide as the field: 4 a raster pixel."""
+FARTHEST: Final = 64.0
+"""Pixel pitches that a footprint reaches at most; ours reach 2 to 6."""
+MOST_CODE: Final = 65535
+"""Of 16 bits. [DN]"""
+EVEN: Final = 1e-3
+"""By which weights that sum to 1 may be off: rounding of float32 comes to 1e-6."""
+
+Text = Annotated[str, Field(strict=True, max_length=4_000_000)]
+Pitch = Annotated[float, Field(strict=True, ge=0.002, le=10, allow_inf_nan=False)]
+Lead = Annotated[float, Field(strict=True, ge=0, le=10_000, allow_inf_nan=False)]
+Level = Annotated[float, Field(strict=True, ge=0, le=16 * MOST_CODE, allow_inf_nan=False)]
+Variance = Annotated[float, Field(strict=True, gt=0, le=MOST_CODE**2, allow_inf_nan=False)]
+
+
+class GeometryFacts(Block):
+    """``ScanGeometry``."""
+
+    pixels: Annotated[int, Field(strict=True, ge=1, le=65536)]
+    pixel_pitch_mm: Pitch
+    line_pitch_mm: Pitch
+    lead_in_mm: Lead
+    lead_out_mm: Lead
+
+
+class SensorFacts(Block):
+    """What of a ``SensorModel`` is no array."""
+
+    name: Name
+    footprint_reach_mm: Positive
+    dark_variance_dn2: Variance
+    backing_dn: Level
+    backing_variance_dn2: Variance
+    top_code_dn: Annotated[int, Field(strict=True, ge=1, le=MOST_CODE)]
+
+
+class CostFacts(Block):
+    """``RunningCosts``."""
+
+    misprint_rate: Chance
+    false_alarm_cents: Positive
+    missed_misprint_cents: Positive
+
+
+class ClippedFacts(Block):
+    """``ClippedShare``."""
+
+    black: Share
+    saturation: Share
+
+
+class DetectorFacts(Block):
+    """Those that were taught; each checks its own."""
+
+    ours: dict[str, Any] | None = None
+    bayes: dict[str, Any] | None = None
+
+
+class PressFacts(Block):
+    """All of a press that is no array."""
+
+    name: Name
+    geometry: GeometryFacts
+    sensors: Annotated[tuple[SensorFacts, ...], Field(min_length=1, max_length=16)]
+    supersampling: Annotated[int, Field(strict=True, ge=1, le=16)]
+    costs: CostFacts
+    good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e12, allow_inf_nan=False)]
+    origin: Annotated[dict[Name, Text], Field(max_length=1000)]
+    ink_facts: Annotated[dict[Name, Text], Field(max_length=100)]
+    clipped: tuple[ClippedFacts, ...]
+    variation: dict[Name, Any]
+    detectors: DetectorFacts
+    fringes: Annotated[bool, Field(strict=True)] = False
+
+
+def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """What ``document`` says; Misfit, with the field's name, unless it and ``arrays`` are a press to inspect by."""
+    raw = parsed(document)
+    facts = checked(PressFacts, raw)
+    _check_geometry(facts)
+    _check_amounts(raw["variation"], "variation")
+    if facts.clipped and len(facts.clipped) != len(facts.sensors):
+        raise Misfit("clipped", f"is of {len(facts.clipped)} sensors of {len(facts.sensors)}")
+    sizes = {"nodes": NODES, "pixels": facts.geometry.pixels, "neighbours": 2 * NEAR_REACH + 1}
+    parts = [f"sensor{index}." for index in range(len(facts.sensors))]
+    for sensor, part in zip(facts.sensors, parts, strict=True):
+        own = part_of(arrays, part)
+        check_arrays(own, SENSOR, sizes, under=part)
+        _check_sensor(sensor, own, under=part)
+    elsewhere = (*parts, "inks.", "ours.", "bayes.")
+    rest = {name: array for name, array in arrays.items() if not name.startswith(elsewhere)}
+    check_arrays(rest, {"appearance_srgb": APPEARANCE}, {})
+    _check_inks(facts.ink_facts, part_of(arrays, "inks."))
+    _check_detectors(facts, raw["detectors"], arrays)
+    return dict(raw)
+
+
+def _check_geometry(facts: PressFacts) -> None:
+    at = facts.geometry
+    shortest, longest = sorted((at.pixel_pitch_mm, at.line_pitch_mm))
+    for index, sensor in enumerate(facts.sensors):
+        if not shortest / 2 <= sensor.footprint_reach_mm <= FARTHEST * longest:
+            what = f"is {sensor.footprint_reach_mm:g} mm, of pixels {at.pixel_pitch_mm:g} mm apart"
+            raise Misfit(f"sensors.{index + 1}.footprint_reach_mm", what)
+    length_mm = at.lead_in_mm + LONGEST_PAGE_MM + at.lead_out_mm
+    scan = 4 * len(facts.sensors) * at.pixels * math.ceil(length_mm / at.line_pitch_mm)
+    pitch_mm = at.pixel_pitch_mm / facts.supersampling
+    raster = 4 * at.pixels * facts.supersampling * math.ceil(LONGEST_PAGE_MM / pitch_mm)
+    for what, size, most in (("scan", scan, MOST_SCAN_BYTES), ("raster", raster, MOST_RASTER_BYTES)):
+        if size > most:
+            dpi = MM_PER_INCH / pitch_mm
+            told = f"asks for {size / 2**30:.1f} GiB for the {what} of a page {LONGEST_PAGE_MM:g} mm long"
+            raise Misfit("geometry", f"{told} at {dpi:.0f} dpi, must be {most / 2**30:g} at most")
+
+
+def _check_amounts(amounts: Any, field: str, depth: int = 0) -> None:
+    """Of ``[variation]``: numbers, [least, greatest], and blocks of them."""
+    if isinstance(amounts, dict) and depth < 4:
+        for name, amount in amounts.items():
+            _check_amounts(amount, f"{field}.{name}", depth + 1)
+    elif isinstance(amounts, list) and len(amounts) == 2 and depth < 4:
+        for amount in amounts:
+            _check_amounts(amount, field, 4)
+    elif isinstance(amounts, bool) or not isinstance(amounts, int | float) or not 0 <= amounts <= 1e6:
+        raise Misfit(field, f"is {str(amounts)[:40]}, must be an amount of 0 or more, or [least, greatest]")
+
+
+def _check_sensor(facts: SensorFacts, arrays: Mapping[str, NDArray[Any]], *, under: str) -> None:
+    weights = [arrays[f"correction_{name}"] for name in ("near", "far", "farther")]
+    if abs(sum(float(each.sum()) for each in weights) - 1) > EVEN:
+        raise Misfit(f"{under}correction_near", "must sum to 1, together with far and farther")
+    reach = 2 * facts.top_code_dn
+    for name in ("mean_dn", "column_offset_dn"):
+        most = float(np.abs(arrays[name]).max())
+        if most > reach:
+            raise Misfit(under + name, f"holds {most:.6g}, must lie within {reach} DN of 0")
+    gain = arrays["column_gain"].astype(np.float64)
+    least = facts.dark_variance_dn2 + float(gain.max()) * (
+        float(arrays["variance_dn2"].min()) - facts.dark_variance_dn2
+    )
+    if least <= 0:
+        raise Misfit(f"{under}variance_dn2", "lies so far below dark_variance_dn2 that columns have none")
+
+
+def _check_inks(facts: Mapping[str, str], arrays: Mapping[str, NDArray[Any]]) -> None:
+    if not arrays:  # of a press that a chart's scans taught
+        return
+    scored = "score" in facts
+    check_inks(facts.get("model", ""), arrays, spread=scored, under="inks.")
+    if scored:
+        check_score(facts["score"], under="ink_facts.")
+    for name, there in (("name", True), ("why", scored), ("chart_digest", scored)):
+        if (name in facts) != there:
+            raise Misfit(f"ink_facts.{name}", "is missing" if there else "is not known without a score")
+
+
+def _check_detectors(
+    facts: PressFacts, detectors: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    ours, bayes = (part_of(arrays, f"{name}.") for name in ("ours", "bayes"))
+    if facts.detectors.ours is not None:
+        CalibratedDetector.check(ours, detectors["ours"], under="ours.")
+    elif ours:
+        raise Misfit(f"ours.{min(ours)}", "belongs to a detector of which nothing is said")
+    if facts.detectors.bayes is not None:
+        BayesDetector.check(bayes, detectors["bayes"], sensors=len(facts.sensors), under="bayes.")
+    elif bayes:
+        raise Misfit(f"bayes.{min(bayes)}", "belongs to a detector of which nothing is said")
+
+
+def _no_edge(cumulative: NDArray[np.floating]) -> str:
+    if cumulative.size < 3 or cumulative.size % 2 == 0:
+        return "must be an odd number of values"
+    ends = abs(cumulative[0]) < EVEN and abs(cumulative[-1] - 1) < EVEN
+    return "" if ends and (np.diff(cumulative) > -EVEN).all() else "must rise from 0 to 1"
+
+
+def _not_odd(weights: NDArray[np.floating]) -> str:
+    return "" if len(weights) % 2 else "must be of an odd number of weights either way"
+
+
+APPEARANCE: Final = Kept(dtype="uint8", shape=("steps",) * 4 + (3,))
+SENSOR: Final = {
+    "mean_dn": Kept(dtype="float32", shape=("nodes",) * 4),
+    "variance_dn2": Kept(dtype="float32", shape=("nodes",) * 4, above=0, high=MOST_CODE**2),
+    "column_offset_dn": Kept(dtype="float32", shape=("pixels",)),
+    "column_gain": Kept(dtype="float32", shape=("pixels",), low=1e-3, high=1e3),
+    "footprint_across": Kept(dtype="float64", shape=("offsets",), rule=_no_edge),
+    "footprint_along": Kept(dtype="float64", shape=("offsets",), rule=_no_edge),
+    "correction_near": Kept(dtype="float32", shape=("neighbours", "neighbours"), low=-10, high=10),
+    "correction_far": Kept(dtype="float32", shape=("far", "far"), low=-10, high=10, rule=_not_odd),
+    "correction_farther": Kept(
+        dtype="float32", shape=("farther", "farther"), low=-10, high=10, rule=_not_odd
+    ),
+}
+"""Of one sensor; the extents of footprint and correction are its own."""

@@ -1,0 +1,270 @@
+"""From tiles that err a little each to where every point of the page lies: pose and smooth field in one estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.registration.field import backward, cholesky, forward, normal_equations
+from prooflight.registration.pose import slopes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+NEGLIGIBLE: Final = 1e-2
+"""Waves of which a field holds less than this share of what it holds of the longest are left out."""
+FAR: Final = 3.0
+"""Tiles further off than so many standard deviations weigh less (Huber)."""
+HOPELESS: Final = 8.0
+"""Tiles further off than so many count for nothing: they show something else."""
+POSE: Final = 5
+SMOOTH: Final = 13
+"""The unknowns begin with the pose, then the planes; from here on they are waves."""
+SHIFT_SD_MM: Final = 1.0
+"""Of the pose's last steps: no bound."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What a good print may do, before it has been looked at; standard deviations.
+
+    The defaults are those of the press world: shift and so on twice as wide as its uniform amounts allow, the field as
+    it is, half of its variance along the travel the whole web's.
+    """
+
+    turn_deg: float = 0.2
+    stretch_percent: float = 0.06
+    warp_across_um: float = 30.0
+    warp_along_um: float = 41.0
+    line_share: float = 0.5
+    """Of the variance along the travel that depends on the line alone: the whole web slips."""
+    plane_um: float = 48.0
+    """Of every ink plane, across and along, on the page."""
+    smooth_mm: float = 25.0
+    """Distance over which the field's correlation falls to 1/e."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Waves:
+    """Smooth random fields as sums of cosines with independent amplitudes, on the page.
+
+    A Gaussian correlation exp(-d^2 / (2 l^2)) has the spectrum sqrt(2 pi) l exp(-(l k)^2 / 2) along each axis; on a
+    rectangle that is larger than the page by smooth_mm on all sides it is as good as that of the cosines with zero
+    slope at its ends (Solin and Saerkkae 2020). Longest waves first.
+    """
+
+    numbers_x: NDArray[np.int64]
+    """(waves,) half periods across the rectangle."""
+    numbers_y: NDArray[np.int64]
+    share: NDArray[np.float64]
+    """(waves,) what a field holds of each, of what it holds of the longest. [-]"""
+    size_mm: tuple[float, float]
+    variance: NDArray[np.float64]
+    """(waves,) of the amplitudes of a field of variance 1."""
+    line_variance: NDArray[np.float64]
+    """(waves,) of a field of variance 1 that depends on the line alone."""
+
+    @classmethod
+    def over(
+        cls, width_mm: float, height_mm: float, smooth_mm: float, negligible: float = NEGLIGIBLE
+    ) -> Waves:
+        """Waves of a field on a page."""
+        scale = smooth_mm / np.sqrt(2)
+        size = (width_mm + 2 * smooth_mm, height_mm + 2 * smooth_mm)
+        held, powers = [], []
+        for extent in size:
+            count = int(np.sqrt(-2 * np.log(negligible)) * extent / (np.pi * scale)) + 1
+            k = np.pi * np.arange(count) / extent
+            held.append(np.exp(-((scale * k) ** 2) / 2))
+            powers.append(np.sqrt(2 * np.pi) * scale * held[-1] * np.where(k > 0, 2, 1) / extent)
+        share = np.multiply.outer(held[1], held[0])
+        rows, columns = np.nonzero(share >= negligible)
+        order = np.argsort(-share[rows, columns], kind="stable")
+        rows, columns = rows[order], columns[order]
+        return cls(
+            numbers_x=columns,
+            numbers_y=rows,
+            share=share[rows, columns],
+            size_mm=size,
+            variance=powers[1][rows] * powers[0][columns],
+            line_variance=np.where(columns == 0, powers[1][rows], 0.0),
+        )
+
+    def cosines(
+        self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating], times: int = 1
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(points, numbers) across and along, at points from the page's centre; numbers up to ``times`` the largest."""
+        x, y = (
+            np.cos(np.pi * np.outer(at / extent + 0.5, np.arange(times * int(numbers.max()) + 1)))
+            for at, extent, numbers in zip(
+                (x_mm, y_mm), self.size_mm, (self.numbers_x, self.numbers_y), strict=True
+            )
+        )
+        return x, y
+
+    def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(points, waves) at points measured from the page's centre."""
+        x, y = self.cosines(x_mm, y_mm)
+        return x[:, self.numbers_x] * y[:, self.numbers_y]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basis:
+    """What fits of one design's tiles have in common."""
+
+    points_mm: NDArray[np.float64]
+    """(tiles, 2) from the page's centre."""
+    waves: Waves
+    cosines: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """(tiles, numbers) across and along, to twice the largest number."""
+    at: NDArray[np.float64]
+    """(tiles, waves)."""
+    fixed: NDArray[np.float64]
+    """(2, tiles, 5) how displacements across and along answer to the pose."""
+    scale: NDArray[np.float64]
+    """(13 + waves + waves,) standard deviations of pose, planes, waves across and waves along. [mm and the like]"""
+
+    @classmethod
+    def of(
+        cls, points_mm: NDArray[np.float64], page_width_mm: float, page_height_mm: float, prior: Prior
+    ) -> Basis:
+        """Of tiles at points (n, 2) from the page's centre."""
+        waves = Waves.over(page_width_mm, page_height_mm, prior.smooth_mm)
+        across_mm2, along_mm2 = (1e-3 * prior.warp_across_um) ** 2, (1e-3 * prior.warp_along_um) ** 2
+        free, lines = (1 - prior.line_share) * waves.variance, prior.line_share * waves.line_variance
+        pose = [SHIFT_SD_MM, SHIFT_SD_MM, np.deg2rad(prior.turn_deg), *[prior.stretch_percent / 100] * 2]
+        smooth = np.sqrt(np.concatenate([across_mm2 * waves.variance, along_mm2 * (free + lines)]))
+        x, y = points_mm.T
+        return cls(
+            points_mm=points_mm,
+            waves=waves,
+            cosines=waves.cosines(x, y, times=2),
+            at=waves.at(x, y),
+            fixed=slopes(x, y),
+            scale=np.concatenate([pose, np.full(8, 1e-3 * prior.plane_um), smooth]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Field:
+    """What was found: steps of the pose and amplitudes of the waves, with their covariance."""
+
+    basis: Basis
+    count: int
+    """Waves in it, of all the basis has."""
+    solution: NDArray[np.float64]
+    """(13 + waves + waves,): pose, planes (4, 2), across, along."""
+    root: NDArray[np.float64]
+    """Lower Cholesky factor of the precision of the unknowns, each divided by its scale."""
+    weight: NDArray[np.float64]
+    """(tiles,) share that each tile kept."""
+    left_mm: NDArray[np.float64]
+    """(tiles, 2) how far each lies off what was found."""
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """(5,) of the pose."""
+        return self.solution[:POSE]
+
+    @property
+    def planes_mm(self) -> NDArray[np.float64]:
+        """(4, 2) how far each ink plane lies too far right and down on the page."""
+        return self.solution[POSE:SMOOTH].reshape(4, 2)
+
+    def moves_mm(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(tiles, 2) field and planes at all tiles, without the pose; shares (tiles, 2, 4)."""
+        amplitudes = self.solution[SMOOTH:].reshape(2, self.count)
+        smooth = self.basis.at[:, : self.count] @ amplitudes.T
+        return np.asarray(smooth + np.einsum("nap,pa->na", shares, self.planes_mm))
+
+    def warp_mm(self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(rows, columns, 2) the field alone on a grid of columns at x_mm and rows at y_mm, from the page's centre."""
+        waves = self.basis.waves
+        across, along = waves.cosines(x_mm, y_mm)
+        numbers = waves.numbers_y[: self.count], waves.numbers_x[: self.count]
+        both = []
+        for amplitudes in self.solution[SMOOTH:].reshape(2, self.count):
+            table = np.zeros((along.shape[1], across.shape[1]))
+            table[numbers] = amplitudes
+            both.append(along @ table @ across.T)
+        return np.stack(both, axis=-1)
+
+    def sd_mm(self, tiles: NDArray[np.intp], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) standard deviation of where tiles (n,) lie that are printed in shares (n, 2, 4) of inks. [mm]"""
+        rows = np.zeros((2, tiles.size, self.solution.size))
+        rows[:, :, :SMOOTH] = _fixed(self.basis.fixed[:, tiles], shares)
+        for axis in range(2):
+            first = SMOOTH + axis * self.count
+            rows[axis, :, first : first + self.count] = self.basis.at[tiles, : self.count]
+        return np.array([[self._sd(row) for row in by_tile] for by_tile in rows]).T
+
+    def turn_sd(self) -> float:
+        """Standard deviation of the pose's turn. [radian]"""
+        row = np.zeros(self.solution.size)
+        row[2] = 1
+        return self._sd(row)
+
+    def _sd(self, row: NDArray[np.float64]) -> float:
+        spread = row * _scale(self.basis, self.count)
+        forward(self.root, spread)
+        return float(np.sqrt(spread @ spread))
+
+
+def _scale(basis: Basis, count: int) -> NDArray[np.float64]:
+    smooth = basis.scale[SMOOTH:].reshape(2, -1)[:, :count]
+    return np.concatenate([basis.scale[:SMOOTH], smooth.ravel()])
+
+
+def _fixed(pose: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How displacements across and along answer to pose and planes, (2, n, 13)."""
+    planes = np.zeros((2, len(shares), 4, 2))
+    planes[0, :, :, 0], planes[1, :, :, 1] = shares[:, 0], shares[:, 1]
+    return np.concatenate([pose, planes.reshape(2, -1, 8)], axis=2)
+
+
+def fitted(
+    basis: Basis,
+    tiles: NDArray[np.intp],
+    moves_mm: NDArray[np.float64],
+    precision: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    *,
+    negligible: float = NEGLIGIBLE,
+    weight: NDArray[np.float64] | None = None,
+) -> Field:
+    """Pose and field from ``tiles`` (n,) off by moves (n, 2) with precision (n, 2, 2) and shares (n, 2, 4) of inks.
+
+    The most likely amplitudes under the basis's prior: a Gaussian process written in waves. weight (n,): of tiles; by
+    default Huber weights about a first such field. [mm, 1/mm^2]
+    """
+    waves = basis.waves
+    count = int((waves.share >= negligible).sum())
+    numbers = waves.numbers_x[:count], waves.numbers_y[:count]
+    cosines = tuple(np.ascontiguousarray(each[tiles]) for each in basis.cosines)
+    at = np.ascontiguousarray(basis.at[tiles, :count])
+    fixed = np.ascontiguousarray(_fixed(basis.fixed[:, tiles], shares))
+    scale = _scale(basis, count)
+    # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
+    given = np.ones(tiles.size) if weight is None else weight
+    for last in (True,) if weight is not None else (False, True):
+        weighted = precision * given[:, None, None]
+        root, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+        cholesky(root)
+        forward(root, solution)
+        backward(root, solution)
+        solution *= scale
+        left = moves_mm - np.einsum("anj,j->na", fixed, solution[:SMOOTH])
+        left -= at @ solution[SMOOTH:].reshape(2, count).T
+        if not last:
+            given = trust(left, precision, hopeless=np.inf)
+    return Field(basis=basis, count=count, solution=solution, root=root, weight=given, left_mm=left)
+
+
+def trust(
+    left_mm: NDArray[np.float64], precision: NDArray[np.float64], *, hopeless: float = HOPELESS
+) -> NDArray[np.float64]:
+    """Huber weights (n,) of tiles that lie left (n, 2) off a field; 0 beyond ``hopeless`` standard deviations."""
+    far = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", left_mm, precision, left_mm), 0))
+    return np.minimum(1, FAR / np.maximum(far, 1e-9)) * (far < hopeless)

@@ -1,0 +1,281 @@
+"""What of a page's design tells where the page lies; found once a design, ahead of its scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.summing import FEW
+from prooflight.kernels.registration.landmarks import edge_shares, tile_information, tile_signals
+from prooflight.prediction.quantised_table import bricks_of
+from prooflight.registration.coarse import CoarsePage, coarse_page
+from prooflight.registration.field import Basis, Prior
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.registration.pose import Pose
+    from prooflight.scans.geometry import ScanGeometry
+
+TILE_PIXELS: Final = 32
+"""Side of the tiles that are measured: 3.4 mm, a word or two, over which a warp smooth over 25 mm is constant."""
+CELL_TILES: Final = 4
+"""One tile for each direction of edges is taken from every cell of 4 x 4 tiles, 13 mm, so that they lie spread out; on
+small pages from smaller ones."""
+LEAST_CELLS: Final = 150
+REACH_PIXELS: Final = 1.5
+"""How much of a footprint is rendered; it holds 99 % of the light (prototype camera)."""
+MARGIN_PIXELS: Final = 3
+"""An edge so near a tile's border tells nothing: it is half outside, and what it is made of as well."""
+TILE_SD_PIXELS: Final = 0.03
+"""Of a tile's displacement beyond its noise: what the page does within a tile (assumed)."""
+MIX_SD_PIXELS: Final = 0.12
+"""The same where planes off register share edges: an ink hidden by another tells when it looks out on one side, not on
+the other, which shares cannot say. Times the root of sum s (1 - s) over a tile's shares; on designs used in development
+tiles lay 0.1 to 0.25 pixels off."""
+PHASES: Final = 256
+GRADIENT_NOISE: Final = 0.02
+"""Variance by the squared gradient: as if every edge were 0.14 pixels off (register of planes, jitter)."""
+SIGNAL_NOISE: Final = 0.015
+"""Standard deviation of a print's signal, as a share of it (ink gain, lamp)."""
+LEAST_INFORMATION: Final = 100.0
+"""Of a tile in one direction, for it to be chosen: it then tells its place to 0.1 pixels. [1/pixel^2]"""
+
+
+PLENTY: Final = 2000.0
+"""Of a tile in both directions, for it to do for its cell: it then tells its place to 0.02 pixels, less than the page
+moves within it. [1/pixel^2]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorTaps:
+    """A footprint as weights of raster pixels, by the phase at which it begins; (phases, taps) each."""
+
+    across: NDArray[np.float32]
+    across_slope: NDArray[np.float32]
+    """By the page's displacement. [1/pixel]"""
+    along: NDArray[np.float32]
+    along_slope: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Landmarks:
+    """Tiles of one design to measure in every scan of it, and its coarse picture."""
+
+    geometry: ScanGeometry
+    sensors: tuple[SensorModel, ...]
+    page_width_mm: float
+    page_height_mm: float
+    ratio: tuple[float, float]
+    """Raster pixels in a camera pixel, across and along."""
+    lines: NDArray[np.int64]
+    """(tiles,) first line of each tile, the page in its place."""
+    columns: NDArray[np.int64]
+    """(tiles,) first column."""
+    centres_mm: NDArray[np.float64]
+    """(tiles, 2) x, y of their centres on the page. [mm]"""
+    information: NDArray[np.float32]
+    """(tiles, 2) about what displacement across and along each tells. [1/pixel^2]"""
+    shares: NDArray[np.float64]
+    """(tiles, 2, 4) how far each tile seems to go across and along where an ink plane goes by 1: that ink's part of its
+    edges. What is missing to 1 is the part of the page's own edge. [-]"""
+    beyond: NDArray[np.float64]
+    """(tiles, 2) variance of a tile's displacement across and along beyond its noise. [pixels^2]"""
+    windows: NDArray[np.float32]
+    """(sensors, tiles, height, width) signal of the raster under each tile. [DN]"""
+    origins: NDArray[np.float64]
+    """(tiles, 2) x, y of each tile's first footprint's beginning in its window. [raster pixels]"""
+    taps: tuple[SensorTaps, ...]
+    coarse: CoarsePage
+    basis: Basis
+
+    @property
+    def pitch_mm(self) -> NDArray[np.float64]:
+        """(2,) pixel and line pitch. [mm]"""
+        return np.array([self.geometry.pixel_pitch_mm, self.geometry.line_pitch_mm])
+
+    def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
+        """How far a page that lies so displaces ``tiles`` (n,): (n, 2) [pixels]."""
+        points = self.basis.points_mm[tiles]
+        return np.stack(pose.displacement_mm(points[:, 0], points[:, 1]), axis=1) / self.pitch_mm
+
+
+def prepare(
+    page: Page,
+    prediction: Prediction,
+    *,
+    sensors: Sequence[SensorModel],
+    geometry: ScanGeometry,
+    prior: Prior | None = None,
+) -> Landmarks:
+    """Landmarks of a page from its ``prediction`` in its place.
+
+    Tiles are chosen where edges tell most, by ``GRADIENT_NOISE`` and the like; page edges count as any others.
+    """
+    size = TILE_PIXELS
+    information = _information(prediction, sensors)
+    rows, columns = _chosen(information)
+    lines, left = rows * size, columns * size
+    pitch = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
+    ratio = pitch / page.pixel_mm
+    x_mm = geometry.centres_x_mm(page.width_mm)
+    y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    first = np.stack([x_mm[left], y_mm[lines]], axis=1)
+    taps = tuple(_sensor_taps(sensor, ratio, page.pixel_mm, pitch) for sensor in sensors)
+    begin, corners, (width, height) = raster_windows(first, size, page.pixel_mm, ratio, taps[0])
+    windows = np.empty((len(sensors), rows.size, height, width), np.float32)
+    words = page.words
+    for sensor, window in zip(sensors, windows, strict=True):
+        bricks, backing = bricks_of(sensor.mean_dn), np.float32(sensor.backing_dn)
+        tile_signals(words, corners[:, 1], corners[:, 0], bricks, backing, window)
+    shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio)
+    apart = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
+    centres = first + (size - 1) / 2 * pitch
+    from_centre = centres - np.array([page.width_mm, page.height_mm]) / 2
+    return Landmarks(
+        geometry=geometry,
+        sensors=tuple(sensors),
+        page_width_mm=page.width_mm,
+        page_height_mm=page.height_mm,
+        ratio=(float(ratio[0]), float(ratio[1])),
+        lines=lines,
+        columns=left,
+        centres_mm=centres,
+        information=information[rows, columns],
+        shares=shares,
+        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(apart, 0, 1),
+        windows=windows,
+        origins=begin - corners,
+        taps=taps,
+        coarse=coarse_page(prediction, sensors, geometry, page.width_mm, page.height_mm),
+        basis=Basis.of(from_centre, page.width_mm, page.height_mm, prior or Prior()),
+    )
+
+
+def raster_windows(
+    first_mm: NDArray[np.float64], size: int, pixel_mm: float, ratio: NDArray[np.float64], taps: SensorTaps
+) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[int, int]]:
+    """The raster that squares of ``size`` camera pixels see, their first pixels at x, y, first_mm (n, 2) on the page.
+
+    Where their first footprints begin and the windows' corners, (n, 2) x, y each; width and height of the windows, with
+    room for a camera pixel's displacement and the width as ``render_tile`` wants it. [raster pixels]
+    """
+    begin = first_mm / pixel_mm - REACH_PIXELS * ratio
+    corners = np.floor(begin - ratio).astype(np.int64)
+    width, height = (
+        int(np.ceil((size + 2) * per_pixel)) + weights.shape[1] + 2
+        for per_pixel, weights in zip(ratio, (taps.across, taps.along), strict=True)
+    )
+    return begin, corners, (-(-width // FEW) * FEW, height)
+
+
+def _information(prediction: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
+    """What tiles tell of a displacement across and along, (tile rows, tile columns, 2) [1/pixel^2], sensors added."""
+    rows, columns = (extent // TILE_PIXELS for extent in prediction.expected_dn.shape[1:])
+    total = np.zeros((rows, columns, 2), np.float32)
+    for index, sensor in enumerate(sensors):
+        tile_information(
+            prediction.expected_dn[index],
+            prediction.variance_dn2[index],
+            sensor.column_offset_dn,
+            1 / sensor.column_gain,
+            np.float32(GRADIENT_NOISE),
+            np.float32(SIGNAL_NOISE**2),
+            TILE_PIXELS,
+            MARGIN_PIXELS,
+            total,
+        )
+    return total
+
+
+def _shares(
+    page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    sums = np.zeros((len(corners), 2, 6))
+    words = page.words
+    stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
+    for sensor in sensors:
+        logs = np.log(light_left(sensor)).astype(np.float32)
+        edge_shares(
+            words,
+            corners[:, 1],
+            corners[:, 0],
+            TILE_PIXELS,
+            stride_x,
+            stride_y,
+            logs,
+            sensor.backing_dn / sensor.white_dn,
+            sums,
+        )
+    return sums[..., :4] / np.maximum(sums[..., 5:], 1e-9)
+
+
+def light_left(sensor: SensorModel) -> NDArray[np.float64]:
+    """Share of the light that an ink alone leaves, (4, 256) by its byte."""
+    mean = sensor.mean_dn
+    solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
+    ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
+    return np.asarray(np.maximum(ramps / sensor.white_dn, 1e-3))
+
+
+def _chosen(information: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the best tile of each cell for either direction, where it tells enough.
+
+    One tile is enough for both directions where it tells ``PLENTY`` of the other as well.
+    """
+    tile_rows, tile_columns = information.shape[:2]
+    side = int(np.clip(np.sqrt(tile_rows * tile_columns / LEAST_CELLS), 1, CELL_TILES))
+    rows, columns = -(-tile_rows // side), -(-tile_columns // side)
+    framed = np.zeros((rows * side, columns * side, 2), np.float32)
+    framed[:tile_rows, :tile_columns] = information
+    cells = framed.reshape(rows, side, columns, side, 2).transpose(0, 2, 1, 3, 4).reshape(-1, side * side, 2)
+    cell = np.arange(len(cells))
+    both = cells.min(axis=2).argmax(axis=1)
+    chosen = np.zeros(cells.shape[:2], bool)
+    for axis in range(2):
+        best = cells[..., axis].argmax(axis=1)
+        best = np.where(cells[cell, both].min(axis=1) >= PLENTY, both, best)
+        enough = cells[cell, best, axis] >= LEAST_INFORMATION
+        chosen[cell[enough], best[enough]] = True
+    grid = chosen.reshape(rows, columns, side, side).transpose(0, 2, 1, 3).reshape(framed.shape[:2])
+    found = np.nonzero(grid)
+    return found[0].astype(np.int64), found[1].astype(np.int64)
+
+
+def _sensor_taps(
+    sensor: SensorModel, ratio: NDArray[np.float64], pixel_mm: float, pitch_mm: NDArray[np.float64]
+) -> SensorTaps:
+    footprint = sensor.footprint
+    offsets = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
+    found = []
+    for cumulative, per_pixel, pitch in zip(
+        (footprint.across, footprint.along), ratio, pitch_mm, strict=True
+    ):
+        reach_mm = REACH_PIXELS * pitch
+        low, high = np.interp([-reach_mm, reach_mm], offsets, cumulative)
+        count = int(np.ceil(2 * REACH_PIXELS * per_pixel)) + 1
+        edges = np.arange(count + 1) - REACH_PIXELS * per_pixel
+
+        def weights(
+            phase: NDArray[np.float64],
+            edges: NDArray[np.float64] = edges,
+            cumulative: NDArray[np.float64] = cumulative,
+            bounds: tuple[float, float] = (low, high),
+        ) -> NDArray[np.float64]:
+            at = np.interp((edges - phase[:, None]) * pixel_mm, offsets, cumulative)
+            return np.diff((np.clip(at, *bounds) - bounds[0]) / (bounds[1] - bounds[0]), axis=1)
+
+        phase = (np.arange(PHASES) + 0.5) / PHASES
+        step = 0.05
+        slope = (weights(phase + step) - weights(phase - step)) / (2 * step)
+        found += [weights(phase), -per_pixel * slope]
+    across, across_slope, along, along_slope = (np.ascontiguousarray(array, np.float32) for array in found)
+    return SensorTaps(across=across, across_slope=across_slope, along=along, along_slope=along_slope)

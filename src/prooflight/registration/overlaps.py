@@ -1,0 +1,151 @@
+"""Where on a design ink planes share their edges, so that their register shows in fringes; found ahead of its scans."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.kernels.registration.shared_edges import EDGES, PAIRS, shared_edges
+from prooflight.registration.landmarks import light_left, raster_windows
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.registration.landmarks import Landmarks
+
+INKS: Final = 4
+PATCH_PIXELS: Final = 8
+"""Side of the patches that are rendered: two millimetres at 0.254 mm, a letter, over which a print moves as one."""
+MOST_PATCHES: Final = 48
+LEAST_PATCHES: Final = 6
+"""Fewer could all be one misprint's."""
+LEAST_SHARED: Final = 0.1
+"""Of a patch, for it to be chosen: as much as ten pixels of an edge where either ink takes a tenth of white."""
+REGIONS: Final = (9, 6)
+"""Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Overlaps:
+    """Patches of a design where planes share edges, as bytes of ink: what they show depends on where planes lie."""
+
+    lines: NDArray[np.int64]
+    """(patches,) first line of each, the page in its place."""
+    columns: NDArray[np.int64]
+    words: NDArray[np.uint32]
+    """(patches, height + 2 margin, width + 2 margin) raster under each patch, a word a recipe, cyan lowest."""
+    margin: int
+    """Raster pixels by which planes may be displaced."""
+    origins: NDArray[np.float64]
+    """(patches, 2) x, y of the first footprint's beginning within the margin. [raster pixels]"""
+    inks: tuple[int, ...]
+    """Planes that have edges on the page."""
+    told: NDArray[np.bool_]
+    """(4,) whether a plane has edges in the patches."""
+    good_mm: float
+    """Planes of good prints are off by no more."""
+    pixel_mm: float
+    """Of the raster."""
+
+    @property
+    def reach(self) -> int:
+        """How far planes may be displaced. [raster pixels]"""
+        return _reach(self.good_mm, self.pixel_mm)
+
+
+def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:
+    """The patches of a page; None where no two planes share enough edges for fringes to be seen.
+
+    good_mm: planes of good prints are off by no more.
+    """
+    scores = shared_scores(page, landmarks)
+    rows, columns = _chosen(scores)
+    if rows.size < LEAST_PATCHES:
+        return None
+    geometry = landmarks.geometry
+    side_mm = PATCH_PIXELS * _strides(landmarks) * page.pixel_mm
+    x_mm = geometry.centres_x_mm(page.width_mm)
+    y_mm = geometry.centres_y_mm(geometry.lines(page.height_mm))
+    left, top = np.searchsorted(x_mm, columns * side_mm[0]), np.searchsorted(y_mm, rows * side_mm[1])
+    begin, corners, (width, height) = raster_windows(
+        np.stack([x_mm[left], y_mm[top]], axis=1),
+        PATCH_PIXELS,
+        page.pixel_mm,
+        np.array(landmarks.ratio),
+        landmarks.taps[0],
+    )
+    margin = _reach(good_mm, page.pixel_mm) + 1
+    width, height = width + 2 * margin, height + 2 * margin
+    words = [_cut(page.words, y - margin, x - margin, height, width) for x, y in corners.tolist()]
+    of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
+    return Overlaps(
+        lines=top,
+        columns=left,
+        words=np.stack(words),
+        margin=margin,
+        origins=begin - corners,
+        inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
+        told=of_planes[rows, columns].any(axis=0),
+        good_mm=good_mm,
+        pixel_mm=page.pixel_mm,
+    )
+
+
+def _reach(good_mm: float, pixel_mm: float) -> int:
+    apart = round(2 * good_mm / pixel_mm)  # two planes of one print, to the raster pixel
+    return max(math.ceil(apart / 2), 1)
+
+
+def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
+    """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches; 0 at the border."""
+    stride_x, stride_y = _strides(landmarks)
+    rows = page.cmyk.shape[0] // (PATCH_PIXELS * stride_y)
+    columns = page.cmyk.shape[1] // (PATCH_PIXELS * stride_x)
+    scores = np.zeros((rows, columns, 2, EDGES))
+    # An ink counts as for the sensor that sees it best.
+    light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0).astype(np.float32)
+    shared_edges(page.words, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
+    inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
+    inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
+    return inner
+
+
+def _cut(words: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
+    """A window of the raster; bare where it reaches beyond."""
+    found = np.zeros((height, width), np.uint32)
+    above, aside = max(-top, 0), max(-left, 0)
+    within = words[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
+    found[above : above + within.shape[0], aside : aside + within.shape[1]] = within
+    return found
+
+
+def _strides(landmarks: Landmarks) -> NDArray[np.int64]:
+    return np.array([max(round(per_pixel), 1) for per_pixel in landmarks.ratio])
+
+
+def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of patches: for each pair of planes and direction of edges in turn the best of a region."""
+    lists = [_best(scores[:, :, axis, pair]) for axis in range(2) for pair in range(PAIRS)]
+    chosen: list[tuple[int, int]] = []
+    for turn in range(max(len(one) for one in lists)):
+        for one in lists:
+            if turn < len(one) and one[turn] not in chosen and len(chosen) < MOST_PATCHES:
+                chosen.append(one[turn])
+    rows, columns = np.array(chosen, np.int64).reshape(-1, 2).T
+    return rows, columns
+
+
+def _best(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Of every region the patch with most, most first, where that is enough; scores (rows, columns)."""
+    found = []
+    for rows in np.array_split(np.arange(scores.shape[0]), REGIONS[0]):
+        for columns in np.array_split(np.arange(scores.shape[1]), REGIONS[1]):
+            part = scores[np.ix_(rows, columns)]
+            if part.size and part.max() > LEAST_SHARED:
+                row, column = np.unravel_index(part.argmax(), part.shape)
+                found.append((float(part.max()), int(rows[row]), int(columns[column])))
+    return [(row, column) for _, row, column in sorted(found, reverse=True)]

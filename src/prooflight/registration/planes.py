@@ -1,0 +1,186 @@
+"""Where ink planes lie that share their edges, by the fringes that they show: what tiles' displacements cannot tell.
+
+Where type is set in several inks at once all planes' edges lie together, and a plane a little off shows on one side of
+a letter and hides on the other. What a scan should show is therefore rendered with the planes displaced by whole raster
+pixels, and the displacements that leave least are taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.registration.overlaps import INKS
+from prooflight.registration.patches import IN_REGISTER, Patches, Steps
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.registration.landmarks import Landmarks
+    from prooflight.registration.overlaps import Overlaps
+    from prooflight.scans.placement import Placement
+
+ALONE: Final = 1.58
+"""Of the most that good planes are off: further than that off all others they lie in one print of a hundred (three
+planes) or a thousand (four)."""
+MOST_MISFIT: Final = 1.0
+"""Cost of a pixel above which a page does not look as designed (0.05 to 0.25 on good prints), wherever planes lie."""
+HOLLOW: Final = 0.2
+"""Cost of a pixel above which other starts are tried."""
+TRIED: Final = 4
+"""Steps of three planes or more, or starts, that are tried."""
+FURTHER: Final = 10.0
+"""Logarithm of the odds from which a plane lies further off than good prints' do: a misprint's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FringeRegister:
+    """What fringes say of planes, for prediction; evidence is what registration says."""
+
+    shift_mm: NDArray[np.float64]
+    """(2,) by how much the print lies further right and down than registration has it."""
+    planes_mm: NDArray[np.float64]
+    """(4, 2) how far each plane lies too far right and down within the print so placed."""
+
+
+def register_by_fringes(
+    overlaps: Overlaps,
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    placement: Placement,
+    planes_mm: NDArray[np.float64],
+    plane_parts: NDArray[np.float64],
+) -> FringeRegister | None:
+    """Register of the planes that share edges, in a scan (sensors, lines, pixels) [DN] registered before.
+
+    placement, planes_mm (4, 2) and plane_parts (2, 4): as ``Registration`` has them. None where planes lie further off
+    than those of good prints, or too little of the page is seen: prediction must not follow a misprint.
+    """
+    patches = Patches.of(overlaps, landmarks, scan, placement, plane_parts)
+    if patches is None:
+        return None
+    found = _searched(patches, _rounded(overlaps, planes_mm))
+    if patches.misfit > MOST_MISFIT or _lies_alone(overlaps, found) or _goes_further(patches, found):
+        return None
+    shift = patches.shift_pixels(found) * landmarks.pitch_mm
+    steps = np.array(found, np.float64).reshape(2, INKS).T * overlaps.pixel_mm
+    # A plane that shows nowhere there stays where registration has it.
+    planes_mm = np.where(overlaps.told[:, None], steps, planes_mm - shift)
+    return FringeRegister(shift_mm=shift, planes_mm=planes_mm)
+
+
+def _rounded(overlaps: Overlaps, planes_mm: NDArray[np.float64]) -> Steps:
+    """Registration's planes on the raster."""
+    steps = np.rint(planes_mm / overlaps.pixel_mm).clip(-overlaps.reach, overlaps.reach)
+    steps[[ink for ink in range(INKS) if ink not in overlaps.inks]] = 0
+    return tuple(int(step) for step in steps.T.ravel())
+
+
+def _searched(patches: Patches, start: Steps) -> Steps:
+    """The displacements of least cost: a descent, and another with costs as sharp as the first one's end allows.
+
+    Where patches are then left worse than good prints' mostly are, that was no more than a hollow on the way, and
+    descents from elsewhere are tried.
+    """
+    best = _descended(patches, min([IN_REGISTER, start], key=patches.cost))
+    patches.sharpen(best)
+    if patches.misfit > HOLLOW:
+        near = [other for axis in range(2) for other in _singles(patches, IN_REGISTER, axis)]
+        starts = sorted(near, key=patches.cost)[:TRIED]
+        best = min([best, *(_descended(patches, one) for one in starts)], key=patches.cost)
+    best = _descended(patches, best)
+    patches.sharpen(best)
+    return best
+
+
+def _descended(patches: Patches, best: Steps) -> Steps:
+    """From there down by single planes, by pairs of them, then by more, either axis in turn, until nothing helps.
+
+    Pairs are what single steps miss: two planes that are off together hide each other's fringes.
+    """
+    axes, axis = 0, 0
+    while True:
+        before = best
+        # An axis is gone down to its end before the other's turn; planes go askew where neither goes down any more.
+        for near in (_singles, _pairs, _many) if axes < 2 else (_askew,):
+            best = min([best, *near(patches, best, axis)], key=patches.cost)
+            if best != before:
+                break
+        if best == before and axes == 2:
+            return best
+        axis, axes = (axis, 0) if best != before else (1 - axis, axes + 1)
+
+
+def _singles(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
+    """Every one of the planes a raster pixel further either way, as far as good prints' go."""
+    return [_stepped(steps, axis, {ink: way}) for ink, way in _ways(patches, steps, axis)]
+
+
+def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
+    ways = combinations(_ways(patches, steps, axis), 2)
+    return [_stepped(steps, axis, dict(pair)) for pair in ways if pair[0][0] != pair[1][0]]
+
+
+def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
+    """Steps of three planes or four that promise most, if what pairs do to each other adds up."""
+    here, ways = patches.cost(steps), _ways(patches, steps, axis)
+    more: dict[tuple[tuple[int, int], ...], float] = {}
+    for count in (1, 2):
+        for some in combinations(ways, count):
+            if len({ink for ink, _ in some}) == count:
+                parts = sum(more[one,] for one in some) if count == 2 else 0.0
+                more[some] = patches.cost(_stepped(steps, axis, dict(some))) - here - parts
+    promised = []
+    for count in (3, 4):
+        for some in combinations(ways, count):
+            if len({ink for ink, _ in some}) == count:
+                terms = [(one,) for one in some] + list(combinations(some, 2))
+                promised.append((sum(more[term] for term in terms), _stepped(steps, axis, dict(some))))
+    return [other for _, other in sorted(promised)[:TRIED]]
+
+
+def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
+    """Every plane along both axes at once."""
+    return [
+        _stepped(one, 1 - axis, {ink: way})
+        for ink, way in _ways(patches, steps, 1 - axis)
+        for one in (_stepped(steps, axis, {own: by}) for own, by in _ways(patches, steps, axis) if own == ink)
+    ]
+
+
+def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
+    """Planes and the ways in which they may go a raster pixel further."""
+    return [
+        (ink, way)
+        for ink in patches.overlaps.inks
+        for way in (-1, 1)
+        if abs(steps[INKS * axis + ink] + way) <= patches.overlaps.reach
+    ]
+
+
+def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:
+    return tuple(step + by.get(at - INKS * axis, 0) for at, step in enumerate(steps))
+
+
+def _lies_alone(overlaps: Overlaps, found: Steps) -> bool:
+    """Whether a plane lies far off all others, which of three or more hardly any good print's does."""
+    for axis in np.array(found).reshape(2, INKS)[:, overlaps.told]:
+        apart = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
+        if axis.size > 2 and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
+            return True
+    return False
+
+
+def _goes_further(patches: Patches, found: Steps) -> bool:
+    """Whether a plane that lies as far off as those of good prints lies further off still."""
+    beyond = [
+        _stepped(found, axis, {ink: way})
+        for axis in range(2)
+        for ink in patches.overlaps.inks
+        for way in (-1, 1)
+        if found[INKS * axis + ink] == way * patches.overlaps.reach
+    ]
+    return any(patches.cost(other) < patches.cost(found) - FURTHER for other in beyond)

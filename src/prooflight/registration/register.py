@@ -1,0 +1,270 @@
+"""Where a page lies under the camera, from its scan: to a fraction of a pixel, with its uncertainty, or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.kernels.registration.judging import MOST_GAIN_SD
+from prooflight.registration.coarse import shrunk
+from prooflight.registration.field import Field, Prior, fitted, trust
+from prooflight.registration.foreign import coarse_inside, foreign_print
+from prooflight.registration.landmarks import Landmarks, prepare
+from prooflight.registration.search import candidates, spread
+from prooflight.registration.tiles import TileMoves, measured
+from prooflight.scans.placement import IN_PLACE, Placement, Warp
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.registration.pose import Pose
+    from prooflight.registration.search import Candidate
+
+__all__ = ["Landmarks", "Prior", "Registration", "prepare", "register"]
+
+NODE_PITCH_MM: Final = 6.0
+"""Between nodes of the warp found: a field smooth over 25 mm is linear between them to 0.01 pixels."""
+ROUGH: Final = 0.1
+"""Waves with less than this share are left out until the last fit."""
+FIELD_TILES: Final = 120
+"""Tiles that a first field is made of; it is smooth over 25 mm, and these lie 23 mm apart on A4."""
+UNSURE_PIXELS: Final = (0.6, 0.2, 0.1)
+"""How far off tiles may lie: at the pose found, at the first field, at the field of all tiles."""
+AGAIN_PIXELS: Final = 0.2
+"""Tiles that lie so far from where they were rendered are measured again: one linear step leaves a tenth."""
+PRESENT: Final = 0.4
+"""Share of its contrast from which an ink plane counts as printed."""
+PRESENCE_SD: Final = (0.2, 0.1)
+"""Of a tile's contrast about its inks' presence, and of a plane's presence before it is seen. [-]"""
+LEAST_TILES: Final = 8
+LEAST_PART: Final = 0.5
+"""Tiles' worth of ink below which a page counts as blank."""
+LEAST_SHARE: Final = 0.05
+"""Of a tile's edges, for planes to make up for others."""
+SD_TILES: Final = 12
+"""Tiles whose standard deviations stand for all."""
+LEAST_AGREEING: Final = 0.15
+"""Share of tiles that must agree: a page whose content is missing altogether still has its own edges."""
+RIVAL: Final = 0.9
+"""A second place with so much of the agreement makes the page ambiguous."""
+RIVAL_APART_PIXELS: Final = 4.0
+"""At a corner; closer ones are one place, seen through a warp."""
+MOST_RMS_PIXELS: Final = 0.2
+"""Of tiles about the page found (0.02 to 0.1 on good prints); tiles that only look alike scatter more."""
+MOST_SD_PIXELS: Final = 0.33
+"""Standard deviation of the print's shift from which it counts as lost: three make a pixel."""
+DOUBTFUL: Final = 0.3
+"""Share of the print's tiles that match below which it is asked whether the scan shows this page at all."""
+PRINTED: Final = 0.5
+"""Share of a tile's edges that inks make from which it is one of the print, not of the sheet."""
+FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH = 0.55, 0.08, 0.3
+"""Shares of what is printed, of the page and of its width that have to be foreign for it to be another page's."""
+TURNED_PRINT: Final = 0.6
+"""So many times as much of the print may be foreign to the page turned by 180 degrees, for the scan to show that."""
+WRONG_SHIFT_MM: Final = 1.8
+WRONG_SKEW_DEG: Final = 0.3
+"""worlds.toml: a page this far off is a misprint."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Registration:
+    """Where a page lies, and how well that is known."""
+
+    placement: Placement
+    """Where the print lies: what prediction needs. Of the planes together, as their edges count on this page."""
+    found: bool
+    """Whether the placement may be relied on; if not it is the best guess, or the page's place."""
+    reason: str = ""
+    """Why not; empty if found."""
+    planes_mm: NDArray[np.float64]
+    """(4, 2) how far each ink plane lies too far right and down within the print; 0 where nothing tells."""
+    plane_parts: NDArray[np.float64]
+    """(2, 4) how much each plane counts in the placement across and along: 1 together, 0 if only the sheet shows."""
+    sheet_mm: tuple[float, float] = (0.0, 0.0)
+    """How far the sheet's own edges lie too far right and down of the print."""
+    shift_sd_mm: tuple[float, float] = (np.inf, np.inf)
+    """Standard deviation of the print's place at its tiles, rms (x, y). [mm]"""
+    skew_sd_deg: float = np.inf
+    tiles_used: int = 0
+    tiles_matching: float = 0.0
+    """Share of the tiles seen that look like the design. [-]"""
+    print_matching: float = 0.0
+    """The same of tiles of the print alone, without the sheet's edges; 0: the design has none. [-]"""
+    tiles_foreign: float = 0.0
+    """Share of the tiles seen that show something else. [-]"""
+    residual_rms_pixels: float = np.inf
+    """Of the tiles used about the placement and the planes, rms of x and y. [pixels]"""
+    foreign: bool = False
+    """Whether the scan shows print that the design does not foretell, all over: another page's."""
+    turned: bool = False
+    """Whether that is this page turned by 180 degrees."""
+
+    @property
+    def off_place(self) -> bool:
+        """Whether the page was found where no good print lies: the misprint ``wrong-page``."""
+        far = max(abs(shift) for shift in self.placement.shift_mm) >= WRONG_SHIFT_MM
+        return self.found and (far or abs(self.placement.skew_deg) >= WRONG_SKEW_DEG)
+
+
+def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> Registration:
+    """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN]; threads: that share its tiles out.
+
+    A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
+    ink plane that is not printed is left out of where the print lies.
+    """
+    where = _placed(landmarks, scan, threads)
+    if where.found and where.print_matching >= DOUBTFUL:
+        return where
+    return _recognised(where, landmarks, scan)
+
+
+def _placed(landmarks: Landmarks, scan: NDArray[np.uint16], threads: int) -> Registration:
+    tried = candidates(landmarks, scan, threads=threads)
+    best = tried[0]
+    reason = _doubt(tried, landmarks)
+    if best.tiles < LEAST_TILES:
+        none = np.zeros((4, 2))
+        return Registration(
+            placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
+        )
+    return _fielded(landmarks, scan, best.pose, reason, threads)
+
+
+def _recognised(where: Registration, landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
+    """The same, with what the scan shows if it is not this page."""
+    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+    inside = coarse_inside(landmarks.geometry, landmarks.page_width_mm, landmarks.page_height_mm)
+    foreign = foreign_print(seen, design, inside)
+    if (np.array(foreign) < (FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH)).any():
+        return where
+    turned = foreign_print(seen[: len(design)][::-1, ::-1], design, inside)
+    return replace(where, foreign=True, turned=turned.of_print < TURNED_PRINT * foreign.of_print)
+
+
+def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
+    """Why the best candidate may not be believed; empty if it may."""
+    best = tried[0]
+    if best.tiles < LEAST_TILES or best.agreeing < LEAST_AGREEING:
+        return f"{best.agreeing:.0%} of what should be there is, and in no one place"
+    for other in tried[1:]:
+        if (
+            other.agreeing >= RIVAL * best.agreeing
+            and best.apart_pixels(other, landmarks) > RIVAL_APART_PIXELS
+        ):
+            return "the page repeats itself: it may lie in several places"
+    return ""
+
+
+def _fielded(
+    landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason: str, threads: int
+) -> Registration:
+    pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
+    every = np.arange(landmarks.lines.size)
+    measure = partial(measured, landmarks, scan, threads=threads)
+
+    def fit(
+        tiles: NDArray[np.intp], said: TileMoves, places: NDArray[np.float64], **how: Any
+    ) -> tuple[Field, Pose, NDArray[np.float64]]:
+        """The field, the pose it moves to, and where both have all tiles. [mm]"""
+        off = places - landmarks.moves(pose, tiles) * pitch
+        precision = said.precision / np.outer(pitch, pitch)
+        found = fitted(basis, tiles, off, precision, shares[tiles], **how)
+        moved = pose.moved(found.step)
+        return found, moved, landmarks.moves(moved, every) * pitch + found.moves_mm(shares)
+
+    some = spread(every.size, FIELD_TILES)
+    start = landmarks.moves(pose, some)
+    said = measure(some, start, unsure_pixels=UNSURE_PIXELS[0])
+    _, pose, now = fit(some, said, (start + said.moves) * pitch, negligible=ROUGH)
+    said = measure(every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
+    shares = printed_shares(landmarks.shares, said)
+    places = now + said.moves * pitch
+    _, pose, better = fit(every, said, places, negligible=ROUGH)
+    again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & said.seen)
+    if again.size:
+        more = measure(again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
+        said.put(again, more)
+        places[again] = better[again] + more.moves * pitch
+    weight = trust(places - better, said.precision / np.outer(pitch, pitch))
+    found, pose, _ = fit(every, said, places, weight=weight)
+    return _registration(landmarks, shares, pose, found, said, reason)
+
+
+def printed_shares(shares: NDArray[np.float64], said: TileMoves) -> NDArray[np.float64]:
+    """``shares`` (tiles, 2, 4) without the planes that are not printed; the others of a tile make up for it.
+
+    Tiles' contrasts are the presence of their planes, weighted by their shares, and of the page's own edge.
+    """
+    told = said.seen & (said.gain_sd < MOST_GAIN_SD)
+    edge = 1 - shares.sum(axis=2, keepdims=True)
+    model, (tile_sd, plane_sd) = np.concatenate([shares, edge], axis=2).mean(axis=1)[told], PRESENCE_SD
+    off = said.gain[told] - model.sum(axis=1)
+    weight = np.ones(off.size)
+    for _ in range(4):
+        weighted = model * weight[:, None]
+        less = np.linalg.solve(model.T @ weighted + np.eye(5) * (tile_sd / plane_sd) ** 2, weighted.T @ off)
+        weight = 1 / (1 + ((off - model @ less) / tile_sd) ** 2)
+    kept = shares * (1 + less[:4] > PRESENT)
+    return np.asarray(kept * (shares.sum(axis=2) / np.maximum(kept.sum(axis=2), LEAST_SHARE))[..., None])
+
+
+def _registration(
+    landmarks: Landmarks,
+    shares: NDArray[np.float64],
+    pose: Pose,
+    field: Field,
+    said: TileMoves,
+    reason: str,
+) -> Registration:
+    pitch = landmarks.pitch_mm
+    used = said.good & (field.weight > 0.5)
+    part = shares[used].sum(axis=0)
+    part /= np.maximum(part.sum(axis=1, keepdims=True), LEAST_PART)
+    of_print = np.einsum("ap,pa->a", part, field.planes_mm)
+    some = spread(shares.shape[0], SD_TILES)
+    sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
+    seen = max(int(said.seen.sum()), 1)
+    of_inks = said.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
+    weight = said.precision[used][:, [0, 1], [0, 1]]
+    left2 = (field.left_mm[used] / pitch) ** 2
+    rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
+    if not reason and (used.sum() < max(LEAST_TILES, said.good.sum() / 2) or rms > MOST_RMS_PIXELS):
+        reason = "parts of the page lie in different places"
+    if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
+        reason = "too little is printed to tell where"
+    return Registration(
+        placement=_placement(landmarks, pose, field, of_print),
+        found=not reason,
+        reason=reason,
+        planes_mm=np.where(part.T > 0.01, field.planes_mm - of_print, 0.0),
+        plane_parts=part,
+        sheet_mm=(-float(of_print[0]), -float(of_print[1])),
+        shift_sd_mm=(float(sd[0]), float(sd[1])),
+        skew_sd_deg=float(np.rad2deg(field.turn_sd())),
+        tiles_used=int(used.sum()),
+        tiles_matching=float(said.good.sum() / seen),
+        print_matching=float((said.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
+        tiles_foreign=float(said.foreign.sum() / seen),
+        residual_rms_pixels=rms,
+    )
+
+
+def _placement(landmarks: Landmarks, pose: Pose, field: Field, of_print: NDArray[np.float64]) -> Placement:
+    """Pose and field of the print, the field on nodes over the page as it is shifted.
+
+    What turn and stretch move nodes by is left out: 2.6 mm at a corner of A4 turned by a degree, 0.04 pixels.
+    """
+    width, height = landmarks.page_width_mm, landmarks.page_height_mm
+    columns, rows = (int(np.ceil(extent / NODE_PITCH_MM)) + 1 for extent in (width, height))
+    nodes = field.warp_mm(
+        np.arange(columns) * NODE_PITCH_MM - width / 2, np.arange(rows) * NODE_PITCH_MM - height / 2
+    )
+    return Placement(
+        shift_mm=(pose.x_mm + float(of_print[0]), pose.y_mm + float(of_print[1])),
+        skew_deg=float(np.rad2deg(pose.turn)),
+        stretch_percent=(100 * pose.across, 100 * pose.along),
+        warp=Warp(nodes_mm=nodes.astype(np.float32), pitch_mm=NODE_PITCH_MM, first_mm=(pose.x_mm, pose.y_mm)),
+    )

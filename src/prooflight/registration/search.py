@@ -1,0 +1,165 @@
+"""From anywhere within a centimetre to the right pixel: candidates from the coarse picture, tried on tiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.kernels.registration.coarse import SHRINK
+from prooflight.registration.coarse import Peak, peaks, refined, shrunk
+from prooflight.registration.pose import Pose, slopes
+from prooflight.registration.tiles import measured
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.registration.landmarks import Landmarks
+    from prooflight.registration.tiles import TileMoves
+
+FIRST_TILES: Final = 80
+"""Tiles that candidates are tried on; a pose of five numbers needs no more."""
+NEAR_MM: Final = 3.0
+"""A good print, its lead-in unknown, lies within this; looked at first."""
+FAR_MM: Final = 12.5
+"""Misprints lie up to 12 mm off (worlds.toml)."""
+TURNS_DEG: Final = (0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
+"""Looked at where no upright candidate will do."""
+RIVAL: Final = 0.7
+"""A maximum of so much of the greatest's likeness is tried as well: text and tables repeat."""
+MOST_PEAKS: Final = 4
+SURE: Final = 0.7
+"""Share of tiles that agree from which no other candidate is looked for."""
+UNSURE_PIXELS: Final = (1.2, 0.6)
+"""How far off tiles may lie in the two steps on them."""
+TILE_SD_PIXELS: Final = 0.6
+"""Of a tile about the pose: warp and register of planes (worlds.toml, 0.3 to 0.6 pixels of the prototype)."""
+COARSE_SD: Final = np.array([0.5, 0.5, 0.005, 5e-4, 5e-4])
+POSE_SD: Final = np.array([3.0, 3.0, 0.02, 1e-3, 1e-3])
+"""Of a step of the pose, weakly held: what no edge tells stays where it is. [mm, radian, -]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """A pose and how many tiles are for it."""
+
+    pose: Pose
+    agreeing: float
+    """Share of the tiles seen that look like the design and lie where the pose has them. [-]"""
+    tiles: int
+    """How many those are."""
+
+    def apart_pixels(self, other: Candidate, landmarks: Landmarks) -> float:
+        """The greatest distance between the places that the two give to a corner of the page."""
+        half_x, half_y = landmarks.page_width_mm / 2, landmarks.page_height_mm / 2
+        x, y = np.array([-half_x, half_x, -half_x, half_x]), np.array([-half_y, -half_y, half_y, half_y])
+        moves = [np.stack(each.pose.displacement_mm(x, y), axis=1) for each in (self, other)]
+        return float(np.abs((moves[0] - moves[1]) / landmarks.pitch_mm).max())
+
+
+def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> list[Candidate]:
+    """Poses that were tried, best first; the first alone if it is beyond doubt. threads: see ``measured``."""
+    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+    coarse = np.concatenate(
+        [seen, design[len(seen) :]]
+    )  # a scan that ends early must not seem to have an edge there
+    tried: list[Candidate] = []
+    for start in _starts(landmarks, coarse):
+        if start is None:
+            if tried and max(each.agreeing for each in tried) >= SURE:
+                break
+            continue
+        pose, _ = refined(
+            landmarks.coarse,
+            coarse,
+            start,
+            geometry=landmarks.geometry,
+            page_width_mm=landmarks.page_width_mm,
+            page_height_mm=landmarks.page_height_mm,
+            prior_sd=COARSE_SD,
+        )
+        tried.append(_tried(landmarks, scan, pose, threads))
+        if tried[-1].agreeing < SURE:
+            # Fine print beats with coarse pixels: refined on them, a pose may end a line of type away.
+            tried.append(_tried(landmarks, scan, start, threads))
+    return sorted(tried, key=lambda each: -each.agreeing)
+
+
+def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose | None]:
+    """Where to begin, likeliest first; None where one may stop if all is well."""
+    for reach_mm in (NEAR_MM, FAR_MM):
+        yield from (start for _, start in _peaks(landmarks, coarse, reach_mm))
+        yield None
+    turned = [
+        pair for turn in TURNS_DEG for pair in _peaks(landmarks, coarse, FAR_MM, turn=float(np.deg2rad(turn)))
+    ]
+    for _, start in sorted(turned, key=lambda pair: -pair[0])[:MOST_PEAKS]:
+        yield start
+        yield None
+
+
+def _peaks(
+    landmarks: Landmarks, coarse: NDArray[np.float32], reach_mm: float, *, turn: float = 0.0
+) -> list[tuple[float, Pose]]:
+    """Likeness and pose of the greatest maximum of a page turned by ``turn``, and of its rivals."""
+    if turn:
+        rows, columns = landmarks.coarse.picture.shape
+        matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), float(np.rad2deg(turn)), 1.0)
+        coarse = cv2.warpAffine(coarse, matrix, coarse.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+    reach = reach_mm / (SHRINK * landmarks.pitch_mm)
+    found = peaks(landmarks.coarse, coarse, reach=(float(reach[0]), float(reach[1])), most=MOST_PEAKS)
+    found = [peak for peak in found if peak.likeness >= RIVAL * found[0].likeness] or [
+        Peak(x=0, y=0, likeness=0)
+    ]
+    step_x, step_y = SHRINK * landmarks.pitch_mm
+    return [
+        (peak.likeness, Pose(x_mm=peak.x * float(step_x), y_mm=peak.y * float(step_y), turn=turn))
+        for peak in found
+    ]
+
+
+def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, threads: int) -> Candidate:
+    """The pose after two steps on tiles, and who agrees."""
+    count = landmarks.lines.size
+    tiles = spread(count, FIRST_TILES)
+    if not count:
+        return Candidate(pose=pose, agreeing=0.0, tiles=0)
+    agreeing = np.zeros(count, bool)
+    for unsure in UNSURE_PIXELS:
+        moves = landmarks.moves(pose, tiles)
+        said = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)
+        step, agreeing = _pose_step(landmarks, tiles, said)
+        pose = pose.moved(step)
+    return Candidate(
+        pose=pose, agreeing=float(agreeing.sum() / max(said.seen.sum(), 1)), tiles=int(agreeing.sum())
+    )
+
+
+def spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most ``most`` of the numbers below ``count``, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
+
+
+def _pose_step(
+    landmarks: Landmarks, tiles: NDArray[np.int64], said: TileMoves
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,)."""
+    pitch = landmarks.pitch_mm
+    model = slopes(*landmarks.basis.points_mm[tiles].T)
+    moves = said.moves * pitch
+    covariance = np.linalg.inv(said.precision + np.eye(2) * 1e-6) + TILE_SD_PIXELS**2 * np.eye(2)
+    precision = np.linalg.inv(covariance * np.outer(pitch, pitch))
+    weight = said.good.astype(np.float64)
+    for _ in range(4):
+        weighted = precision * weight[:, None, None]
+        pulls = np.einsum("anj,nab->nbj", model, weighted)
+        normal = np.einsum("nbj,bnk->jk", pulls, model) + np.diag(1 / POSE_SD**2)
+        step = np.linalg.solve(normal, np.einsum("nbj,nb->j", pulls, moves))
+        left = moves - np.einsum("anj,j->na", model, step)
+        far2 = np.einsum("na,nab,nb->n", left, precision, left)
+        weight = said.good / (1 + far2 / 4)
+    return step, said.good & (far2 < 9)

@@ -1,0 +1,154 @@
+"""Tiles measured: by how much each lies off where it is thought to lie, and what that is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
+
+from prooflight.kernels.registration.judging import judge_tiles
+from prooflight.kernels.registration.measuring import SUMS, measure_tiles
+from prooflight.kernels.registration.rendering import EIGHT
+from prooflight.pages.parallel import shared_out
+from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.registration.landmarks import Landmarks, SensorTaps
+
+HALFTONE: Final = 0.07
+"""Contrast of halftones as the camera sees them (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
+STEP_SHARE: Final = 0.25
+"""What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
+
+
+class Room(NamedTuple):
+    """What rendering a tile needs to work in; a thread's own."""
+
+    value: NDArray[np.float32]
+    """(width of a window and more,), 0 beyond it."""
+    slope: NDArray[np.float32]
+    begins: NDArray[np.int64]
+    weights: NDArray[np.float32]
+    by_move: NDArray[np.float32]
+    starts: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, width: int, ratio: float, taps: SensorTaps) -> Self:
+        """For windows so wide; ratio: raster pixels in a camera pixel, across."""
+        pixels = int(np.ceil((EIGHT - 1) * ratio)) + taps.across.shape[1] + 1
+        blocks = TILE_PIXELS // EIGHT
+        value, slope = np.zeros((2, width + pixels), np.float32)
+        weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
+        begins, starts = np.empty(blocks, np.int64), np.empty(taps.along.shape[1], np.int64)
+        return cls(value=value, slope=slope, begins=begins, weights=weights, by_move=by_move, starts=starts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TileMoves:
+    """What n tiles of all sensors together say."""
+
+    moves: NDArray[np.float64]
+    """(n, 2) by how much each lies too far right and down of where it was rendered. [pixels]"""
+    precision: NDArray[np.float64]
+    """(n, 2, 2) inverse covariance; zero where a tile tells nothing. [1/pixel^2]"""
+    seen: NDArray[np.bool_]
+    """(n,) inside the scan."""
+    good: NDArray[np.bool_]
+    """(n,) seen, and looking like the design."""
+    foreign: NDArray[np.bool_]
+    """(n,) seen, not looking like the design, and not empty either."""
+    gain: NDArray[np.float64]
+    """(n,) contrast, 1 for the design's."""
+    gain_sd: NDArray[np.float64]
+    """(n,) how well that is known."""
+
+    def put(self, at: NDArray[np.intp], other: TileMoves) -> None:
+        """Write ``other`` in place of the tiles at these places."""
+        for name in TileMoves.__slots__:
+            getattr(self, name)[at] = getattr(other, name)
+
+
+def measured(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    tiles: NDArray[np.int64],
+    moves: NDArray[np.float64],
+    *,
+    unsure_pixels: float,
+    threads: int = 1,
+) -> TileMoves:
+    """Measure ``tiles`` (n,) of a scan, rendered where ``moves`` (n, 2) says the page lies off its place [pixels].
+
+    unsure_pixels: standard deviation of these; edges weigh less by it. threads: that share the tiles out.
+    """
+    gathered = np.zeros((len(landmarks.sensors), tiles.size, SUMS + 1), np.float32)
+    bounds = np.arange(threads + 1) * tiles.size // threads
+    parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
+    tasks = [
+        partial(
+            _measure, landmarks, scan, index, tiles[part], moves[part], unsure_pixels, gathered[index, part]
+        )
+        for index in range(len(landmarks.sensors))
+        for part in parts
+    ]
+    shared_out(tasks, threads=threads)
+    said, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
+    flags, told = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
+    judge_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, said, precision, flags, told)
+    seen, good, foreign = flags.T
+    return TileMoves(
+        moves=said,
+        precision=precision,
+        seen=seen,
+        good=good,
+        foreign=foreign,
+        gain=told[:, 0],
+        gain_sd=told[:, 1],
+    )
+
+
+def _measure(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    index: int,
+    tiles: NDArray[np.int64],
+    moves: NDArray[np.float64],
+    unsure_pixels: float,
+    sums: NDArray[np.float32],
+) -> None:
+    """``measure_tiles`` of one sensor; sums (n, SUMS + 1) is written."""
+    sensor, taps = landmarks.sensors[index], landmarks.taps[index]
+    dark = sensor.dark_variance_dn2
+    per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / sensor.white_dn
+    noise = [
+        2 * dark + 1,
+        2 * per_dn + HALFTONE**2 * sensor.white_dn,
+        SIGNAL_NOISE**2 - HALFTONE**2,
+        GRADIENT_NOISE + unsure_pixels**2,
+    ]
+    measure_tiles(
+        scan[index],
+        sensor.column_offset_dn,
+        1 / sensor.column_gain,
+        landmarks.windows[index],
+        landmarks.origins[:, 0],
+        landmarks.origins[:, 1],
+        *landmarks.ratio,
+        taps.across,
+        taps.across_slope,
+        taps.along,
+        taps.along_slope,
+        landmarks.lines,
+        landmarks.columns,
+        tiles,
+        moves,
+        TILE_PIXELS,
+        np.array(noise, np.float32),
+        Room.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
+        sums,
+    )

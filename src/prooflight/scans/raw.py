@@ -1,0 +1,134 @@
+"""Lines from a pipe, a file or a socket.
+
+Plain: uint16, least byte first, a line of the first sensor, then the same line of the next, and so on; lines that are
+lost on the way go unnoticed. Framed: before each block of such lines a header with the camera's count and a time, which
+also says how many sensors and pixels follow; ``write_block`` is the other end.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from typing import TYPE_CHECKING, BinaryIO, Final
+
+import numpy as np
+
+from prooflight.errors import ScanError
+from prooflight.scans.lines import BLOCK_LINES, LineBlock
+from prooflight.scans.streams import open_stream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from prooflight.scans.streams import ByteStream
+
+MAGIC: Final = b"PLLB"
+HEADER: Final = struct.Struct("<4sHHIQd")
+"""Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
+MOST_LINES: Final = 1 << 16
+MOST_BYTES: Final = 1 << 28
+"""Of a framed block: a second of the fastest cameras. A header that says more lines or bytes is damaged."""
+
+
+class RawLines:
+    """A source of lines that come as bytes."""
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        *,
+        name: str,
+        sensors: int,
+        pixels: int,
+        framed: bool = False,
+        block_lines: int = BLOCK_LINES,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """name: in errors. framed: whether headers precede blocks; plain lines get counted and timed here."""
+        self.sensors, self.pixels = sensors, pixels
+        self._stream, self._name, self._framed = stream, name, framed
+        self._block_lines, self._clock, self._closed = block_lines, clock, False
+
+    def blocks(self) -> Iterator[LineBlock]:
+        """Blocks until the stream ends. ScanError: it ends within a line or block, or is not of this camera."""
+        return self._framed_blocks() if self._framed else self._plain_blocks()
+
+    def close(self) -> None:
+        """Let go of the stream: whole lines that have come are still given."""
+        self._closed = True
+        self._stream.close()
+
+    def _plain_blocks(self) -> Iterator[LineBlock]:
+        line_bytes = 2 * self.sensors * self.pixels
+        first = 0
+        while data := self._read(self._block_lines * line_bytes):
+            count, rest = divmod(len(data), line_bytes)
+            if count:
+                yield self._block(data[: count * line_bytes], first, self._clock())
+            first += count
+            if rest and not self._closed:
+                what = f"ends within line {first}, after {rest} of its {line_bytes} bytes"
+                remedy = f"give whole lines of {self.sensors} x {self.pixels} uint16"
+                raise ScanError(self._name, what, remedy=remedy)
+
+    def _framed_blocks(self) -> Iterator[LineBlock]:
+        place = 0
+        while head := self._read(HEADER.size):
+            where = f"{self._name}, byte {place}"
+            if len(head) < HEADER.size:
+                if self._closed:
+                    return
+                raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
+            magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
+            too_long = lines > MOST_LINES or 2 * self.sensors * self.pixels * lines > MOST_BYTES
+            if magic != MAGIC or too_long:
+                raise ScanError(where, "is no header of a block", remedy="send blocks as `write_block` does")
+            if (sensors, pixels) != (self.sensors, self.pixels):
+                what = f"is of {sensors} sensors x {pixels} pixels"
+                remedy = f"the press has {self.sensors} sensors x {self.pixels} pixels"
+                raise ScanError(where, what, remedy=remedy)
+            wanted = 2 * sensors * pixels * lines
+            data = self._read(wanted)
+            if len(data) < wanted:
+                if self._closed:
+                    return
+                what = f"ends after {len(data)} of {wanted} bytes of a block"
+                raise ScanError(where, what, remedy="send whole blocks")
+            place += HEADER.size + wanted
+            if lines:
+                yield self._block(data, first, time_s)
+
+    def _block(self, data: bytes, first: int, time_s: float) -> LineBlock:
+        lines = np.frombuffer(data, "<u2").reshape(-1, self.sensors, self.pixels)
+        own = np.ascontiguousarray(lines.transpose(1, 0, 2), dtype=np.uint16)
+        return LineBlock(first_line=first, lines=own, time_s=time_s)
+
+    def _read(self, wanted: int) -> bytes:
+        """So many bytes, fewer only at the stream's end, or when it is closed."""
+        parts, left = [], wanted
+        while left and not self._closed:
+            try:
+                part = self._stream.read(left)
+            except (OSError, ValueError) as error:
+                if self._closed:
+                    break
+                why = getattr(error, "strerror", None) or error
+                what = f"cannot be read any more ({why})"
+                raise ScanError(self._name, what, remedy="start the source again") from error
+            if not part:
+                break
+            parts.append(part)
+            left -= len(part)
+        return b"".join(parts)
+
+
+def write_block(stream: BinaryIO, block: LineBlock) -> None:
+    """Write a framed block."""
+    sensors, lines, pixels = block.lines.shape
+    stream.write(HEADER.pack(MAGIC, sensors, pixels, lines, block.first_line, block.time_s))
+    stream.write(np.ascontiguousarray(block.lines.transpose(1, 0, 2), dtype="<u2").tobytes())
+
+
+def open_raw(address: str, *, sensors: int, pixels: int, framed: bool = False) -> RawLines:
+    """Lines from an address as ``streams.open_stream`` takes it, RequestError included."""
+    return RawLines(open_stream(address), name=address, sensors=sensors, pixels=pixels, framed=framed)

@@ -1,1 +1,0 @@
-"""The world run forward: what a press prints, with misprints, and what the camera then records."""

@@ -1,0 +1,1 @@
+"""The world run forward: what a press prints, with misprints, and what the camera records."""

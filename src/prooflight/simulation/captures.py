@@ -1,0 +1,146 @@
+"""Good prints and misprints of a page design, seen in one of the two worlds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+
+from prooflight.prediction.predict import Prediction, predict
+from prooflight.scans.placement import IN_PLACE, Placement
+from prooflight.simulation.fast import fast_mean_variance, noisy
+from prooflight.simulation.misprints.kinds import draw_misprint
+from prooflight.simulation.prints import Print, together
+from prooflight.simulation.scans import TRIES, ideal_scan, passes_gate
+from prooflight.simulation.session import Session, true_sensors
+from prooflight.simulation.worlds import amounts_of, gate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.misprints.kinds import Misprint
+
+World = Literal["ideal", "press"]
+ROUNDING_DN2: Final = 1 / 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Printed:
+    """What is printed, right or wrong: a raster, and where a misprint puts it."""
+
+    page: Page
+    expected: Prediction
+    """What the press's tables expect of just this."""
+    placement: Placement = IN_PLACE
+    misprint: Misprint | None = None
+    """None: a good print."""
+    draws: int = 0
+    """How many misprints were drawn until one reached the gate."""
+
+    @property
+    def kind(self) -> str:
+        """Of the misprint; none: a good print."""
+        return self.misprint.kind if self.misprint else ""
+
+    @property
+    def severity(self) -> float:
+        """Of the misprint; 0: a good print."""
+        return self.misprint.severity if self.misprint else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Room:
+    """A press on one day: everything that its prints share."""
+
+    press: Press
+    session: Session | None
+    """None in the ideal world, where every day is alike."""
+
+    @classmethod
+    def enter(cls, world: World, press: Press, rng: np.random.Generator) -> Room:
+        """A new day."""
+        session = Session.draw(amounts_of(press), press, rng) if world == "press" else None
+        return cls(press=press, session=session)
+
+    def expected(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:
+        """What the tables expect of a page that lies there."""
+        sensors, geometry = self.press.sensors, self.press.geometry
+        return predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+
+    def good(self, page: Page) -> Printed:
+        """Nothing wrong."""
+        return Printed(page=page, expected=self.expected(page))
+
+    def wrong(
+        self,
+        good: Printed,
+        kind: str,
+        *,
+        others: Sequence[int],
+        fetch: Callable[[int], Page],
+        rng: np.random.Generator,
+    ) -> Printed | None:
+        """A misprint of a kind, its severity drawn evenly from 0..1; None if nine draws all stay below the gate.
+
+        A draw that changes too little is drawn again, severity and all, at most 8 times (``worlds.toml``).
+        """
+        for draw in range(1, TRIES + 1):
+            drawn = draw_misprint(good.page, kind, float(rng.random()), others=others, fetch=fetch, rng=rng)
+            changed = self.expected(drawn.page, drawn.placement)
+            if passes_gate(good.expected, changed, self.press, gate()):
+                return Printed(
+                    page=drawn.page,
+                    expected=changed,
+                    placement=drawn.placement,
+                    misprint=drawn.misprint,
+                    draws=draw,
+                )
+        return None
+
+    def seen(self, printed: Printed, rng: np.random.Generator) -> Prediction:
+        """Mean and variance of what the camera sees of one more print."""
+        if self.session is None:
+            return printed.expected
+        return self.seen_in_press(printed.page, rng, printed.placement)
+
+    def seen_in_press(
+        self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
+    ) -> Prediction:
+        """The same of a page that a misprint puts there, in the press world, whatever the tables expect."""
+        assert self.session is not None
+        print_ = Print.draw(self.session, self.press, page, rng)
+        moved = replace(print_, placement=together(placement, print_.placement))
+        return fast_mean_variance(page, self.press, self.session, moved)
+
+    def noisier(self, seen: Prediction, times: float) -> Prediction:
+        """The same seen by a camera of ``times`` the temporal sigma (shot, dark and read together).
+
+        Rounding, fixed patterns and whatever the print does stay as they are.
+        """
+        if self.session is None or times == 1:
+            return noisier_tables(seen, times)
+        variance = seen.variance_dn2.copy()
+        for index, sensor in enumerate(true_sensors(self.session, self.press)):
+            light = seen.expected_dn[index] - sensor.model.column_offset_dn
+            steps = np.linspace(0, sensor.noise_top_dn, sensor.noise_dn2.size)
+            variance[index] += (times**2 - 1) * np.interp(light, steps, sensor.noise_dn2)
+        return replace(seen, variance_dn2=variance)
+
+    def recorded(self, seen: Prediction, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """The scan. (sensors, lines, pixels) [DN]"""
+        return ideal_scan(seen, self.press, rng) if self.session is None else noisy(seen, self.press, rng)
+
+
+def noisier_tables(expected: Prediction, times: float) -> Prediction:
+    """What tables expect that were made for ``times`` the temporal sigma; rounding stays as it is."""
+    if times == 1:
+        return expected
+    rounding = np.float32(ROUNDING_DN2)
+    return replace(
+        expected, variance_dn2=(expected.variance_dn2 - rounding) * np.float32(times**2) + rounding
+    )

@@ -1,0 +1,1 @@
+"""Page designs of any number, and the sample job."""

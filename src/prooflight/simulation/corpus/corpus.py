@@ -1,0 +1,209 @@
+"""Pages for studies: composed designs, any number from a seed, or the pages of a folder.
+
+Designs are drawn directly into CMYK rasters and not by way of a PDF: 2,500 designs are wanted, and one at 200 dpi then
+takes about a tenth of the time that writing and ripping the same page takes, while the contents (hard-edged type and
+line work, images, tints, black type printed over) are those of a RIP's output.
+
+Nothing is shared between designs: words, pictures, colours and layout are all drawn from the design's own generator,
+``default_rng([seed, index])``. Only solid inks and the letters of the typefaces come again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from prooflight.errors import RequestError
+from prooflight.pages.job import JobSource, opened
+from prooflight.pages.raster import Page
+from prooflight.simulation.corpus.designs import books, display, office, sheets
+from prooflight.simulation.corpus.designs.chance import often, pick_weighted, some
+from prooflight.simulation.corpus.designs.inks import BLACK
+from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Layout = Callable[[Sheet, np.random.Generator, Look], None]
+
+BLACK_ALONE: Final = 0.30
+"""Share of designs in one ink. Of 81 real pages collected for their variety 27 % rip to black alone; presses that
+print statements, books and manuals run more of it, those that print marketing less. Assumed: a little above the
+measured share."""
+SIZES_MM: Final = {
+    (210.0, 297.0): 84.0,
+    (203.0, 267.0): 5.0,
+    (148.0, 210.0): 5.0,
+    (210.0, 210.0): 3.0,
+    (176.0, 250.0): 2.0,
+    (99.0, 210.0): 1.0,
+}
+"""Width and height with how often they come: A4, magazine, A5, square, B5, a third of A4. None is wider than A4:
+the camera of the studies looks at 216 mm. [mm]"""
+IN_BLACK: Final[dict[Layout, float]] = {
+    office.letter: 10.0,
+    office.invoice: 8.0,
+    office.form_page: 8.0,
+    office.statement: 6.0,
+    office.report: 7.0,
+    office.table_page: 6.0,
+    books.book: 12.0,
+    books.dictionary: 4.0,
+    books.newspaper: 6.0,
+    books.score: 7.0,
+    books.manual: 5.0,
+    sheets.labels: 3.0,
+    sheets.coupons: 2.0,
+    sheets.puzzles: 3.0,
+    sheets.plan: 3.0,
+    sheets.map_page: 1.5,
+    sheets.scan: 2.0,
+    sheets.tickets: 1.0,
+    display.invitation: 2.5,
+    display.full_picture: 1.0,
+    display.poster: 2.0,
+    display.cover: 1.5,
+    display.slides: 1.5,
+}
+"""How often each kind comes among designs in one ink: mostly office, transactional and book work."""
+IN_COLOUR: Final[dict[Layout, float]] = {
+    office.letter: 6.5,
+    office.invoice: 5.5,
+    office.form_page: 2.5,
+    office.statement: 5.0,
+    office.report: 5.0,
+    office.table_page: 3.0,
+    office.dashboard: 4.0,
+    books.book: 3.0,
+    books.newspaper: 3.0,
+    books.magazine: 4.0,
+    books.newsletter: 4.0,
+    books.manual: 2.5,
+    books.score: 0.5,
+    display.full_picture: 10.0,
+    display.poster: 8.0,
+    display.cover: 6.0,
+    display.slides: 3.0,
+    display.menu: 3.0,
+    display.certificate: 2.0,
+    display.invitation: 6.0,
+    display.flyer: 5.0,
+    sheets.labels: 2.0,
+    sheets.catalogue: 4.0,
+    sheets.album: 4.0,
+    sheets.calendar: 3.0,
+    sheets.tickets: 2.0,
+    sheets.map_page: 2.5,
+    sheets.plan: 1.5,
+    sheets.wrapping: 2.0,
+    sheets.scan: 1.5,
+    sheets.puzzles: 1.0,
+    sheets.coupons: 0.5,
+}
+"""The same for designs in four inks. The weights are tuned so that white, ink and edges spread as on real pages."""
+
+
+RICH_BLACK: Final = ((0.60, 0.80), (0.57, 0.75), (0.54, 0.72), (0.80, 0.98))
+"""Least and greatest ink area, C M Y K, of black type in four inks: what colour-managed office documents rip to. [-]"""
+RICH: Final = 4
+"""What tells random numbers of such blacks from those of designs."""
+
+
+class Designs(Protocol):
+    """Where a study's pages come from; small, and may be sent to worker processes."""
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Corpus:
+    """All designs of one seed at one resolution."""
+
+    seed: int
+    dpi: float
+    black_of_four: float = 0.0
+    """Share of the designs in four inks whose black type and rules are set in four inks as well."""
+
+    def __repr__(self) -> str:
+        # Rows of studies are kept under it: designs as they always were go by the name that they always had.
+        more = f", black_of_four={self.black_of_four!r}" if self.black_of_four else ""
+        return f"Corpus(seed={self.seed!r}, dpi={self.dpi!r}{more})"
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0; there is no last one."""
+        return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Folder:
+    """The pages of a folder of PDF, CMYK TIFF or JPEG files, or of one such file, each page a design."""
+
+    path: Path
+    dpi: float
+    """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
+
+    def __len__(self) -> int:
+        return len(opened(self._source))
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0; RequestError: there is none; JobError: it cannot be used."""
+        job = opened(self._source)
+        if not 0 <= index < len(job):
+            raise RequestError(self.path, f"there is no design {index}", remedy=f"give 0 to {len(job) - 1}")
+        return replace(job.page(index + 1), name=design_name(index))
+
+    @property
+    def sizes_mm(self) -> tuple[tuple[float, float], ...]:
+        """Width and height of every design. [mm]"""
+        return opened(self._source).page_sizes_mm
+
+    @property
+    def _source(self) -> JobSource:
+        return JobSource(path=self.path, dpi=self.dpi)
+
+
+def design_name(index: int) -> str:
+    """File-name stem of design ``index``, from 0.
+
+    >>> design_name(0)
+    'd00001'
+    """
+    return f"d{index + 1:05d}"
+
+
+def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0) -> Page:
+    """Design ``index`` (from 0) of a seed, the same at every resolution but for the raster. [pixels/inch]
+
+    black_of_four: see ``Corpus``; a design that it does not fall on is the same whatever it is.
+    RequestError: an index below 0, a resolution that is not above 0, or a share that is not 0 to 1.
+    """
+    if index < 0:
+        raise RequestError("designs", f"there is no design {index}", remedy="count from 0")
+    if not dpi > 0:
+        raise RequestError("designs", f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
+    if not 0 <= black_of_four <= 1:
+        raise RequestError("designs", f"black_of_four of {black_of_four}", remedy="give a share of 0 to 1")
+    rng = np.random.default_rng([seed, index])
+    black_alone = often(rng, BLACK_ALONE)
+    width_mm, height_mm = pick_weighted(rng, SIZES_MM)
+    layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
+    look = Look.draw(rng, black_alone=black_alone)
+    sheet = Sheet(width_mm=width_mm, height_mm=height_mm, dpi=dpi)
+    layout(sheet, rng, look)
+    if not black_alone:
+        # A generator of its own: whatever else is drawn stays as it is.
+        _enrich_black(sheet, np.random.default_rng([seed, index, RICH]), black_of_four)
+    return Page(cmyk=sheet.cmyk, dpi=dpi, name=design_name(index), number=index + 1)
+
+
+def _enrich_black(sheet: Sheet, rng: np.random.Generator, share: float) -> None:
+    """Set what is solid black alone in one recipe of four inks, with this probability; pictures never are."""
+    if not often(rng, share):
+        return
+    recipe = [round(255 * some(rng, *bounds)) for bounds in RICH_BLACK]
+    sheet.cmyk[(sheet.cmyk == BLACK).all(axis=2)] = recipe

@@ -1,0 +1,1 @@
+"""A print job that the project makes itself."""

@@ -1,0 +1,123 @@
+"""A print job that the project makes itself: thirty A4 pages a digital press would really print.
+
+Everything in it is DeviceCMYK but for one spot colour, and much of its raster is known beforehand, so that a RIP, a
+press and an inspector can be checked against what went in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.files.atomic import whole_file
+from prooflight.simulation.corpus.sample_job import (
+    book,
+    charts,
+    invoices,
+    office,
+    plates,
+    poster,
+    prose,
+    quay,
+    tints,
+)
+from prooflight.simulation.corpus.sample_job.known import KnownPatch, KnownPicture
+from prooflight.simulation.corpus.sample_job.sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampleJob:
+    """The job as a file, and what is known about its pages."""
+
+    path: Path
+    page_count: int
+    titles: tuple[str, ...]
+    """What each page is, in job order."""
+    known: tuple[KnownPatch | KnownPicture, ...]
+    """Flat areas and pictures with the CMYK values that went in."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Section:
+    pages: int
+    draw: Callable[[Sheet], None]
+    entry: tuple[str, str] | None = None
+    """Title and summary in the table of contents."""
+
+
+def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
+    """Write the sample job as a PDF; the same seed gives the same bytes.
+
+    ``seed`` sets names, amounts and prices in the commercial pages. Book and photographs stay the same.
+    """
+    rng = np.random.default_rng(seed)
+    with whole_file(path) as unfinished:
+        sheet = Sheet(unfinished, prose.TITLE)
+        for section in _sections(rng):
+            first = sheet.number
+            section.draw(sheet)
+            if sheet.number - first != section.pages:
+                message = f"a section drew {sheet.number - first} pages where {section.pages} were planned"
+                raise RuntimeError(message)
+        sheet.finish()
+    return SampleJob(path=path, page_count=sheet.number, titles=tuple(sheet.titles), known=tuple(sheet.known))
+
+
+def _sections(rng: np.random.Generator) -> list[_Section]:
+    stock_rng, invoice_rng, chart_rng = rng.spawn(3)
+    lots = quay.stock(stock_rng)
+    run = invoices.draw_up(lots, invoice_rng)
+    sections = [
+        *(
+            _Section(pages=2, draw=partial(book.chapter, text=text), entry=(text.title, text.summary))
+            for text in prose.CHAPTERS
+        ),
+        _Section(pages=1, draw=book.glossary, entry=("Words of the trade", "A glossary")),
+        _Section(pages=1, draw=plates.single, entry=("Plates", "An eye, a contact sheet and a cat")),
+        _Section(pages=1, draw=plates.contact_sheet),
+        _Section(pages=1, draw=plates.wrapped),
+        _Section(pages=1, draw=plates.brochure, entry=("A leaflet and a lecture", "Full bleeds")),
+        _Section(pages=1, draw=plates.night_launch),
+        _Section(
+            pages=1,
+            draw=partial(office.price_list, lots=lots),
+            entry=("Paperwork", "A list, a form, a letter"),
+        ),
+        _Section(pages=1, draw=office.form),
+        _Section(pages=1, draw=office.letter),
+        *(
+            _Section(
+                pages=1,
+                draw=partial(invoices.draw, invoice=invoice),
+                entry=("Invoices", "Six, no two alike") if invoice is run[0] else None,
+            )
+            for invoice in run
+        ),
+        _Section(pages=1, draw=partial(charts.page, rng=chart_rng), entry=("Charts", "The year in figures")),
+        _Section(
+            pages=1, draw=tints.wedges, entry=("Test forms", "Wedges, gradients, two blacks, a fifth ink")
+        ),
+        _Section(pages=1, draw=tints.gradients),
+        _Section(pages=1, draw=tints.two_blacks),
+        _Section(pages=1, draw=poster.spot_page),
+        _Section(pages=1, draw=poster.poster, entry=("A poster", "Flat colours")),
+    ]
+    entries = []
+    page = 4
+    for section in sections:
+        if section.entry is not None:
+            entries.append((*section.entry, page))
+        page += section.pages
+    front = [
+        _Section(pages=1, draw=book.cover),
+        _Section(pages=1, draw=book.title_page),
+        _Section(pages=1, draw=partial(book.contents, entries=entries)),
+    ]
+    return front + sections

@@ -1,0 +1,194 @@
+"""Test form pages: step wedges, gradients, grey balance, two blacks, overprint and the spot colour."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from reportlab.lib.units import mm
+
+from prooflight.simulation.corpus.sample_job import copy_text, faces, inks
+from prooflight.simulation.corpus.sample_job.sheet import HEIGHT_MM, LEFT_MM, RIGHT_MM, TOP_MM, Sheet, column
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.simulation.corpus.sample_job.inks import Ink
+
+_WEDGES: tuple[tuple[str, tuple[float, float, float, float]], ...] = (
+    ("Cyan", (1, 0, 0, 0)),
+    ("Magenta", (0, 1, 0, 0)),
+    ("Yellow", (0, 0, 1, 0)),
+    ("Black", (0, 0, 0, 1)),
+    ("Red", (0, 1, 1, 0)),
+    ("Green", (1, 0, 1, 0)),
+    ("Blue", (1, 1, 0, 0)),
+    ("Three inks", (1, 1, 1, 0)),
+)
+_STEPS_PERCENT = (2, 5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
+
+
+def _head(sheet: Sheet, title: str, lead: str) -> None:
+    sheet.label(LEFT_MM, TOP_MM + 3, "Test form")
+    sheet.label(RIGHT_MM, TOP_MM + 3, "Lantern Press, press one", align="right")
+    sheet.rule(LEFT_MM, TOP_MM + 5.6, RIGHT_MM, TOP_MM + 5.6, inks.HAIRLINE, 0.3)
+    sheet.text(LEFT_MM, 44, title, faces.SERIF, 24, ink=inks.NIGHT)
+    sheet.paragraph(LEFT_MM, 47, column(0, 5)[1], lead, faces.style(faces.ITALIC, 11, 15, ink=inks.GREY))
+
+
+def wedges(sheet: Sheet) -> None:
+    """Tint steps of each ink and of their overprints, and fine detail."""
+    sheet.begin("Test form: tints and fine detail")
+    _head(
+        sheet,
+        "Step wedges",
+        "Each ink alone, each pair, all three. The two palest steps go first when a head clogs.",
+    )
+    pitch, tall = 12.0, 13.0
+    for row, (name, weights) in enumerate(_WEDGES):
+        y = 64 + 16.0 * row
+        sheet.text(LEFT_MM, y + 7.8, name, faces.SANS, 7.4)
+        for place, step in enumerate(_STEPS_PERCENT):
+            ink = inks.percent(*(step * weight for weight in weights))
+            sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink, known=True)
+    for place, step in enumerate(_STEPS_PERCENT):
+        sheet.text(
+            LEFT_MM + 26 + pitch * (place + 0.5),
+            62.6,
+            f"{step}",
+            faces.SANS,
+            6,
+            ink=inks.GREY,
+            align="centre",
+        )
+    _fine_lines(sheet, 204)
+    _small_type(sheet, 240)
+
+
+def _fine_lines(sheet: Sheet, y: float) -> None:
+    """Line pairs that halve in width, dark on paper and paper on dark."""
+    sheet.text(LEFT_MM, y, "Lines, mm", faces.SANS, 7.4)
+    x = LEFT_MM + 26
+    for width in (0.1, 0.2, 0.3, 0.5):
+        sheet.label(x, y - 3, f"{width:g}")
+        for flip, (under, ink) in enumerate(((inks.PAPER, inks.BLACK), (inks.NIGHT, inks.PAPER))):
+            left = x + 17 * flip
+            for top in (y - 1, y + 11):
+                sheet.rect(left, top, 16, 10, under)
+            for place in range(int(16 / width / 2)):
+                sheet.rect(left + 2 * width * place, y - 1, width, 10, ink)
+            for place in range(int(10 / width / 2)):
+                sheet.rect(left, y + 11 + 2 * width * place, 16, width, ink)
+        x += 36
+
+
+def _small_type(sheet: Sheet, y: float) -> None:
+    words = "A nozzle dries and leaves a pale scratch a hair wide."
+    sizes = (4, 5, 6, 7, 8)
+    for flip, (under, ink) in enumerate(((inks.PAPER, inks.BLACK), (inks.NIGHT, inks.PAPER))):
+        x, width = column(3 * flip, 3)
+        sheet.rect(x, y, width, 35, under)
+        down = y + 4.0
+        for size in sizes:
+            down += 0.9 * size
+            sheet.text(x + 4, down, f"{size} pt", faces.SANS, 4.6, ink=ink)
+            sheet.text(x + 12, down, words, faces.SERIF, size, ink=ink)
+
+
+def gradients(sheet: Sheet) -> None:
+    """Smooth ramps with known values, one smooth shading, and the grey-balance square."""
+    sheet.begin("Test form: gradients and grey balance")
+    _head(
+        sheet,
+        "Gradients",
+        "Ramps from paper to full ink, then between colours. Look for steps and stripes.",
+    )
+    x, width = column(1, 5)
+    columns = round(width * 10)
+    full = inks.FULL
+    ramps: tuple[tuple[str, Ink, Ink], ...] = (
+        ("Cyan", inks.PAPER, (full, 0, 0, 0)),
+        ("Magenta", inks.PAPER, (0, full, 0, 0)),
+        ("Yellow", inks.PAPER, (0, 0, full, 0)),
+        ("Black", inks.PAPER, inks.BLACK),
+        ("Three-ink grey", inks.PAPER, inks.percent(75, 66, 66, 0)),
+        ("Sky", inks.percent(70, 20, 0, 0), inks.percent(0, 30, 50, 0)),
+        ("Night", inks.percent(100, 80, 20, 60), inks.percent(20, 60, 0, 0)),
+    )
+    y = 64.0
+    for name, start, end in ramps:
+        sheet.text(LEFT_MM, y + 6.4, name, faces.SANS, 7.4)
+        sheet.picture(x, y, ramp(start, end, rows=100, columns=columns), what="gradient")
+        y += 12.5
+    sheet.text(LEFT_MM, y + 6.4, "Shading", faces.SANS, 7.4)
+    _shading(sheet, x, y, width, 10)
+    _grey_balance(sheet, 178)
+
+
+def ramp(start: Ink, end: Ink, *, rows: int, columns: int) -> NDArray[np.uint8]:
+    """A linear ramp across, from one ink mixture to another -> (rows, columns, 4) bytes, rounded to nearest."""
+    share = np.linspace(0.0, 1.0, columns)[:, None]
+    line = np.rint((1 - share) * np.array(start) + share * np.array(end)).astype(np.uint8)
+    return np.repeat(line[None], rows, axis=0)
+
+
+def _shading(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+    """A PDF axial shading: what layout programs write, not an image."""
+    sheet.canvas.saveState()
+    clip = sheet.path([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
+    sheet.canvas.clipPath(clip, stroke=0, fill=0)
+    middle = HEIGHT_MM - y - height / 2
+    colours = [inks.colour(inks.percent(0, 90, 30, 0)), inks.colour(inks.percent(100, 10, 60, 0))]
+    sheet.canvas.linearGradient(x * mm, middle * mm, (x + width) * mm, middle * mm, colours, extend=True)
+    sheet.canvas.restoreState()
+
+
+def _grey_balance(sheet: Sheet, y: float) -> None:
+    """Cyan fixed at 50 %, magenta and yellow from 32 to 48 %: the neutral one lies near the middle."""
+    sheet.text(LEFT_MM, y, "Grey balance", faces.SERIF, 16, ink=inks.NIGHT)
+    sheet.text(
+        RIGHT_MM, y, "cyan 50 %, on a ground of 40 % black", faces.ITALIC, 10, ink=inks.GREY, align="right"
+    )
+    steps = (32, 36, 40, 44, 48)
+    x, width = column(1, 5)
+    ground = inks.percent(0, 0, 0, 40)
+    sheet.rect(x, y + 5, width, 82, ground)
+    sheet.know(x, y + 5, width, 4, ground)
+    pitch_x, pitch_y = 27.8, 15.2
+    for row, yellow in enumerate(steps):
+        down = y + 10.0 + pitch_y * row
+        sheet.text(x - 3, down + 7.4, f"Y {yellow}", faces.SANS, 6.4, ink=inks.GREY, align="right")
+        for place, magenta in enumerate(steps):
+            across = round(x + 5 + pitch_x * place, 1)
+            sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0), known=True)
+    for place, magenta in enumerate(steps):
+        sheet.text(
+            x + 16 + pitch_x * place, y + 91, f"M {magenta}", faces.SANS, 6.4, ink=inks.GREY, align="centre"
+        )
+
+
+def two_blacks(sheet: Sheet) -> None:
+    """A page of rich black with a panel of black ink alone."""
+    sheet.begin("Rich black")
+    sheet.rect(0, 0, 210, 297, inks.RICH_BLACK)
+    sheet.know(0, 0, 210, 20, inks.RICH_BLACK)
+    sheet.know(0, 20, 18, 277, inks.RICH_BLACK)
+    x, width = column(3, 3)
+    sheet.rect(x, 36, 210 - x, 150, inks.BLACK)
+    sheet.know(x, 36, 210 - x, 14, inks.BLACK)
+    sheet.know(x + 2, 130, 210 - x - 2, 56, inks.BLACK)
+    sheet.text(LEFT_MM, 70, "Two", faces.SERIF, 72, ink=inks.PAPER)
+    sheet.text(x + 8, 70, "blacks", faces.SERIF, 72, ink=inks.PAPER)
+    sheet.paragraph(
+        LEFT_MM, 84, width - 8, copy_text.RICH, faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.SAND)
+    )
+    alone = faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.PAPER)
+    sheet.paragraph(x + 8, 84, width - 8, copy_text.ALONE, alone)
+    for place, grey in enumerate((100, 98, 95, 92, 88, 84)):
+        left = LEFT_MM + 29 * place
+        ink = inks.percent(60, 40, 40, grey)
+        sheet.rect(left, 214, 25, 30, ink, known=True)
+        sheet.text(left, 249, f"60/40/40/{grey}", faces.SANS, 6, ink=inks.HAIRLINE)
+    sheet.text(LEFT_MM, 206, "How deep is deep enough?", faces.ITALIC, 13, ink=inks.STRAW)
+    sheet.rule(LEFT_MM, 262, RIGHT_MM, 262, inks.PAPER, 0.25)
+    sheet.text(LEFT_MM, 268, "The line above is a quarter of a point.", faces.SERIF, 7, ink=inks.PAPER)

@@ -1,0 +1,309 @@
+"""The same session and print through the full spectral path: the reference that the fast path is judged by.
+
+Ink model -> spectra -> round diffraction of every wavelength (``camera.exposure``) -> electrons -> noise. Nothing is
+taken from the press's tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy import ndimage
+
+from prooflight.camera.exposure import distinct_colours, page_electrons
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.pages.planes import displaced
+from prooflight.pages.sampling import page_taps
+from prooflight.prediction.predict import Prediction
+from prooflight.simulation.fast import cloud_factor, noisy
+from prooflight.simulation.prints import CONTRAST_PITCH_MM, plane_pixels, speck_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.camera.camera import Camera
+    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.pages.raster import Page
+    from prooflight.pages.sampling import Footprint
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.prints import Print
+    from prooflight.simulation.session import SensorDay, Session
+
+FINE: Final = 4
+"""Exposures along a camera line between which a placed page is interpolated: 0.3 to 0.6 DN rms on a page of text."""
+ACROSS: Final = 2
+"""So many times as many across, where no motion blurs: 4 a pixel would leave 3.6 DN rms, for light that a pixel's
+aperture lets pass reaches beyond 2 cycles a pixel."""
+SPLINE_ORDER: Final = 5
+TILT_KNOTS: Final = (-1.0, 0.0, 1.0)
+"""Where on the page, from edge to edge, the inks' gain is exact; between, exposures are blended."""
+_REPEATS: Final = 2
+"""Raster pixels are cut up so often, because page_electrons wants a whole number of them a narrow pixel (s = 2)."""
+_TILE_PIXELS: Final = 2048
+MARGIN_PIXELS: Final = 12
+"""Camera pixels beyond the scan that are exposed, because a page out of place shows what lies there."""
+_LAST: Final = (NODES - 1) * NODE_STEP / 255
+_STEP: Final = NODE_STEP / 255
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PrintedInks:
+    """An ink model as one print has it at one place of the page: a ``ReflectanceModel`` of nominal recipes."""
+
+    inks: ReflectanceModel
+    gain: NDArray[np.float64]
+    """(4,) [-]"""
+    dot_gain: NDArray[np.float64]
+    """(4,) ink area added at 50 %. [-]"""
+    white: float
+    """Reflectance of the paper over what it should be. [-]"""
+    day: SensorDay
+    weight: NDArray[np.float64]
+    """(36,) light times quantum efficiency of the sensor that looks. [any unit]"""
+
+    @property
+    def name(self) -> str:
+        """The inks' own."""
+        return self.inks.name
+
+    def area(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Printed area of nominal recipes, both (..., 4) [-]; above 1 where a solid's film is thicker."""
+        dots = 4 * self.dot_gain * cmyk * (1 - cmyk)
+        return np.asarray(cmyk * (1 + self.gain) + dots).clip(min=0)
+
+    def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Reflectance factor of nominal recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        return self.of_area(self.area(cmyk))
+
+    def of_area(self, area: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same of printed areas.
+
+        Beyond a solid light falls on by the same factor at all wavelengths, the sensor's own over the ink's last step;
+        assumed: no chart tells how the spectrum of more than a solid changes.
+        """
+        within = np.minimum(area, _LAST)
+        result = self.inks.reflectance(within)
+        for ink in range(4):
+            beyond = np.maximum(area[..., ink] - _LAST, 0)
+            if beyond.any():
+                thinner, solid = within.copy(), within.copy()
+                thinner[..., ink], solid[..., ink] = _LAST - _STEP, _LAST
+                light = [self.inks.reflectance(recipe) @ self.weight for recipe in (solid, thinner)]
+                result = result * ((light[0] / light[1]) ** (beyond / _STEP))[..., None]
+        factor = self.white * self.day.shape_at(area)
+        return np.asarray(result * factor[..., None])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Specimen:
+    """A press, and what its tables were made from."""
+
+    press: Press
+    camera: Camera
+    inks: ReflectanceModel
+    backing_reflectance: float
+
+
+def exact_scan(
+    page: Page, specimen: Specimen, session: Session, print_: Print, *, rng: np.random.Generator
+) -> NDArray[np.uint16]:
+    """One print of a page as the camera records it, (sensors, lines, pixels) [DN]; ``fast_scan``'s reference."""
+    return noisy(exact_mean_variance(page, specimen, session, print_), specimen.press, rng)
+
+
+def exact_mean_variance(page: Page, specimen: Specimen, session: Session, print_: Print) -> Prediction:
+    """The same without noise: mean and variance (temporal, halftone and rounding) of every pixel.
+
+    The displaced planes are exposed FINE x FINE times a camera pixel and interpolated where the print lies; a tilt of
+    the inks is blended between exposures with the inks of nine places of the page.
+    """
+    press, geometry = specimen.press, specimen.press.geometry
+    printed = printed_page(page, print_)
+    lines = geometry.lines(page.height_mm)
+    shape = (len(press.sensors), lines, geometry.pixels)
+    mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    fine_x = _fine_centres(geometry.centres_x_mm(page.width_mm), ACROSS * FINE)
+    fine_y = _fine_centres(geometry.centres_y_mm(lines), FINE)
+    seen = _seen_at(page, press, print_, fine_x[0], fine_y[0])
+    for index, (sensor, model, day) in enumerate(
+        zip(specimen.camera.sensors, press.sensors, session.sensors, strict=True)
+    ):
+        camera = replace(specimen.camera, sensors=(sensor,))
+        light = np.zeros((fine_y.size, fine_x.size), np.float32)
+        texture = np.zeros_like(light)
+        for inks, down, across in _places(specimen, session, print_, index):
+            blend = np.multiply.outer(
+                _share(down, fine_y, page.height_mm), _share(across, fine_x, page.width_mm)
+            )
+            for first in range(ACROSS):
+                part = (slice(None), slice(first, None, ACROSS))
+                exposed = _fine_exposure(
+                    camera,
+                    inks,
+                    printed,
+                    fine_x[part[1]],
+                    fine_y,
+                    blend[part] > 0,
+                    specimen.backing_reflectance,
+                )
+                light[part] += blend[part] * exposed * np.float32(sensor.dn_per_e)
+            texture += blend * _texture(camera, model.footprint, inks, printed, fine_x, fine_y)
+        coordinates = np.stack(seen)
+        signal = ndimage.map_coordinates(light, coordinates, order=SPLINE_ORDER, mode="nearest")
+        halftone = ndimage.map_coordinates(texture, coordinates, order=SPLINE_ORDER, mode="nearest")
+        columns = model.column_gain * session.lamp * print_.lamp * day.table_gain * day.column_gain
+        factor = columns * print_.flicker[:, None] * cloud_factor(print_, page, press)
+        signal = signal * factor
+        contrast = session.amounts.ink.halftone_contrast * CONTRAST_PITCH_MM / geometry.pixel_pitch_mm
+        electrons = (signal / sensor.dn_per_e).clip(min=0)
+        temporal = sensor.variance_temporal_e2(electrons) * (sensor.dn_per_e * day.sigma_error) ** 2
+        variance[index] = temporal + (contrast * factor) ** 2 * halftone.clip(min=0) + 1 / 12
+        mean[index] = (model.column_offset_dn + signal).clip(0, model.top_code_dn)
+    return Prediction(expected_dn=mean, variance_dn2=variance)
+
+
+def printed_page(page: Page, print_: Print) -> Page:
+    """The raster with its planes displaced and its specks on it."""
+    printed = displaced(page, plane_pixels(print_, page))
+    places, recipes = speck_pixels(print_, page)
+    printed.cmyk[places[:, 0], places[:, 1]] = recipes
+    return printed
+
+
+def _fine_centres(centres_mm: NDArray[np.float64], fine: int) -> NDArray[np.float64]:
+    """Camera pixels' centres with fine - 1 more between each two, and a margin at both ends."""
+    pitch = (centres_mm[-1] - centres_mm[0]) / (centres_mm.size - 1)
+    count = (centres_mm.size + 2 * MARGIN_PIXELS) * fine
+    return np.asarray(centres_mm[0] + (np.arange(count) / fine - MARGIN_PIXELS) * pitch)
+
+
+def _seen_at(
+    page: Page, press: Press, print_: Print, first_x_mm: float, first_y_mm: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where camera pixels look, as row and column among the fine centres, (lines, pixels) each."""
+    geometry = press.geometry
+    x, y = np.meshgrid(
+        geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(geometry.lines(page.height_mm))
+    )
+    seen_x, seen_y = print_.placement.seen_mm(
+        x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm
+    )
+    rows = (seen_y - first_y_mm) * (FINE / geometry.line_pitch_mm)
+    columns = (seen_x - first_x_mm) * (ACROSS * FINE / geometry.pixel_pitch_mm)
+    return rows, columns
+
+
+def _places(
+    specimen: Specimen, session: Session, print_: Print, sensor: int
+) -> Iterator[tuple[PrintedInks, float, float]]:
+    """The inks at nine places of the page (down, across), or nan, at its centre alone, where nothing tilts."""
+    camera_sensor = specimen.camera.sensors[sensor]
+    knots = TILT_KNOTS if print_.ink_tilt.any() else (0.0,)
+    for down in knots:
+        for across in knots:
+            gain = session.ink_gain + print_.ink_gain + print_.ink_tilt @ np.array([across, down])
+            inks = PrintedInks(
+                inks=specimen.inks,
+                gain=gain,
+                dot_gain=print_.dot_gain,
+                white=float(print_.white[sensor]),
+                day=session.sensors[sensor],
+                weight=specimen.camera.light.radiance_photons * camera_sensor.quantum_efficiency,
+            )
+            alone = len(knots) == 1
+            yield inks, np.nan if alone else down, np.nan if alone else across
+
+
+def _share(knot: float, centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
+    """Weight of a knot at places on the page: a hat between its neighbours; 1 everywhere where there is one knot."""
+    if np.isnan(knot):
+        return np.ones(centres_mm.size, np.float32)
+    place = (2 * centres_mm / extent_mm - 1).clip(-1, 1)
+    return (1 - np.abs(place - knot)).clip(min=0).astype(np.float32)
+
+
+def _fine_exposure(
+    camera: Camera,
+    inks: PrintedInks,
+    printed: Page,
+    fine_x: NDArray[np.float64],
+    fine_y: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
+    backing_reflectance: float,
+) -> NDArray[np.float32]:
+    """Electrons of whole pixels at the fine centres of the rectangle that holds all that is wanted, elsewhere 0.
+
+    A camera of pixels FINE times as narrow is exposed once. A pixel is FINE x FINE of its pixels, and its motion along
+    the travel the mean of FINE places of those: boxes made of boxes, so nothing is lost.
+    """
+    rows, columns = (np.flatnonzero(wanted.any(axis=axis)) for axis in (1, 0))
+    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    pitch_x, pitch_y = fine_x[1] - fine_x[0], fine_y[1] - fine_y[0]
+    x = fine_x[left] + (np.arange(right - left + FINE - 1) - (FINE - 1) / 2) * pitch_x
+    y = fine_y[top] + (np.arange(bottom - top + 2 * FINE - 2) - (FINE - 1)) * pitch_y
+    narrow = replace(
+        camera,
+        speed_mm_s=None,
+        sensors=tuple(replace(s, pixel_pitch_um=s.pixel_pitch_um / FINE) for s in camera.sensors),
+    )
+    squares = np.repeat(np.repeat(printed.cmyk, _REPEATS, axis=0), _REPEATS, axis=1)
+    electrons = page_electrons(
+        narrow,
+        inks,
+        replace(printed, cmyk=squares, dpi=printed.dpi * _REPEATS),
+        centres_x_mm=x,
+        centres_y_mm=y,
+        backing_reflectance=backing_reflectance,
+        falloff=False,
+        tile_pixels=_TILE_PIXELS,
+    )[0]
+    across = _box(electrons, axis=1)
+    exposed = np.zeros(wanted.shape, np.float32)
+    exposed[top:bottom, left:right] = _box(_box(across, axis=0), axis=0) / FINE
+    return exposed
+
+
+def _box(image: NDArray[np.float32], *, axis: int) -> NDArray[np.float32]:
+    """Sums of FINE neighbours."""
+    count = image.shape[axis] - FINE + 1
+    parts = [np.take(image, range(start, start + count), axis=axis) for start in range(FINE)]
+    return np.asarray(sum(parts[1:], parts[0]))
+
+
+def _texture(
+    camera: Camera,
+    footprint: Footprint,
+    inks: PrintedInks,
+    printed: Page,
+    fine_x: NDArray[np.float64],
+    fine_y: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Variance of a halftone of unit contrast at fine centres: J_p^2 a_p (1 - a_p) as a footprint sees it. [DN^2]"""
+    sensor = camera.sensors[0]
+    codes = printed.words
+    colours = distinct_colours(codes)
+    area = inks.area(colours.view(np.uint8).reshape(-1, 4) / 255)
+    texture = np.zeros(colours.size)
+    for ink in range(4):
+        signals = []
+        for step in (-_STEP / 2, _STEP / 2):
+            moved = area.copy()
+            moved[:, ink] = (moved[:, ink] + step).clip(min=0)
+            irradiance = camera.irradiance_photons(inks.of_area(moved))
+            signals.append(sensor.electrons(irradiance) * sensor.dn_per_e)
+        width = np.minimum(area[:, ink] + _STEP / 2, _STEP)
+        slope = (signals[1] - signals[0]) / width
+        texture += slope**2 * (area[:, ink] * (1 - area[:, ink])).clip(min=0)
+    image = texture.astype(np.float32)[np.searchsorted(colours, codes)]
+    across, along = page_taps(
+        footprint,
+        centres_x_mm=fine_x,
+        centres_y_mm=fine_y,
+        raster_pixel_mm=printed.pixel_mm,
+        raster_shape=image.shape,
+    )
+    return across.apply(along.apply(image).T).T

@@ -1,0 +1,66 @@
+"""Misprints: what goes wrong on a press, with the place where it did.
+
+Kinds, amounts and severities are those of ``worlds.toml``. A misprint happens where it does on a press: most change the
+printed raster, a page off its place lies elsewhere under the camera.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.simulation.misprints import (
+    content as misprint_content,
+)
+from prooflight.simulation.misprints import (
+    marks as misprint_marks,
+)
+from prooflight.simulation.misprints import (
+    planes as misprint_planes,
+)
+from prooflight.simulation.misprints.drawing import Drawn, Mishap, Misprint
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from prooflight.pages.raster import Page
+
+__all__ = ["KINDS", "Drawn", "Misprint", "draw_misprint"]
+
+_DRAWERS: dict[str, Callable[[Mishap], Drawn]] = {
+    "missing-plane": misprint_planes.missing_plane,
+    "swapped-planes": misprint_planes.swapped_planes,
+    "density": misprint_planes.density,
+    "plane-register": misprint_planes.plane_register,
+    "streak": misprint_marks.streak,
+    "banding": misprint_planes.banding,
+    "spots-voids": misprint_marks.spots_voids,
+    "ghost-smear": misprint_content.ghost_smear,
+    "local-blur": misprint_content.local_blur,
+    "missing-content": misprint_content.missing_content,
+    "wrong-page": misprint_content.wrong_page,
+    "scum": misprint_marks.scum,
+}
+KINDS = tuple(_DRAWERS)
+"""In the order of ``worlds.toml``."""
+
+
+def draw_misprint(
+    page: Page,
+    kind: str,
+    severity: float,
+    *,
+    others: Sequence[int],
+    fetch: Callable[[int], Page],
+    rng: np.random.Generator,
+) -> Drawn:
+    """One misprint of a kind of ``KINDS`` on a page, at a severity from 0 to 1; the page given is not changed.
+
+    others: numbers of the job's other pages, which ``fetch`` gives. Inks and places are drawn from those that the page
+    has; where a kind cannot be on this page (a page of one ink has no planes out of register) nothing is changed, and
+    it is for the caller to look and to draw again.
+    """
+    rounding = np.random.default_rng(int(rng.integers(2**63)))
+    mishap = Mishap(page=page, severity=severity, rng=rng, rounding=rounding, others=others, fetch=fetch)
+    return _DRAWERS[kind](mishap)

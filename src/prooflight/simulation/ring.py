@@ -1,0 +1,98 @@
+"""Scans for the drum: a job printed on the simulated press beforehand, so that playing costs the inspection nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.errors import RequestError
+from prooflight.pages.job import opened
+from prooflight.pages.parallel import in_order
+from prooflight.simulation.scans import page_rng, scan_page
+from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.worlds import amounts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.scans import MisprintRequest, SimulatedScan
+
+LEAST_PRINTS: Final = 24
+"""A job of fewer pages is printed several times, so that no two turns of the ring follow closely."""
+
+
+def ring_size(pages: int, sheets: int) -> int:
+    """How many prints make a ring for so many sheets: whole jobs, unless fewer sheets are asked for."""
+    return min(pages * -(-LEAST_PRINTS // pages), max(sheets, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RingPrint:
+    """One print of a ring; small and picklable, so that it travels to worker processes."""
+
+    job: JobSource
+    press: Press
+    pages: int
+    world: str = "press"
+    request: MisprintRequest | None = None
+    every: int = 10
+    """Every so many prints is a misprint, if one is requested and shows on its page."""
+    seed: int = 1
+
+    def __call__(self, index: int) -> SimulatedScan:
+        """Print ``index``, of page index modulo the job's."""
+        session = _session(self.press, self.seed) if self.world == "press" else None
+        wanted = self.request if index % self.every == self.every - 1 else None
+        number = index % self.pages + 1
+        others = tuple(other for other in range(1, self.pages + 1) if other != number)
+        rng = page_rng(self.seed, index)
+        for request in (wanted, None):
+            try:
+                return scan_page(
+                    self.page(number),
+                    press=self.press,
+                    request=request,
+                    others=others,
+                    fetch=self.page,
+                    rng=rng,
+                    session=session,
+                )
+            except RequestError:
+                if request is None:
+                    raise
+        raise AssertionError  # the last request is for a good print
+
+    def page(self, number: int) -> Page:
+        """A page of the job as it lies in the press."""
+        return self.press.geometry.lay(opened(self.job).page(number))
+
+    def strangers(self) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+        """Scans of a blank sheet, and of a sheet that is no page of the job: page 1 upside down and in other inks."""
+        first = self.page(1)
+        blank = replace(first, cmyk=np.zeros_like(first.cmyk))
+        foreign = replace(first, cmyk=np.ascontiguousarray(first.cmyk[::-1, ::-1, [1, 2, 0, 3]]))
+        rng = page_rng(self.seed, 2**31)
+        scans = [
+            scan_page(page, press=self.press, request=None, others=(), fetch=self.page, rng=rng).dn
+            for page in (blank, foreign)
+        ]
+        return scans[0], scans[1]
+
+
+@lru_cache(maxsize=1)
+def _session(press: Press, seed: int) -> Session:
+    """The same object for every print in one process: its true tables are kept."""
+    return Session.draw(amounts_of(press), press, session_rng(seed))
+
+
+def rendered(prints: RingPrint, count: int) -> Iterator[SimulatedScan]:
+    """The prints of a ring, in order."""
+    return in_order(prints, range(count))

@@ -1,0 +1,202 @@
+"""The worlds in which figures are measured, as ``worlds.toml`` fixes them.
+
+``ideal``: a good scan is the expected one plus sensor noise. ``press``: a good print also moves, drifts and scatters
+within tolerance, by the amounts of ``[press.*]``, which a press file's ``[variation]`` may state anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any, Self
+
+from prooflight.errors import RequestError
+from prooflight.files.given import shortly
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from prooflight.press.artefact import Press
+
+WORLDS = ("ideal", "press")
+RANGES = ("specks_ink_percent", "specks_diameter_mm")
+"""Amounts that say which specks there are, not how much varies: ``all_times`` leaves them alone."""
+
+
+def worlds_text() -> bytes:
+    """The package's own copy of ``worlds.toml``."""
+    return resources.files("prooflight.simulation").joinpath("worlds.toml").read_bytes()
+
+
+def worlds_digest() -> str:
+    """SHA-256 of it; published figures name it."""
+    return hashlib.sha256(worlds_text()).hexdigest()
+
+
+@cache
+def worlds() -> dict[str, Any]:
+    """Its content."""
+    return tomllib.loads(worlds_text().decode())
+
+
+def known_world(name: str) -> str:
+    """``name``, if there is such a world; RequestError otherwise."""
+    if name not in WORLDS:
+        raise RequestError("world", f"there is no {shortly(name)!r}", remedy=f"choose {' or '.join(WORLDS)}")
+    return name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageAmounts:
+    """``[press.page]``: where the page lies, per print."""
+
+    shift_mm: float
+    """Uniform +- in x and in y."""
+    skew_deg: float
+    """Uniform +-."""
+    scale_percent: float
+    """Uniform +-, across and along each by itself."""
+    warp_across_um: float
+    warp_along_um: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegisterAmounts:
+    """``[press.register]``: where each ink plane lies on the page, per print."""
+
+    plane_um: float
+    plane_clip_um: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InkAmounts:
+    """``[press.ink]``."""
+
+    gain_session_percent: float
+    gain_print_percent: float
+    gain_tilt_percent: float
+    dot_gain_percent: float
+    halftone_contrast: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperAmounts:
+    """``[press.paper]``, per print."""
+
+    white_percent: float
+    white_channel_percent: float
+    cloudiness_percent: float
+    specks_per_page: float
+    specks_ink_percent: tuple[float, float]
+    specks_diameter_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LampAmounts:
+    """``[press.lamp]``."""
+
+    profile_percent: float
+    profile_print_percent: float
+    flicker_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraAmounts:
+    """``[press.camera]``, per session."""
+
+    column_gain_percent: float
+    sigma_error: tuple[float, float]
+    table_gain_percent: float
+    table_shape_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Amounts:
+    """How much good prints of one press differ: ``[press.*]``, with what a press file's ``[variation]`` says."""
+
+    page: PageAmounts
+    register: RegisterAmounts
+    ink: InkAmounts
+    paper: PaperAmounts
+    lamp: LampAmounts
+    camera: CameraAmounts
+
+    @classmethod
+    def stated(cls, variation: Mapping[str, Any] | None = None) -> Self:
+        """``worlds.toml``'s amounts, each replaced by ``variation``'s where that gives it (``PressFile.variation``).
+
+        ``all_times`` multiplies what it does not give; a ratio such as ``sigma_error`` is raised to that power.
+        """
+        given = variation or {}
+        times = float(given.get("all_times", 1.0))
+        kinds = {
+            "page": PageAmounts,
+            "register": RegisterAmounts,
+            "ink": InkAmounts,
+            "paper": PaperAmounts,
+            "lamp": LampAmounts,
+            "camera": CameraAmounts,
+        }
+        blocks: dict[str, Any] = {}
+        for block, kind in kinds.items():
+            of_file = {name: _times(name, value, times) for name, value in worlds()["press"][block].items()}
+            of_press = {name: _plain(value) for name, value in given.get(block, {}).items()}
+            blocks[block] = kind(**(of_file | of_press))
+        return cls(**blocks)
+
+    @property
+    def exact(self) -> bool:
+        """Whether good prints differ in nothing but the camera's noise."""
+        amounts = [
+            (name, getattr(getattr(self, block), name))
+            for block, names in self.names().items()
+            for name in names
+        ]
+        return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
+
+    def names(self) -> dict[str, tuple[str, ...]]:
+        """Blocks and the amounts in each."""
+        return {
+            block.name: tuple(f.name for f in fields(getattr(self, block.name))) for block in fields(self)
+        }
+
+
+def amounts_of(press: Press) -> Amounts:
+    """What good prints of ``press`` do: its press file's ``[variation]`` over ``worlds.toml``."""
+    return Amounts.stated(getattr(press, "variation", None))
+
+
+def _times(name: str, value: Any, times: float) -> Any:
+    if isinstance(value, list):
+        return tuple(value) if name in RANGES else tuple(bound**times for bound in value)
+    return value * times
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gate:
+    """A drawn misprint that reaches neither amount changes nothing that a person sees; it is drawn again."""
+
+    blurred_peak_percent: float
+    rms_percent: float
+
+
+def gate() -> Gate:
+    """``[gate]``."""
+    return Gate(**worlds()["gate"])
+
+
+def amount(kind: str, field: str, severity: float) -> float:
+    """Amount of a misprint kind at severity 0..1: from at_0 to at_1, geometrically unless the file says linear."""
+    (entry,) = (entry for entry in worlds()["misprint"] if entry["kind"] == kind)
+    spec = entry[field]
+    low, high = spec["at_0"], spec["at_1"]
+    if spec.get("scale") == "linear":
+        return float(low + (high - low) * severity)
+    return float(low * (high / low) ** severity)

@@ -1,0 +1,28 @@
+"""``prooflight study`` and ``prooflight bench``, where the studies are installed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from prooflight_studies.commands import (
+    bench,
+    detectability,
+    golden,
+    paper,
+    press,
+    running,
+    soak,
+    study,
+    world,
+)
+
+if TYPE_CHECKING:
+    import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add them to ``prooflight``."""
+    for part in (world, paper, press, golden, detectability, running, soak):
+        part.register(study.app)
+    app.add_typer(study.app, name="study")
+    app.command()(bench.bench)

@@ -1,0 +1,52 @@
+"""``prooflight bench``: speed beside peers, in one run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import median
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+
+
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Small pages.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    docs: Annotated[
+        Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
+    ] = None,
+) -> None:
+    """Speed of prediction, comparison and whole pages as ratios to peers measured in the same run, one core."""
+    from prooflight.commissioning.build import build_press
+    from prooflight.pages.process import settle_process
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.speed.start import start_seconds
+    from prooflight_studies.speed.study import bench as timed
+    from prooflight_studies.speed.study import bench_pages
+
+    if not json:
+        show.step("building the prototype and timing")
+    press = build_press(PressFile.prototype(), seed=1)
+    settle_process()  # as processes are that inspect page after page; peers gain by it too
+    rows = timed(press, quick=quick)
+    if not json:
+        starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])
+        show.step(f"first verdict {median(starts):.1f} s after the start of a warm installation")
+    if docs is not None:
+        from prooflight_studies.speed.page import write_speed_page
+
+        write_speed_page(rows, docs)
+    if json:
+        show.print_json(rows)
+        return
+    table = Table(title="Megapixels a second of processor time, one core", title_justify="left")
+    table.add_column("step")
+    for name in ("Mpx/s", "range", "ratio"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        spread = f"{row.lowest_mpx_per_cpu_s:,.0f} .. {row.highest_mpx_per_cpu_s:,.0f}"
+        table.add_row(row.name, f"{row.mpx_per_cpu_s:,.1f}", spread, f"{row.ratio:.2f}")
+    show.people.print(table)

@@ -1,0 +1,75 @@
+"""``prooflight study detectability``: what would be caught on the pages of a job, before they are printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results
+
+QUICK_TRIALS = 3
+QUICK_LEARNING = 16
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to ``prooflight study``."""
+    app.command()(detectability)
+
+
+def detectability(
+    job: Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")],
+    press: Annotated[
+        Path, typer.Option("--press", metavar="X.press", help="Press artefact with our detector.")
+    ],
+    out: Results = Path("docs/results"),
+    pages: Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")] = None,
+    profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
+    seed: Annotated[int, typer.Option(help="Of press days, prints and places.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
+    from prooflight.pages.job import JobSource, parse_pages
+    from prooflight.press.artefact import Press
+    from prooflight_studies.detectability.findings import NAMES
+    from prooflight_studies.detectability.study import LEARNING, TRIALS, run_detectability_study
+
+    loaded = Press.load(press)
+    source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
+    with source.open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else None
+    found = run_detectability_study(
+        source,
+        loaded,
+        out,
+        pages=numbers,
+        learning=QUICK_LEARNING if quick else LEARNING,
+        trials=QUICK_TRIALS if quick else TRIALS,
+        seed=seed,
+        progress=show.steps(quiet=json),
+    )
+    rows: list[dict[str, Any]] = [
+        {"page": page.name, "inks_percent": page.reach.inks_percent}
+        | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
+        for page in found.pages
+    ] + [{"page": name, "good_prints_alarm": True} for name in found.alarming]
+    if json:
+        show.print_json(rows)
+        return
+    table = Table(title="Caught of what should be caught at 99 %", title_justify="left")
+    table.add_column("page")
+    for name in (*NAMES.values(), "good prints that alarmed"):
+        table.add_column(name, justify="right")
+    for page in found.pages:
+        cells = (page.verified[name] for name in (*NAMES, "none"))
+        table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
+    show.people.print(table)
+    for name in found.alarming:
+        show.people.print(
+            f"{name}: good prints of it alarm; most likely no design that taught the press is like it."
+        )
+    show.written(out / "detectability.md")

@@ -1,0 +1,60 @@
+"""``prooflight study golden``: inspection against a golden scan, on real pairs with marked defects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to ``prooflight study``."""
+    app.command()(golden)
+
+
+def golden(
+    pairs: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="NAME_temp.jpg, NAME_test.jpg and NAME.txt with marked defects, as DeepPCB has them.",
+        ),
+    ],
+    out: Results = Path("docs/results"),
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.png", help="Contact sheet of what was missed, false and found; shows the scans."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the bootstrap.", min=0)] = 0,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
+    from prooflight_studies.golden.study import plain, run_golden_study
+
+    rows = run_golden_study(
+        pairs, out, seed=seed, quick=quick, picture=picture, progress=show.steps(quiet=json)
+    )
+    if json:
+        show.print_json(plain(rows))
+        return
+    table = Table(title="Marked defects found against a golden scan", title_justify="left")
+    for heading in ("method", "tuned on", "found %", "false an image", "mean overlap"):
+        table.add_column(heading, justify="left" if heading in ("method", "tuned on") else "right")
+    for row in rows:
+        table.add_row(
+            row.method,
+            row.tuned_on,
+            f"{row.found_percent:.1f}",
+            f"{row.false_per_image:.2f}",
+            f"{row.mean_overlap:.2f}",
+        )
+    show.people.print(table)
+    show.written(out / "golden.md")

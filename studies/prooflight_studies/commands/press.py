@@ -1,0 +1,89 @@
+"""``prooflight study press``: our detector in the press world."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, PressFileAt, Quick, Results
+from prooflight_studies.commands.world import CACHE, Cache, PagesDir
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to ``prooflight study``."""
+    app.command()(press)
+
+
+def press(
+    press_file: PressFileAt = None,
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    pages: PagesDir = None,
+    designs: Annotated[
+        int | None, typer.Option(help="Composed designs that are judged; 1500 if not given.", min=50)
+    ] = None,
+    promise: Annotated[
+        int | None,
+        typer.Option(help="Designs that only set thresholds of promises; 5000 if not given.", min=100),
+    ] = None,
+    trial: Annotated[
+        int | None, typer.Option(help="Designs that only try promises; 5000 if not given.", min=50)
+    ] = None,
+    ideal: Annotated[
+        int | None, typer.Option(help="Designs of the ideal world; 400 if not given.", min=50)
+    ] = None,
+    ablations: Annotated[
+        bool, typer.Option(help="Judge by our detector without each of its parts as well.")
+    ] = True,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
+    taught: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="X.press", help="Keep the press here, taught by all these designs; it promises 1 %."
+        ),
+    ] = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md.
+
+    A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
+    """
+    from dataclasses import replace
+
+    from prooflight.press.press_file import TWO_SENSORS, PressFile
+    from prooflight.simulation.corpus.corpus import Folder
+    from prooflight_studies.paper.study import REDUCED_PITCH_MM
+    from prooflight_studies.press.study import PressPlan, run_press_study
+
+    plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
+    plan = replace(
+        plan,
+        designs=designs or plan.designs,
+        promise=promise or plan.promise,
+        trial=trial or plan.trial,
+        ideal=ideal or plan.ideal,
+        ablations=plan.ablations and ablations,
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    found = run_press_study(
+        PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
+        out,
+        cache=cache / "press",
+        plan=plan,
+        processes=processes,
+        real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
+        taught=taught,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        methods = found.verdicts.methods
+        show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
+    else:
+        show.written(out / found.page)
+        if taught is not None:
+            show.written(taught)

@@ -1,0 +1,41 @@
+"""``prooflight study soak``: a run with faults of the paper path and the camera."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to ``prooflight study``."""
+    app.command()(soak)
+
+
+def soak(
+    out: Results = Path("docs/results"),
+    sheets: Annotated[int | None, typer.Option(help="That pass; default 3600, an hour.", min=20)] = None,
+    seed: Annotated[int, typer.Option(help="Of pages, prints and faults.", min=0)] = 11,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """An hour of pages with random faults, as fast as possible: what is said of them; writes soak.md."""
+    from prooflight_studies.soak.study import run_soak_study
+
+    found = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    if json:
+        show.print_json(asdict(found))
+        return
+    table = Table(title=f"{found.sheets} sheets", title_justify="left")
+    for heading in ("fault", "drawn", "named", "in step"):
+        table.add_column(heading, justify="left" if heading == "fault" else "right")
+    for kind, row in found.kinds.items():
+        table.add_row(kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
+    show.people.print(table)
+    show.written(out / "soak.md")

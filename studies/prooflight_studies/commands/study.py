@@ -1,0 +1,191 @@
+"""``prooflight study``: regenerate a table or a figure of docs/results."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from prooflight.cli import show
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A minute's version.")]
+JobFile = Annotated[Path | None, typer.Option(metavar="F.pdf", help="A job; default the sample job.")]
+PressFileAt = Annotated[
+    Path | None, typer.Option(metavar="PRESS.toml", help="Press file; default the prototype.")
+]
+Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
+
+
+@app.command()
+def ink(
+    chart: Annotated[Path, typer.Option(metavar="CHART", help="A characterisation chart with spectra.")],
+    out: Results = Path("docs/results"),
+    folds: Annotated[int, typer.Option(help="Parts of the chart that are left out in turn.")] = 10,
+    seed: Annotated[int, typer.Option(help="Of folds and added noise.", min=0)] = 0,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """All ink models on one chart: cross-validation, learning curves, speed; writes ink.md and its picture."""
+    from prooflight_studies.ink.study import run_ink_study
+
+    tell = show.steps(quiet=json)
+    rows = run_ink_study(chart, out, folds=folds, seed=seed, quick=quick, progress=tell)
+    if json:
+        show.print_json(rows)
+        return
+    table = Table(title="Ink models", title_justify="left")
+    for heading in ("model", "median", "95 %", "greatest", "rms reflectance"):
+        table.add_column(heading, justify="left" if heading == "model" else "right")
+    for row in rows:
+        delta = row["delta_e00"]
+        assert isinstance(delta, dict)
+        cells = (f"{delta[key]:.3f}" for key in ("median", "p95", "max"))
+        table.add_row(str(row["model"]), *cells, f"{row['rms_reflectance']:.5f}")
+    show.people.print(table)
+    show.written(out / "ink.md")
+
+
+@app.command()
+def inks(
+    fit: Annotated[bool, typer.Option("--fit", help="Fit the coefficients again.")] = False,
+    json: Json = False,
+) -> None:
+    """The built-in inks against the ISO 12647-2 coated aims."""
+    from prooflight.inks.built_in import COEFFICIENTS
+    from prooflight_studies.ink.built_in_fit import aim_differences, fit_built_in
+
+    coefficients = fit_built_in() if fit else dict(COEFFICIENTS)
+    differences = aim_differences(coefficients)
+    if json:
+        show.print_json({"delta_e00": differences, "coefficients": coefficients})
+        return
+    table = Table(title="Built-in inks, CIEDE2000 from the coated aims", title_justify="left")
+    table.add_column("colour")
+    table.add_column("difference", justify="right")
+    for name, difference in differences.items():
+        table.add_row(name, f"{difference:.2f}")
+    show.people.print(table)
+
+
+@app.command()
+def tables(
+    pages: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Pages whose colours count: a folder of PDFs, or a PDF."),
+    ] = None,
+    job: JobFile = None,
+    press_file: PressFileAt = None,
+    chart: Annotated[
+        Path | None,
+        typer.Option(metavar="CHART", help="Judge the same press with this chart's inks as well."),
+    ] = None,
+    out: Results = Path("docs/results"),
+    seed: Annotated[int, typer.Option(help="Of the specimen and of colours drawn.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """The look-up tables against the exact model, on the colours of real pages; writes tables.md."""
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.tables.study import run_table_study, with_chart
+
+    press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
+    presses = [press] if chart is None else [press, with_chart(press, chart)]
+    tell = show.steps(quiet=json)
+    with job_or_sample(job) as job_path:
+        jobs = {"sample job" if job is None else job.stem: job_path}
+        if pages is not None:
+            jobs["real pages"] = pages
+        rows = run_table_study(presses, jobs, out, seed=seed, quick=quick, progress=tell)
+    if json:
+        show.print_json(rows)
+        return
+    table = Table(title="Tables against the exact model, errors in sigma", title_justify="left")
+    for heading in ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma"):
+        table.add_column(
+            heading, justify="left" if heading in ("press", "inks", "sensor", "colours") else "right"
+        )
+    for row in rows:
+        numbers = (row.rms_sigma, row.rms_sigma_by_pixels, row.max_sigma, row.white_sigma)
+        cells = (f"{number:.4f}" for number in numbers)
+        table.add_row(row.press, row.inks, row.sensor, row.colours, *cells, f"{row.sigma_percent:.3f} %")
+    show.people.print(table)
+    show.written(out / "tables.md")
+
+
+@app.command()
+def figures(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write the pictures.")],
+    press_file: PressFileAt = None,
+    job: JobFile = None,
+    page: Annotated[int, typer.Option(metavar="N", help="Page of figures 6 to 8.", min=1)] = 1,
+    misprint: Annotated[
+        str, typer.Option(metavar="KIND[:SEVERITY]", help="What goes wrong in figure 6.")
+    ] = "missing-content:0.6",
+    seed: Annotated[int, typer.Option(help="Of specimen, noise and misprint.", min=0)] = 1,
+    json: Json = False,
+) -> None:
+    """The paper's figures 3 to 8 for a press and a page: light, tables, noise, error map, statistics, cost."""
+    from prooflight.press.press_file import PressFile
+    from prooflight.simulation.scans import MisprintRequest
+    from prooflight_studies.paper.figures import Exhibit, draw_figures
+
+    press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
+    request = MisprintRequest.parse(misprint)
+    tell = show.steps(quiet=json)
+    with job_or_sample(job) as job_path:
+        exhibit = Exhibit(job=job_path, page=page, misprint=request)
+        written = draw_figures(press, exhibit, out, seed=seed, progress=tell)
+    if json:
+        show.print_json([str(path) for path in written])
+        return
+    for path in written:
+        show.people.print(show.strong(path))
+
+
+@contextlib.contextmanager
+def job_or_sample(job: Path | None) -> Iterator[Path]:
+    """The job's path, or that of the sample job, which is there as long as the context lasts."""
+    if job is not None:
+        yield job
+        return
+    from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+    with tempfile.TemporaryDirectory() as folder:
+        yield make_sample_job(Path(folder) / "sample.pdf").path
+
+
+@app.command()
+def edges(
+    pages: Annotated[
+        Path, typer.Option(metavar="DIR", help="PDF pages; their manifest, pages_manifest.json, lies beside.")
+    ],
+    out: Results = Path("docs/results"),
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Prediction at the edges of letters and lines against the exact camera; writes edges.md."""
+    from prooflight_studies.edges.study import run_edge_study
+
+    study = run_edge_study(pages, out, quick=quick, progress=None if json else show.step)
+    if json:
+        show.print_json(study)
+        return
+    table = Table(title="Errors at edges, in sigma", title_justify="left")
+    for heading in ("truth", "prediction", "rms", "median", "all pixels, rms"):
+        table.add_column(heading, justify="left" if heading in ("truth", "prediction") else "right")
+    for truth, rows in (("vector page", study.from_vector), ("the same raster", study.same_raster)):
+        for row in rows:
+            errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
+            table.add_row(truth, row.name, *(f"{error:.2f}" for error in errors))
+    show.people.print(table)
+    show.written(out / "edges.md")

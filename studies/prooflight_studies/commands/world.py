@@ -1,0 +1,127 @@
+"""``prooflight study``: the simulated world itself: page designs, misprints, prints, registration, calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import JobFile, Json, Quick, Results, job_or_sample
+
+PagesDir = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
+]
+
+Cache = Annotated[
+    Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
+]
+CACHE = Path("study-cache")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to ``prooflight study``."""
+    for command in (misprints, corpus, worlds, registration, calibration):
+        app.command()(command)
+
+
+def misprints(
+    out: Results = Path("docs/results"),
+    job: JobFile = None,
+    seed: Annotated[int, typer.Option(help="Of the misprints.", min=0)] = 1,
+    json: Json = False,
+) -> None:
+    """All twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
+    from prooflight.commissioning.appearance import appearance_srgb
+    from prooflight.inks.built_in import built_in_inks
+    from prooflight_studies.misprints.sheet import draw_misprint_sheet
+
+    path = out / "misprints.jpg"
+    out.mkdir(parents=True, exist_ok=True)
+    with job_or_sample(job) as job_path:
+        table = appearance_srgb(built_in_inks())
+        draw_misprint_sheet(path, job_path, table, seed=seed, progress=show.steps(quiet=json))
+    _told({"picture": str(path)}, path, json=json)
+
+
+def corpus(
+    pages: PagesDir = None,
+    out: Results = Path("docs/results"),
+    seed: Annotated[int, typer.Option(help="Of the designs.", min=0)] = 2,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """The composed page designs that studies use, beside real pages; writes corpus.md and its pictures."""
+    from prooflight_studies.corpus.sheet import run_corpus_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    found = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    _told(found, out / "corpus.md", json=json)
+
+
+def worlds(
+    pages: Annotated[Path, typer.Option(metavar="DIR", help="PDF pages, pieces of which are printed.")],
+    out: Results = Path("docs/results"),
+    seed: Annotated[int, typer.Option(help="Of sessions and prints.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Fast scans of the press world against exact ones through the full spectral path; writes worlds.md."""
+    from prooflight_studies.worlds.study import run_world_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    rows = run_world_study(pages, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    _told(rows, out / "worlds.md", json=json)
+
+
+def registration(
+    pages: PagesDir = None,
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 0,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """How well pages are found in press-world scans; writes registration.md."""
+    from prooflight.commissioning.build import build_press
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.registration.study import CROP_PIXELS, run_register_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    press_file = PressFile.prototype()
+    found = run_register_study(
+        build_press(press_file, seed=1),
+        build_press(press_file, seed=1, pixels=CROP_PIXELS),
+        out,
+        cache,
+        pages=pages,
+        seed=seed,
+        **({"designs": 6, "prints": 2, "crop_designs": 4} if quick else {}),
+        progress=show.steps(quiet=json),
+    )
+    _told(found, out / "registration.md", json=json)
+
+
+def calibration(
+    pages: PagesDir = None,
+    out: Results = Path("docs/results"),
+    seed: Annotated[int, typer.Option(help="Of charts, sessions and prints.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Tables learned from scans of printed charts, beside the truth; writes calibration.md."""
+    from prooflight_studies.calibration.study import run_calibration_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    with job_or_sample(None) as sample:
+        jobs = {"sample job": sample} | ({} if pages is None else {"real pages": pages})
+        rows = run_calibration_study(jobs, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    _told(rows, out / "calibration.md", json=json)
+
+
+def _told(found: object, written: Path, *, json: bool) -> None:
+    if json:
+        show.print_json(found)
+    else:
+        show.written(written)

@@ -1,0 +1,130 @@
+"""Leafing through designs: contact sheets, figures of every page, and the study that writes ``corpus.md``."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.files.atomic import whole_file
+from prooflight.pages.parallel import in_order
+from prooflight.simulation.corpus.corpus import Corpus, Folder
+from prooflight_studies.corpus.figures import PageFigures, page_figures, summary, table
+from prooflight_studies.corpus.page import write_corpus_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.simulation.corpus.corpus import Designs
+
+STUDY_DPI: Final = 482.0
+"""Two raster pixels a camera pixel."""
+FAST_DPI: Final = 200.0
+SOLIDS_RGB: Final = np.array([(0, 158, 227), (230, 0, 126), (255, 237, 0), (29, 29, 27)], np.float32) / 255
+"""How the solids look on a screen; for contact sheets alone, usual values."""
+DESIGNS: Final = 200
+DESIGNS_QUICK: Final = 20
+TIMED: Final = 40
+THUMBNAIL_PX: Final = (108, 150)
+"""Width and height of a page's place on a contact sheet."""
+SHEET_COLUMNS: Final = 14
+A_SHEET: Final = 100
+JPEG_QUALITY: Final = 72
+
+
+def thumbnail(page: Page) -> NDArray[np.uint8]:
+    """The page on a grey place of ``THUMBNAIL_PX``, RGB."""
+    wide, tall = (extent - 6 for extent in THUMBNAIL_PX)
+    scale = min(wide / page.cmyk.shape[1], tall / page.cmyk.shape[0])
+    size = tuple(max(round(extent * scale), 1) for extent in page.cmyk.shape[1::-1])
+    inks = cv2.resize(page.cmyk, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    shown = np.prod(1 - inks[..., None] * (1 - SOLIDS_RGB), axis=2)
+    place = np.full((THUMBNAIL_PX[1], THUMBNAIL_PX[0], 3), 128, np.uint8)
+    place[3 : 3 + size[1], 3 : 3 + size[0]] = np.rint(255 * shown)
+    return place
+
+
+def write_contact_sheet(
+    path: Path, thumbnails: Sequence[NDArray[np.uint8]], columns: int = SHEET_COLUMNS
+) -> None:
+    """Thumbnails in rows, as JPEG."""
+    empty = np.full_like(thumbnails[0], 128)
+    places = [*thumbnails, *[empty] * (-len(thumbnails) % columns)]
+    rows = [np.hstack(places[first : first + columns]) for first in range(0, len(places), columns)]
+    picture = np.ascontiguousarray(np.vstack(rows)[..., ::-1])
+    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(encoded.tobytes())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """One page looked at."""
+
+    figures: PageFigures
+    thumbnail: NDArray[np.uint8]
+
+
+def look_at(designs: Designs, index: int) -> Sight:
+    """Draw or rip one page, measure it and make it small."""
+    page = designs.page(index)
+    return Sight(figures=page_figures(page), thumbnail=thumbnail(page))
+
+
+def run_corpus_study(
+    results: Path,
+    *,
+    pages: Path | None = None,
+    seed: int = 2,
+    quick: bool = False,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> dict[str, object]:
+    """Look at the designs of a seed and, if given, at a folder of real pages; write ``corpus.md`` and its pictures.
+
+    Returns the figures' quartiles of both and the mean times. JobError: a page of the folder cannot be used.
+    """
+    number = DESIGNS_QUICK if quick else DESIGNS
+    theirs = None
+    if pages is not None:
+        folder = Folder(path=pages, dpi=STUDY_DPI)
+        progress(f"looking at the {len(folder)} pages of {pages.name}")
+        real = in_order(partial(look_at, folder), range(len(folder)), processes=processes)
+        theirs = table(sight.figures for sight in real)
+    progress(f"drawing {number} designs")
+    drawn = list(
+        in_order(partial(look_at, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
+    )
+    ours = table(sight.figures for sight in drawn)
+    times = {FAST_DPI: _times_s(seed, FAST_DPI, number), STUDY_DPI: _times_s(seed, STUDY_DPI, number)}
+    sheets = []
+    for first in range(0, number, A_SHEET):
+        sheets.append(results / f"corpus-{first // A_SHEET + 1}.jpg")
+        write_contact_sheet(sheets[-1], [sight.thumbnail for sight in drawn[first : first + A_SHEET]])
+    write_corpus_page(
+        results / "corpus.md", ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=sheets
+    )
+    return {
+        "seed": seed,
+        "designs": summary(ours),
+        "pages": None if theirs is None else summary(theirs),
+        "mean_cpu_s": {f"{dpi:g} dpi": round(float(np.mean(taken)), 4) for dpi, taken in times.items()},
+    }
+
+
+def _times_s(seed: int, dpi: float, number: int) -> list[float]:
+    """Processor time to draw each of up to ``TIMED`` designs, in this process."""
+    times = []
+    for index in range(min(number, TIMED)):
+        started = time.process_time()
+        Corpus(seed=seed, dpi=dpi).page(index)
+        times.append(time.process_time() - started)
+    return times

@@ -1,0 +1,164 @@
+"""Rows of each design of a camera -> its errors, their cost, and what pays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.operating import (
+    PERCENTILES,
+    RESAMPLES,
+    Interval,
+    area_under_roc,
+    at_threshold,
+    bill,
+    least_cost,
+)
+from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.cost import RunningCosts
+    from prooflight.detectors.operating import Scored
+    from prooflight.simulation.captures import World
+    from prooflight_studies.harness.result_cache import Rows
+
+PAGES: Final = 10_000
+BAYES, CHI_SQUARE = "bayes", "chi-square"
+OF_PEERS: Final = {"difference": PEERS[0], "ssim": PEERS[3], "variation": PEERS[5]}
+DETECTORS: Final = (BAYES, CHI_SQUARE, *OF_PEERS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """One design in one world, before money."""
+
+    resampled: NDArray[np.float64]
+    """(resamples,) c with test designs drawn again, the same draws for every camera. [-]"""
+    cost: float
+    """c at the press's own alpha, threshold chosen on the tuning pages. [-]"""
+    false_alarms: int
+    good: int
+    misses: float
+    area: float
+    how: str
+    """How the detector reads, as chosen on the tuning pages."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignRow:
+    """What one design costs in one world; money per 10,000 pages."""
+
+    design: str
+    world: World
+    sensors: int
+    pixel_pitch_mm: float
+    pages_per_s: float
+    """A4, short edge first, without gaps. [1/s]"""
+    white_snr: float
+    """Of the first sensor on paper, signal above dark over temporal sigma. [-]"""
+    cost: Interval
+    """c of equation 7 at the press's alpha. [-]"""
+    false_alarms: int
+    good: int
+    misses: float
+    area: float
+    error_cents: Interval
+    """False alarms and misses. [cent]"""
+    saving_cents: Interval
+    """Errors of the first design less those of this one, on the same pages. [cent]"""
+    hardware_cents: float
+    computing_cents: float
+    efficient: bool
+    """No other design has both fewer errors and cheaper hardware and computing."""
+    how: str
+
+    @property
+    def bought_cents(self) -> float:
+        """Hardware and computing. [cent]"""
+        return self.hardware_cents + self.computing_cents
+
+    @property
+    def total_cents(self) -> float:
+        """Errors, hardware and computing. [cent]"""
+        return self.error_cents.value + self.bought_cents
+
+
+def judged(
+    sets: dict[str, Rows], *, frame: int, detector: str, costs: RunningCosts, designs: range, seed: int
+) -> Judged:
+    """Learn, tune and test one design; sets: rows to ``learn``, ``tune`` and ``test``; designs: numbers to test on."""
+    (tune_score, test_score), how = _scores(sets, frame, detector)
+    threshold = least_cost(scored(sets["tune"], tune_score), costs.alpha).threshold
+    pages = scored(sets["test"], test_score)
+    found = at_threshold(pages, threshold)
+    good = int((~pages.bad).sum())
+    return Judged(
+        resampled=resampled_costs(pages, threshold, costs.alpha, designs, np.random.default_rng([seed, 2])),
+        cost=found.cost(costs.alpha),
+        false_alarms=round(found.false_alarms * good),
+        good=good,
+        misses=found.misses,
+        area=area_under_roc(pages),
+        how=how,
+    )
+
+
+def _scores(sets: dict[str, Rows], frame: int, detector: str) -> tuple[list[NDArray[np.float64]], str]:
+    """Scores of the tuning and of the test pages."""
+    others = [sets["tune"], sets["test"]]
+    if detector == BAYES:
+        reading, _ = chosen_reading(sets["learn"], sets["tune"], frame=frame)
+        return bayes_scores(sets["learn"], others, reading, frame=frame), str(reading)
+    if detector == CHI_SQUARE:
+        return [chi_square_scores(rows, frame=frame) for rows in others], detector
+    place = PEERS.index(OF_PEERS[detector])
+    return [np.asarray(rows["peers"][:, frame, place], np.float64) for rows in others], PEERS[place]
+
+
+def resampled_costs(
+    pages: Scored, threshold: float, alpha: float, designs: range, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """F + alpha M with page designs drawn again, (resamples,): the same draws for whoever passes the same ``rng``.
+
+    Designs that left no pages count as drawn, so that differences between two cameras are of the same pages.
+    """
+    alarm = pages.score > threshold
+    drawn = rng.multinomial(len(designs), np.full(len(designs), 1 / len(designs)), size=RESAMPLES)
+    rates = []
+    for side, wrong in ((~pages.bad, alarm), (pages.bad, ~alarm)):
+        wrongs, count = (
+            drawn @ np.bincount(pages.design - designs.start, weights=what, minlength=len(designs))
+            for what in (wrong & side, side)
+        )
+        rates.append(wrongs / np.maximum(count, 1))
+    return np.asarray(rates[0] + alpha * rates[1])
+
+
+def interval_of(value: float, resampled: NDArray[np.float64]) -> Interval:
+    """A value with the 95 % of its resamples."""
+    low, high = np.percentile(resampled, PERCENTILES)
+    return Interval(value=float(value), low=float(low), high=float(high))
+
+
+def cents_per_unit(costs: RunningCosts) -> float:
+    """What a normalised cost of 1 comes to on 10,000 pages. [cent]"""
+    return bill(costs, 1.0, pages=PAGES).with_system
+
+
+def efficient(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Of (bought, errors) each: whether none other is at least as good in both and better in one.
+
+    >>> efficient([(0, 9.0), (5, 4.0), (6, 5.0), (5, 4.0)])
+    [True, True, False, True]
+    """
+    return [
+        not any(other[0] <= point[0] and other[1] <= point[1] and other != point for other in points)
+        for point in points
+    ]

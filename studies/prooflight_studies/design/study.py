@@ -1,0 +1,245 @@
+"""What a camera's parts buy (paper, section 5.3): errors per 10,000 pages against hardware; writes ``design.md``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.camera.exploring import A4_LENGTH_MM
+from prooflight.errors import RequestError
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.design.page import write_design_page
+from prooflight_studies.design.plots import draw_designs
+from prooflight_studies.design.results import (
+    DETECTORS,
+    DesignRow,
+    Judged,
+    cents_per_unit,
+    efficient,
+    interval_of,
+    judged,
+)
+from prooflight_studies.harness.paper_detectors import chosen_rows
+from prooflight_studies.harness.protocol import (
+    FRAMES,
+    PilotWork,
+    Plan,
+    WatchWork,
+    in_both_worlds,
+    variation_models,
+)
+from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.paper.study import SPECIMEN_SEED, at_pitch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from prooflight.camera.camera import Camera
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.design.choices import Choice, Prices
+    from prooflight_studies.harness.result_cache import Rows
+
+COARSER: Final = 5.0
+"""Pixels so many times as wide as each design's own: a study in minutes, and designs keep their proportions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """A design, ready to be studied."""
+
+    choice: Choice
+    camera: Camera
+    """With its own pixels."""
+    press: Press
+    """With coarser ones."""
+
+    @property
+    def pixels_per_page(self) -> float:
+        """Of all sensors over A4's length and the camera's field. [-]"""
+        lines = A4_LENGTH_MM / self.camera.line_pitch_mm
+        return lines * self.camera.sensors[0].pixels * len(self.camera.sensors)
+
+
+def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = None) -> list[Plan]:
+    """The ideal and the press world; fewer page designs in the latter, where scans cost five times as much.
+
+    more: how many times as many page designs. world: one alone. RequestError: there is no such world.
+    """
+    pilot, learn, tune, test = (2, 12, 8, 12) if quick else (4, 30 * more, 20 * more, 40 * more)
+    ideal = Plan(
+        seed=seed,
+        world="ideal",
+        pilot=pilot,
+        learn=learn,
+        tune=tune,
+        test=test,
+        good_copies=1,
+        misprints=2,
+        designs_per_day=4 if quick else 10,
+    )
+    fewer = {"learn": 16 * more, "tune": 10 * more, "test": 20 * more, "designs_per_day": 2}
+    return in_both_worlds(ideal, world=world, **({} if quick else fewer))
+
+
+def candidates(
+    base: PressFile,
+    chosen: Sequence[Choice],
+    *,
+    coarser: float = COARSER,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[Candidate]:
+    """Every design built, before any is studied. PressFileError, RequestError: one of them cannot be."""
+    if not coarser > 0:
+        raise RequestError("--coarser", f"{coarser:g} is no factor", remedy="give 1 or more")
+    files = [choice.press_file(base) for choice in chosen]
+    cameras = [file.camera() for file in files]
+    found = []
+    for choice, file, camera in zip(chosen, files, cameras, strict=True):
+        progress(f"building {choice}")
+        coarse = at_pitch(file, camera.pixel_pitch_mm * coarser)
+        found.append(Candidate(choice=choice, camera=camera, press=build_press(coarse, seed=SPECIMEN_SEED)))
+    return found
+
+
+def run_design_study(
+    base: PressFile,
+    chosen: Sequence[Choice],
+    prices: Prices,
+    results: Path,
+    *,
+    cache: Path,
+    detector: str = DETECTORS[0],
+    coarser: float = COARSER,
+    seed: int = 1,
+    quick: bool = False,
+    more: int = 1,
+    world: str | None = None,
+    command: str = "",
+    processes: int | None = None,
+    cluster: str | None = None,
+    plans: Sequence[Plan] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[DesignRow]:
+    """Study every design in every plan's world and write ``design.md`` and its picture into ``results``.
+
+    All designs see the same page designs, misprints and press days, and are judged at the press file's costs. cache:
+    where rows are kept; what was studied once is not studied again. RequestError: there is no such detector.
+    """
+    if detector not in DETECTORS:
+        remedy = f"choose one of {', '.join(DETECTORS)}"
+        raise RequestError("--detector", f"there is no {detector!r}", remedy=remedy)
+    used = list(plans or design_plans(seed=seed, quick=quick, more=more, world=world))
+    of = candidates(base, chosen, coarser=coarser, progress=progress)
+    costs = base.costs()
+    rows: list[DesignRow] = []
+    for plan in used:
+        found = []
+        for candidate in of:
+            told = f"{plan.world} world, {candidate.choice}"
+            scans = _rows(candidate, plan, cache, processes, cluster, told, progress)
+            sets = {
+                of_set: chosen_rows(scans, plan.designs(of_set), 1.0) for of_set in ("learn", "tune", "test")
+            }
+            frame = len(FRAMES[plan.world]) - 1  # where registration found the page, if the world moves it
+            found.append(
+                judged(
+                    sets,
+                    frame=frame,
+                    detector=detector,
+                    costs=candidate.press.costs,
+                    designs=plan.designs("test"),
+                    seed=plan.seed,
+                )
+            )
+        rows += _with_money(of, found, plan, prices)
+    draw_designs(results / "design.png", rows, detector=detector)
+    write_design_page(
+        results / "design.md",
+        rows,
+        used,
+        costs=costs,
+        prices=prices,
+        detector=detector,
+        coarser=coarser,
+        command=command,
+    )
+    return rows
+
+
+def _rows(
+    candidate: Candidate,
+    plan: Plan,
+    cache: Path,
+    processes: int | None,
+    cluster: str | None,
+    told: str,
+    progress: Callable[[str], None],
+) -> Rows:
+    press = candidate.press
+    pages = Corpus(seed=plan.seed, dpi=press.dpi)
+    digest = digest_of(plan.facts(press, repr(pages)))
+
+    def tell(done: int, days: int) -> None:
+        progress(f"{told}: {done} of {days} press days")
+
+    pilot = run_pieces(
+        PilotWork(press=press, pages=pages, plan=plan),
+        plan.days("pilot"),
+        cache / "pilot",
+        digest=digest,
+        processes=processes,
+        cluster=cluster,
+    )
+    work = WatchWork(press=press, pages=pages, plan=plan, variations=variation_models(pilot))
+    days = plan.days("learn", "tune", "test")
+    return run_pieces(
+        work, days, cache / "rows", digest=digest, processes=processes, cluster=cluster, progress=tell
+    )
+
+
+def _with_money(
+    of: Sequence[Candidate], found: Sequence[Judged], plan: Plan, prices: Prices
+) -> list[DesignRow]:
+    first = found[0]
+    rows = []
+    for candidate, one in zip(of, found, strict=True):
+        costs, camera = candidate.press.costs, candidate.camera
+        share = candidate.pixels_per_page / _per_sensor(of[0])
+        sensor = candidate.press.sensors[0]
+        cost = interval_of(one.cost, one.resampled)
+        unit, first_unit = cents_per_unit(costs), cents_per_unit(of[0].press.costs)
+        rows.append(
+            DesignRow(
+                design=str(candidate.choice),
+                world=plan.world,
+                sensors=len(camera.sensors),
+                pixel_pitch_mm=camera.pixel_pitch_mm,
+                pages_per_s=camera.line_travel_mm * camera.sensors[0].line_rate_hz / A4_LENGTH_MM,
+                white_snr=float(sensor.white_dn / np.sqrt(sensor.variance_dn2[0, 0, 0, 0])),
+                cost=cost,
+                false_alarms=one.false_alarms,
+                good=one.good,
+                misses=one.misses,
+                area=one.area,
+                error_cents=interval_of(one.cost * unit, one.resampled * unit),
+                saving_cents=interval_of(
+                    first.cost * first_unit - one.cost * unit,
+                    first.resampled * first_unit - one.resampled * unit,
+                ),
+                hardware_cents=prices.hardware_cents(candidate.choice, len(camera.sensors)),
+                computing_cents=prices.computing_cents * share,
+                efficient=False,
+                how=one.how,
+            )
+        )
+    best = efficient([(row.bought_cents, row.error_cents.value) for row in rows])
+    return [replace(row, efficient=flag) for row, flag in zip(rows, best, strict=True)]
+
+
+def _per_sensor(candidate: Candidate) -> float:
+    return candidate.pixels_per_page / len(candidate.camera.sensors)

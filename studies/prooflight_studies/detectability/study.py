@@ -1,0 +1,187 @@
+"""The smallest spot, the faintest streak and density change that a press would catch on each page of a job.
+
+How strong a defect must be on each page is learned from prints with such defects; what is so strong where follows in
+closed form; and that is verified by further prints with defects just so strong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.matched_filter.calibrated import check_version, page_score
+from prooflight.detectors.matched_filter.statistics.families import all_said
+from prooflight.errors import RequestError
+from prooflight.files.atomic import whole_file
+from prooflight.pages.job import opened
+from prooflight_studies.detectability.closed_form import Reach, Telling
+from prooflight_studies.detectability.defects import DRAWN
+from prooflight_studies.detectability.findings import DEFECTS, NAMES, PRINTS, Caught, JobReach, PageReach
+from prooflight_studies.detectability.page import page_lines
+from prooflight_studies.detectability.picture import draw_reach
+from prooflight_studies.harness.psychometric import SURE, Catching
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from prooflight.detectors.matched_filter.analysis import Looked
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+HALF: Final = 0.5
+LEARNING: Final = 160
+"""Prints with each defect, over all pages, from which it is learned how strong it must be."""
+TRIALS: Final = 12
+"""Of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobPages:
+    """The pages of a job as designs, from 0."""
+
+    job: JobSource
+
+    def page(self, index: int) -> Page:
+        """Page ``index`` + 1."""
+        return opened(self.job).page(index + 1)
+
+
+def run_detectability_study(
+    job: JobSource,
+    press: Press,
+    results: Path,
+    *,
+    pages: Sequence[int] | None = None,
+    learning: int = LEARNING,
+    trials: int = TRIALS,
+    seed: int = 1,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> JobReach:
+    """Write ``detectability.md`` and a picture of each page into ``results``.
+
+    pages: numbers of the job's; None: all. RequestError: the press was not taught our detector, or alarms at good
+    prints of all these pages.
+    """
+    ours = press.ours
+    if ours is None:
+        remedy = "build it with `prooflight press build --detector quick`"
+        raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
+    results.mkdir(parents=True, exist_ok=True)
+    numbers = list(pages or range(1, len(opened(job)) + 1))
+
+    def bench(number: int) -> _Bench:
+        day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
+        day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
+        return _Bench(ours, day, number, np.random.default_rng([seed, number, 0]))
+
+    alarming: list[str] = []
+    telling: list[int] = []
+    wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
+    left = learning
+    for turn, number in enumerate(numbers):
+        one = bench(number)
+        if one.telling is None:
+            progress(f"page {number}: {PRINTS} good prints of it alarm")
+            alarming.append(one.page.name)
+            continue
+        prints = left // (len(numbers) - turn)
+        progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
+        wanted = one.learned(wanted, prints, np.random.default_rng([seed, number, 1]))
+        left -= prints
+        telling.append(number)
+    if not telling:
+        what = f"{PRINTS} good prints of {'it' if len(alarming) == 1 else 'each'} alarm"
+        raise RequestError(", ".join(alarming), what, remedy="teach the press by more designs")
+    found = []
+    for number in telling:
+        one = bench(number)  # again, because a job may have more pages than memory holds ready
+        assert one.telling is not None
+        half, sure = (
+            {defect: of.strength(number, chance) for defect, of in wanted.items()} for chance in (HALF, SURE)
+        )
+        reach, verified = Reach.of(one.telling, sure), {}
+        for index, defect in enumerate(("none", *DEFECTS)):
+            progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
+            rng = np.random.default_rng([seed, number, 2 + index])
+            verified[defect] = one.verified(reach, defect, trials, rng)
+        page = PageReach(
+            name=one.page.name,
+            reach=reach,
+            half=Reach.of(one.telling, half),
+            wanted={defect: (half[defect], sure[defect]) for defect in wanted},
+            verified=verified,
+        )
+        draw_reach(results / page.picture, one.page, reach, press)
+        found.append(page)
+    learned = {defect: of.prints for defect, of in wanted.items()}
+    job_reach = JobReach(pages=found, prints=learned, alarming=alarming)
+    text = "\n".join(page_lines(job_reach, press, ours, trials=trials, seed=seed))
+    with whole_file(results / "detectability.md") as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
+    return job_reach
+
+
+class _Bench:
+    """One page on one press day."""
+
+    def __init__(
+        self, ours: CalibratedDetector, day: PressDay, number: int, rng: np.random.Generator
+    ) -> None:
+        self.ours, self.day, self.number = ours, day, number
+        good, self.known = day.design(number - 1)
+        self.page = good.page
+        self.telling = self._telling(rng)
+
+    def _telling(self, rng: np.random.Generator) -> Telling | None:
+        """From the first of a few good prints that does not alarm; None if all do."""
+        for _ in range(PRINTS):
+            looked, said = self._looked(self.page, rng)
+            check_version(self.ours.tolerance, said, self.known.portrait)
+            if self._score(looked, said) <= self.ours.threshold:
+                return Telling.of(looked.sums, looked.fit, said, self.ours.tolerance.scatter)
+        return None
+
+    def learned(
+        self, wanted: Mapping[str, Catching], prints: int, rng: np.random.Generator
+    ) -> dict[str, Catching]:
+        """What is known after so many prints of this page with each defect."""
+        assert self.telling is not None
+        found = dict(wanted)
+        for _ in range(prints):
+            tried = {defect: one.next(self.number, rng) for defect, one in found.items()}
+            reach = Reach.of(self.telling, tried)
+            for defect, strength in tried.items():
+                printed = DRAWN[defect](self.page, reach, rng)
+                if printed is not None:
+                    caught = self._alarms(printed, rng)
+                    found[defect] = found[defect].seen(self.number, strength, caught=caught)
+        return found
+
+    def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
+        """Prints with a defect just as strong as should be caught."""
+        caught = made = 0
+        for _ in range(trials):
+            printed = self.page if defect == "none" else DRAWN[defect](self.page, of_page, rng)
+            if printed is None:
+                continue
+            made += 1
+            caught += self._alarms(printed, rng)
+        return Caught(of=made, caught=caught)
+
+    def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
+        return self._score(*self._looked(printed, rng)) > self.ours.threshold
+
+    def _score(self, looked: Looked, said: Sequence[Said]) -> float:
+        return page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
+
+    def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Said]]:
+        room = self.day.room
+        looked = self.day.looked(self.known, room.recorded(room.seen_in_press(printed, rng), rng))
+        return looked, all_said(looked.sums, looked.fit, looked.found, self.ours.tolerance.scatter)

@@ -1,0 +1,116 @@
+"""What inspection against a golden scan finds, in figures with their intervals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight_studies.golden.pairs import Box
+
+DRAWS: Final = 10_000
+"""Of the bootstrap."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What is tuned."""
+
+    edge_pixels: float
+    joining_pixels: int
+    least_volume: float
+    margin_pixels: int
+    """That whoever marked the defects left around them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What one setting finds in one pair."""
+
+    name: str
+    found: tuple[Box, ...]
+    pairs: dict[int, tuple[int, float]]
+    """Which marked box each one found is, and their overlap."""
+    marked: tuple[Box, ...]
+    kinds: tuple[int, ...]
+    """Of the marked boxes."""
+
+    @property
+    def hits(self) -> int:
+        """Marked boxes that were found."""
+        return len(self.pairs)
+
+    @property
+    def false(self) -> int:
+        """Boxes found that are not marked."""
+        return len(self.found) - len(self.pairs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoldenFigures:
+    """Figures over the images of one half."""
+
+    method: str
+    tuned_on: str
+    images: int
+    marked: int
+    found_percent: float
+    found_95_percent: tuple[float, float]
+    """Bootstrap over images."""
+    false_per_image: float
+    false_95_per_image: tuple[float, float]
+    mean_overlap: float
+    setting: Setting
+    by_kind: dict[int, tuple[int, int, float]] = field(default_factory=dict)
+    """Marked, found, mean overlap."""
+
+
+def figures(
+    outcomes: Sequence[Outcome], setting: Setting, *, method: str, tuned_on: str, rng: np.random.Generator
+) -> GoldenFigures:
+    """Shares with their 95 % intervals, images drawn again with replacement."""
+    counts = np.array([(len(one.kinds), one.hits, one.false) for one in outcomes], np.float64)
+    drawn = counts[rng.integers(0, len(counts), (DRAWS, len(counts)))].sum(axis=1)
+    share, false = 100 * drawn[:, 1] / drawn[:, 0], drawn[:, 2] / len(counts)
+    marked, hits, extra = counts.sum(axis=0)
+    return GoldenFigures(
+        method=method,
+        tuned_on=tuned_on,
+        images=len(outcomes),
+        marked=int(marked),
+        found_percent=float(100 * hits / marked),
+        found_95_percent=_interval(share),
+        false_per_image=float(extra / len(counts)),
+        false_95_per_image=_interval(false),
+        mean_overlap=mean_overlap(outcomes),
+        setting=setting,
+        by_kind=_by_kind(outcomes),
+    )
+
+
+def _interval(drawn: np.ndarray[Any, Any]) -> tuple[float, float]:
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def _by_kind(outcomes: Sequence[Outcome]) -> dict[int, tuple[int, int, float]]:
+    marked = Counter(kind for one in outcomes for kind in one.kinds)
+    overlaps: dict[int, list[float]] = {kind: [] for kind in marked}
+    for one in outcomes:
+        for to, much in one.pairs.values():
+            overlaps[one.kinds[to]].append(much)
+    return {
+        kind: (count, len(overlaps[kind]), float(np.mean(overlaps[kind] or [0.0])))
+        for kind, count in sorted(marked.items())
+    }
+
+
+def mean_overlap(outcomes: Sequence[Outcome]) -> float:
+    """Of all boxes that were found and marked; 0 if there is none."""
+    overlaps = [much for outcome in outcomes for _, much in outcome.pairs.values()]
+    return float(np.mean(overlaps)) if overlaps else 0.0

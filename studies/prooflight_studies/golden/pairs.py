@@ -1,0 +1,126 @@
+"""Pairs of a golden scan and a scan with marked defects, and how well places found agree with the marks."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.errors import RequestError, ScanError
+from prooflight.files.given import GivenFiles
+from prooflight.scans.pictures import PictureFile
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_WHOLE: Final = re.compile(r"[0-9]{1,9}")
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom. [pixels]"""
+
+KINDS: Final = {1: "open", 2: "short", 3: "mousebite", 4: "spur", 5: "spurious copper", 6: "pin-hole"}
+"""As the data set DeepPCB numbers them."""
+MARK_FILES: Final = GivenFiles(
+    error=ScanError,
+    remedy="write left top right bottom kind, whole numbers, a line for each defect",
+    largest_mb=0.25,
+)
+LEAST_OVERLAP: Final = 0.33
+"""Intersection over union above which a place found is the one marked (DeepPCB's own measure)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenPair:
+    """A golden scan, another of the same design, and what is wrong with that one."""
+
+    name: str
+    golden: NDArray[np.float32]
+    """(1, lines, pixels)."""
+    scan: NDArray[np.float32]
+    marked: tuple[Box, ...]
+    kinds: tuple[int, ...]
+
+
+def read_pairs(folder: Path) -> list[GoldenPair]:
+    """Pairs NAME_temp.jpg, NAME_test.jpg, NAME.txt (a line of left top right bottom kind for each defect), by name.
+
+    RequestError: the folder holds none. ScanError: a file of a pair cannot be used.
+    """
+    lists = sorted(folder.glob("*.txt")) if folder.is_dir() else []
+    pairs = [_read(path) for path in lists if path.with_name(f"{path.stem}_temp.jpg").is_file()]
+    if not pairs:
+        what = "holds no pairs of scans"
+        raise RequestError(folder, what, remedy="give a folder of NAME_temp.jpg, NAME_test.jpg and NAME.txt")
+    return pairs
+
+
+def _read(path: Path) -> GoldenPair:
+    golden, scan = (
+        PictureFile(path=path.with_name(f"{path.stem}_{which}.jpg"), first_image=0, images=1).read().grey
+        for which in ("temp", "test")
+    )
+    if golden.shape != scan.shape:
+        raise ScanError(
+            path, f"belongs to scans of {golden.shape} and {scan.shape}", remedy="give scans of one size"
+        )
+    rows = _marks(path, lines=golden.shape[-2], pixels=golden.shape[-1])
+    marked = tuple((row[0], row[1], row[2], row[3]) for row in rows)
+    return GoldenPair(
+        name=path.stem, golden=golden, scan=scan, marked=marked, kinds=tuple(row[4] for row in rows)
+    )
+
+
+def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
+    """Left, top, right, bottom and kind of every defect; ScanError: a line is something else, or off the scan."""
+    rows: list[tuple[int, ...]] = []
+    for at, line in enumerate(MARK_FILES.read_text(path).split("\n"), start=1):
+        words = line.split()
+        if not words:
+            continue
+        row = tuple(map(int, words)) if all(map(_WHOLE.fullmatch, words)) else ()
+        if len(row) != 5 or row[4] not in KINDS:
+            what = f"is not a list of marked defects: line {at} is something else"
+            raise ScanError(path, what, remedy=MARK_FILES.remedy)
+        if not (0 <= row[0] < row[2] <= pixels and 0 <= row[1] < row[3] <= lines):
+            what = f"line {at}: the defect lies off the scan of {pixels} x {lines} pixels"
+            raise ScanError(path, what, remedy=MARK_FILES.remedy)
+        rows.append(row)
+    return rows
+
+
+def halves(pairs: Sequence[GoldenPair]) -> tuple[list[GoldenPair], list[GoldenPair]]:
+    """For tuning and for the test: every second pair by name, the first for tuning."""
+    return list(pairs[0::2]), list(pairs[1::2])
+
+
+def overlap(one: Box, other: Box) -> float:
+    """Intersection over union.
+
+    >>> overlap((0, 0, 10, 10), (5, 0, 15, 10))
+    0.3333333333333333
+    """
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    if width <= 0 or height <= 0:
+        return 0.0
+    areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (one, other))
+    return width * height / (areas - width * height)
+
+
+def matched(found: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:
+    """Which marked box each one found is, and their overlap; each box once, the best overlaps first."""
+    likely = sorted(
+        ((overlap(one, other), at, to) for at, one in enumerate(found) for to, other in enumerate(marked)),
+        reverse=True,
+    )
+    pairs: dict[int, tuple[int, float]] = {}
+    taken: set[int] = set()
+    for much, at, to in likely:
+        if much > LEAST_OVERLAP and at not in pairs and to not in taken:
+            pairs[at] = (to, much)
+            taken.add(to)
+    return pairs

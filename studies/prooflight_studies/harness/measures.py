@@ -1,0 +1,98 @@
+"""One scan against one prediction -> every number that a detector of the paper, or a peer, ranks pages by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.paper.chi_square import pearson
+from prooflight.detectors.paper.error_map import normalised_error
+from prooflight.detectors.paper.evidence import gather, interval_shares
+from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means
+from prooflight_studies.harness.baselines import PEERS, all_scores
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.prediction.predict import Prediction
+    from prooflight_studies.harness.baselines import VariationModel
+    from prooflight_studies.harness.result_cache import Rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Windows:
+    """How an error map is cut."""
+
+    side: int
+    overlapping: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.side} x {self.side}" + (", overlapping" if self.overlapping else "")
+
+
+WINDOWS: Final = (
+    Windows(side=4),
+    Windows(side=8),
+    Windows(side=16),
+    Windows(side=32),
+    Windows(side=8, overlapping=True),
+)
+UNITS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""The share's limit is 0.675 of these; 1 is the paper's. A world whose good prints scatter more needs another."""
+MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, FIRST_SHARE = range(5)
+"""Places of the numbers of a set of windows; shares follow, one a unit."""
+
+
+def window_numbers(z: NDArray[np.float32]) -> NDArray[np.float32]:
+    """All readings of the paper's three statistics of z (sensors, lines, pixels): (sensors, cuts, numbers).
+
+    ``detectors.paper.windows.window_statistics`` says what they mean; here all are taken in one go.
+    """
+    found = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
+    place = (-2, -1)
+    for cut, windows in enumerate(WINDOWS):
+        means = window_means(z, side=windows.side, overlapping=windows.overlapping)
+        magnitude = np.abs(means)
+        found[:, cut, MEAN], found[:, cut, MINIMUM] = means.mean(place, np.float64), means.min(place)
+        found[:, cut, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
+        found[:, cut, LEAST_MAGNITUDE] = magnitude.min(place)
+        for step, unit in enumerate(UNITS):
+            found[:, cut, FIRST_SHARE + step] = (magnitude < SHARE_SIGMAS * unit).mean(place)
+    return found
+
+
+def measure(
+    measured_dn: NDArray[np.uint16],
+    seen: Prediction,
+    *,
+    top_codes_dn: Sequence[int],
+    white_dn: Sequence[float],
+    variation: VariationModel | None,
+    seed: int,
+) -> Rows:
+    """The row of one scan; arrays cover the page's area. variation: None leaves the peers unknown, NaN."""
+    evidence = gather(
+        measured_dn,
+        seen.expected_dn,
+        seen.variance_dn2,
+        top_codes_dn=top_codes_dn,
+        seed=seed,
+        threads=1,
+        naive=True,
+    )
+    shares = interval_shares()
+    z = normalised_error(measured_dn, seen.expected_dn, seen.variance_dn2)
+    row = {
+        "windows": window_numbers(z),
+        "chi_square": pearson(evidence.histogram, shares),
+        "chi_square_naive": pearson(evidence.naive_histogram, shares),
+        "chi_square_tile": pearson(evidence.tile_histogram, shares).max(axis=(1, 2)),
+    }
+    if variation is None:
+        return row | {"peers": np.full(len(PEERS), np.nan)}
+    arrays = (measured_dn, seen.expected_dn, seen.variance_dn2)
+    return row | {"peers": all_scores(*arrays, variation=variation, white_dn=white_dn)}

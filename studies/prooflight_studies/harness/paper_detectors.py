@@ -1,0 +1,137 @@
+"""Rows of a study -> scores of every detector: the paper's two in their readings, and the peers."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.operating import Scored, least_cost
+from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesianNetwork
+from prooflight.simulation.worlds import worlds
+from prooflight_studies.harness.measures import (
+    FIRST_SHARE,
+    LEAST_MAGNITUDE,
+    MEAN,
+    MEAN_OF_MAGNITUDES,
+    MINIMUM,
+    UNITS,
+    WINDOWS,
+    Windows,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.paper.bayes import Binning
+    from prooflight.detectors.paper.windows import Reading
+    from prooflight_studies.harness.result_cache import Rows
+
+TUNING_ALPHA: Final = 1.0
+"""Relative cost of a miss at which readings are compared."""
+MISPRINT_RATE: Final = 0.01
+"""Moves every log odds alike, so that no cost depends on it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkReading:
+    """One reading of the learned detector: which windows, which numbers, which bins."""
+
+    windows: Windows = WINDOWS[1]
+    reading: Reading = "signed"
+    unit: float = 1.0
+    """The share's limit is 0.675 of these."""
+    bins: int = 16
+    binning: Binning = "quantile"
+
+    def __str__(self) -> str:
+        share = "" if self.unit == 1 else f", share below {0.675 * self.unit:g}"
+        return f"{self.windows}, {self.reading}, {self.bins} {self.binning} bins{share}"
+
+    def statistics(self, rows: Rows, *, frame: int, sensors: int) -> NDArray[np.float64]:
+        """The three statistics of the first ``sensors`` sensors, (rows, 3 sensors)."""
+        signed = self.reading == "signed"
+        which = [
+            MEAN if signed else MEAN_OF_MAGNITUDES,
+            MINIMUM if signed else LEAST_MAGNITUDE,
+            FIRST_SHARE + UNITS.index(self.unit),
+        ]
+        numbers = rows["windows"][:, frame, :sensors, WINDOWS.index(self.windows)][..., which]
+        return np.asarray(numbers.reshape(len(numbers), -1), np.float64)
+
+
+AS_PRINTED: Final = NetworkReading()
+"""What the paper's text says, with our choice of 8 x 8 windows and 16 quantile bins where it is silent."""
+
+
+def all_readings() -> Iterator[NetworkReading]:
+    """Every reading that is tried."""
+    for windows, reading, unit, bins, binning in itertools.product(
+        WINDOWS, ("signed", "absolute"), UNITS, (8, 16, 32), ("quantile", "equal-width")
+    ):
+        yield NetworkReading(windows=windows, reading=reading, unit=unit, bins=bins, binning=binning)  # type: ignore[arg-type]
+
+
+def types_of(kinds: NDArray[np.str_], *, types: int) -> list[str]:
+    """Labels to learn from: ``correct``, and one type of misprint or the two scopes of ``worlds.toml``."""
+    scope = {entry["kind"]: entry["scope"] for entry in worlds()["misprint"]}
+    return [(MISPRINT if types == 1 else scope[kind]) if kind else CORRECT for kind in kinds.tolist()]
+
+
+def learned(learn: Rows, reading: NetworkReading, *, frame: int, sensors: int, types: int) -> BayesianNetwork:
+    """The network of the learning rows."""
+    return BayesianNetwork.learn(
+        reading.statistics(learn, frame=frame, sensors=sensors),
+        types_of(learn["kind"], types=types),
+        misprint_rate=MISPRINT_RATE,
+        bins=reading.bins,
+        binning=reading.binning,
+    )
+
+
+def chosen_reading(
+    learn: Rows, tune: Rows, *, frame: int
+) -> tuple[NetworkReading, dict[NetworkReading, float]]:
+    """The reading with the least cost on the tuning rows at alpha = 1, two sensors and two types; and all costs."""
+    costs = {}
+    for reading in all_readings():
+        network = learned(learn, reading, frame=frame, sensors=2, types=2)
+        pages = scored(tune, network.log_ratio(reading.statistics(tune, frame=frame, sensors=2)))
+        costs[reading] = least_cost(pages, TUNING_ALPHA).cost(TUNING_ALPHA)
+    return min(costs, key=lambda reading: costs[reading]), costs
+
+
+def bayes_scores(
+    learn: Rows,
+    others: Sequence[Rows],
+    reading: NetworkReading,
+    *,
+    frame: int,
+    sensors: int = 2,
+    types: int = 2,
+) -> list[NDArray[np.float64]]:
+    """Log likelihood ratio of misprint and correct on each set of other rows."""
+    network = learned(learn, reading, frame=frame, sensors=sensors, types=types)
+    return [network.log_ratio(reading.statistics(rows, frame=frame, sensors=sensors)) for rows in others]
+
+
+def chi_square_scores(
+    rows: Rows, *, frame: int, sensors: int = 2, column: str = "chi_square"
+) -> NDArray[np.float64]:
+    """Pearson's statistic, sensors added up; p-values would underflow."""
+    return np.asarray(rows[column][:, frame, :sensors].sum(axis=1), np.float64)
+
+
+def scored(rows: Rows, score: NDArray[np.float64]) -> Scored:
+    """Scores with what they are judged by."""
+    return Scored(score=score, bad=rows["kind"] != "", design=rows["design"])
+
+
+def chosen_rows(rows: Rows, designs: range, noise: float) -> Rows:
+    """The rows of a set of designs at one noise."""
+    kept = (rows["design"] >= designs.start) & (rows["design"] < designs.stop) & (rows["noise"] == noise)
+    return {name: column[kept] for name, column in rows.items() if name != "unmade_kind"}

@@ -1,0 +1,269 @@
+"""Who may learn from what: disjoint page designs and press days to learn, to tune and to test, and the rows of each.
+
+A study is a list of ``Day`` pieces; each is a press day with some page designs, of which good copies and misprints are
+printed, scanned and measured. Rows depend on the plan and its seed alone, not on who works on them or in what order.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from dataclasses import asdict, dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.prediction.predict import Prediction
+from prooflight.registration.register import prepare, register
+from prooflight.simulation.captures import Printed, Room, World, noisier_tables
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.worlds import known_world, worlds_digest
+from prooflight_studies.harness.baselines import VariationModel, variation_moments
+from prooflight_studies.harness.measures import measure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.registration.register import Landmarks
+    from prooflight.simulation.corpus.corpus import Designs
+    from prooflight_studies.harness.result_cache import Rows
+
+SETS: Final = ("pilot", "learn", "tune", "test")
+"""The pilot's good copies teach the variation model; the others are called by their use."""
+PROGRAM: Final = ("acquiring", "comparing", "deciding", "pages", "predicting", "simulating", "studies")
+"""Packages that decide what rows say; a change of their text makes kept results void. The press has its own digest."""
+OTHERS: Final = 3
+"""Designs of the same day that a wrong page may come from."""
+FRAMES: Final[dict[World, tuple[str, ...]]] = {"ideal": ("raw",), "press": ("raw", "registered")}
+"""Against which prediction scans are measured: of a page in its place, or where registration found it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How many designs, copies and days."""
+
+    seed: int
+    world: World
+    pilot: int
+    learn: int
+    tune: int
+    test: int
+    good_copies: int
+    misprints: int
+    """Copies of each design with a misprint; kinds take turns."""
+    designs_per_day: int = 10
+    noises: tuple[float, ...] = (1.0,)
+    """Temporal sigmas at which every print is scanned, over the camera's; peers see the first alone."""
+
+    def designs(self, of: str) -> range:
+        """Numbers of the designs of a set; no design is in two."""
+        counts = [int(getattr(self, name)) for name in SETS]
+        place = SETS.index(of)
+        return range(sum(counts[:place]), sum(counts[: place + 1]))
+
+    def days(self, *sets: str) -> list[Day]:
+        """The pieces of these sets; a day belongs to one set alone."""
+        return [
+            Day(of=of, designs=tuple(designs[start : start + self.designs_per_day]))
+            for of in sets
+            for designs in [self.designs(of)]
+            for start in range(0, len(designs), self.designs_per_day)
+        ]
+
+    def facts(self, press: Press, source: str) -> dict[str, Any]:
+        """All that rows depend on; source: which page designs."""
+        of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}
+        return asdict(self) | of_press | {"program": program_digest()}
+
+
+def program_digest() -> str:
+    """SHA-256 of the program's own text, as far as rows depend on it."""
+    sha = hashlib.sha256()
+    root = Path(str(resources.files("prooflight")))
+    for path in sorted(path for package in PROGRAM for path in (root / package).rglob("*.py")):
+        sha.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return sha.hexdigest()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Day:
+    """A press day and the designs printed on it."""
+
+    of: str
+    designs: tuple[int, ...]
+
+
+def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[Plan]:
+    """A plan of the ideal world, and the same in the press world with these numbers changed; world: one alone.
+
+    RequestError: there is no such world.
+    """
+    plans = [ideal, replace(ideal, world="press", **in_press)]
+    return [plan for plan in plans if world is None or plan.world == known_world(world)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PilotWork:
+    """Good copies of the pilot's designs -> what variation models learn from."""
+
+    press: Press
+    pages: Designs
+    plan: Plan
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``: ``moments`` (designs, frames, 4, 4)."""
+        bench = _Bench.of(day, self.press, self.pages, self.plan)
+        white = bench.white_dn
+        moments = []
+        for index in day.designs:
+            rng = np.random.default_rng([self.plan.seed, index, 0])
+            design = bench.design(index)
+            scan = bench.room.recorded(bench.room.seen(design.good, rng), rng)
+            moments.append(
+                [
+                    variation_moments(measured, seen.expected_dn, seen.variance_dn2, white_dn=white, rng=rng)
+                    for measured, seen in bench.compared(design, scan)
+                ]
+            )
+        return {"moments": np.array(moments)}
+
+
+def variation_models(rows: Rows) -> tuple[VariationModel, ...]:
+    """One for each frame, from the pilot's rows."""
+    return tuple(VariationModel.learn(list(of_frame)) for of_frame in rows["moments"].swapaxes(0, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchWork:
+    """Good copies and misprints of a day's designs -> a row for each scan.
+
+    Columns: design, kind ("" where good), severity, draws, noise, and ``measures.measure``'s with frames as their
+    first axis; peers at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws did
+    not bring over the gate.
+    """
+
+    press: Press
+    pages: Designs
+    plan: Plan
+    variations: tuple[VariationModel, ...]
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``."""
+        bench = _Bench.of(day, self.press, self.pages, self.plan)
+        columns: dict[str, list[Any]] = defaultdict(list)
+        unmade: list[str] = []
+        for index in day.designs:
+            design = bench.design(index)
+            for copy in range(self.plan.good_copies + self.plan.misprints):
+                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                kind = self._kind(index, copy)
+                printed = bench.wrong(design, kind, day.designs, index, rng) if kind else design.good
+                if printed is None:
+                    unmade.append(kind)
+                    continue
+                for row in self._rows(bench, design, printed, index, rng):
+                    for name, value in row.items():
+                        columns[name].append(value)
+        rows = {name: np.array(values) for name, values in columns.items()}
+        return rows | {"kind": rows["kind"].astype("U16"), "unmade_kind": np.array(unmade, "U16")}
+
+    def _kind(self, index: int, copy: int) -> str:
+        turn = index * self.plan.misprints + copy - self.plan.good_copies
+        return KINDS[turn % len(KINDS)] if copy >= self.plan.good_copies else ""
+
+    def _rows(
+        self, bench: _Bench, design: _Design, printed: Printed, index: int, rng: np.random.Generator
+    ) -> Iterator[dict[str, Any]]:
+        seen = bench.room.seen(printed, rng)
+        for noise in self.plan.noises:
+            scan = bench.room.recorded(bench.room.noisier(seen, noise), rng)
+            of_frames = [
+                measure(
+                    measured,
+                    expected,
+                    top_codes_dn=bench.top_codes_dn,
+                    white_dn=bench.white_dn,
+                    variation=variation if noise == self.plan.noises[0] else None,
+                    seed=index,
+                )
+                for (measured, expected), variation in zip(
+                    bench.compared(design, scan, noise), self.variations, strict=True
+                )
+            ]
+            facts = {"design": index, "kind": printed.kind, "severity": printed.severity}
+            measured_as = {name: np.stack([row[name] for row in of_frames]) for name in of_frames[0]}
+            yield facts | {"draws": printed.draws, "noise": noise} | measured_as
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Design:
+    """A page, what is expected of it, and how to find it."""
+
+    good: Printed
+    landmarks: Landmarks | None
+    """None in the ideal world, where pages lie in their place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bench:
+    """A press day with its page designs at hand."""
+
+    room: Room
+    pages: Designs
+
+    @classmethod
+    def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> _Bench:
+        # Days are seeded by their set and first design, so that no day is in two sets.
+        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
+        return cls(room=Room.enter(plan.world, press, rng), pages=pages)
+
+    @property
+    def white_dn(self) -> list[float]:
+        return [sensor.white_dn for sensor in self.room.press.sensors]
+
+    @property
+    def top_codes_dn(self) -> list[int]:
+        return [sensor.top_code_dn for sensor in self.room.press.sensors]
+
+    def laid(self, index: int) -> Page:
+        return self.room.press.geometry.lay(self.pages.page(index))
+
+    def design(self, index: int) -> _Design:
+        press, good = self.room.press, self.room.good(self.laid(index))
+        if self.room.session is None:
+            return _Design(good=good, landmarks=None)
+        found = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
+        return _Design(good=good, landmarks=found)
+
+    def wrong(
+        self, design: _Design, kind: str, designs: tuple[int, ...], index: int, rng: np.random.Generator
+    ) -> Printed | None:
+        others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
+        return self.room.wrong(design.good, kind, others=others, fetch=self.laid, rng=rng)
+
+    def compared(
+        self, design: _Design, scan: NDArray[np.uint16], noise: float = 1.0
+    ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
+        """The page's area of a scan and of its prediction, one pair a frame."""
+        page, expected = design.good.page, design.good.expected
+        area = (slice(None), *self.room.press.geometry.on_page(page.width_mm, page.height_mm))
+        yield _cut(scan, noisier_tables(expected, noise), area)
+        if design.landmarks is not None:
+            found = register(design.landmarks, scan)
+            if found.found:
+                expected = self.room.expected(page, found.placement)
+            yield _cut(scan, noisier_tables(expected, noise), area)
+
+
+def _cut(
+    scan: NDArray[np.uint16], seen: Prediction, area: tuple[slice, slice, slice]
+) -> tuple[NDArray[np.uint16], Prediction]:
+    """One area of a scan and of its prediction, each in one piece of memory."""
+    expected, variance = (np.ascontiguousarray(a[area]) for a in (seen.expected_dn, seen.variance_dn2))
+    return np.ascontiguousarray(scan[area]), Prediction(expected_dn=expected, variance_dn2=variance)

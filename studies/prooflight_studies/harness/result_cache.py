@@ -1,0 +1,181 @@
+"""Work in pieces whose results are kept: a study that is interrupted goes on where it was.
+
+A study is a list of pieces, each small and picklable, and work that makes arrays of rows of a piece. Results lie in
+``folder/<digest>/``, one file a piece, named by its ``repr``: a study that is given more pieces makes only those. The
+digest is of everything else that the results depend on. What is damaged is made again, and said.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import math
+import struct
+import time
+import zipfile
+import zlib
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+
+import numpy as np
+
+from prooflight.files.atomic import whole_file
+from prooflight.pages.parallel import in_order
+from prooflight_studies.harness.cluster import on_cluster
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+Rows = dict[str, "NDArray[Any]"]
+"""Columns by name; the first axis of each counts rows (columns of counts may have another length)."""
+Piece = TypeVar("Piece")
+PieceIn = TypeVar("PieceIn", contravariant=True)
+
+
+_log = logging.getLogger(__name__)
+MOST_BYTES: Final = 1 << 30
+"""Of one piece's columns, unpacked; assumed: those of ours take some megabytes."""
+SPENT: Final = "seconds spent"
+"""A piece's time by the clock, kept beside its rows."""
+
+
+class Work(Protocol[PieceIn]):
+    """Makes the rows of a piece; picklable."""
+
+    def __call__(self, piece: PieceIn, /) -> Rows:
+        """Rows of one piece: the same whoever makes them, and when."""
+        ...
+
+
+def digest_of(facts: Mapping[str, Any]) -> str:
+    """SHA-256 of what results depend on: values fit for JSON."""
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def run_pieces(
+    work: Work[Piece],
+    pieces: Sequence[Piece],
+    folder: Path,
+    *,
+    digest: str,
+    processes: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _all: None,
+) -> Rows:
+    """Rows of all pieces, in the order of the pieces; those that ``folder`` has are not made again.
+
+    cluster: address of a Dask scheduler (``cluster``); None: processes on this machine. progress is told how
+    many pieces are done, of how many.
+    """
+    paths = _paths(pieces, folder, digest)
+    missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
+    done = len(pieces) - len(missing)
+    progress(done, len(pieces))
+    made = (
+        _fetched(work, missing, cluster) if cluster else in_order(_Kept(work), missing, processes=processes)
+    )
+    for _ in made:
+        done += 1
+        progress(done, len(pieces))
+    columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
+    for path in paths:
+        for name, column in _kept(path).items():
+            if name != SPENT:
+                columns[name].append(column)
+    return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+
+def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
+    """Minutes of one process that pieces took when they were made, in however many sittings.
+
+    Those that a cluster made are not among them.
+    """
+    seconds = 0.0
+    for path in _paths(pieces, folder, digest):
+        seconds += float(_kept(path).get(SPENT, 0.0))
+    return seconds / 60
+
+
+def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
+    return [folder / digest[:16] / f"{digest_of({'piece': repr(piece)})[:16]}.npz" for piece in pieces]
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """Makes a piece's rows and writes them, whole or not at all."""
+
+    work: Work[Any]
+
+    def __call__(self, place: tuple[Path, Any]) -> None:
+        path, piece = place
+        started = time.perf_counter()
+        rows = self.work(piece)
+        _keep(path, rows | {SPENT: np.array(time.perf_counter() - started)})
+
+
+def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
+    """Rows come back from the cluster and are written here: its workers need not see this folder."""
+    for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
+        _keep(missing[place][0], rows)
+        yield
+
+
+def _keep(path: Path, rows: Rows) -> None:
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **rows)
+
+
+def _whole(path: Path) -> bool:
+    """Whether a piece's rows are there; a file that holds none is said to be damaged."""
+    if not path.exists():
+        return False
+    try:
+        return bool(_kept(path))
+    except _DAMAGE:
+        _log.warning("%s is damaged and is made again", path)
+        return False
+
+
+_END: Final = struct.Struct("<4s4H2LH")
+"""APPNOTE.TXT of PKWARE, section 4.3.16; the fifth: members in all."""
+_DAMAGE: Final = (
+    *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
+    *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
+)
+"""What reading a damaged archive of arrays raises."""
+
+
+def _kept(path: Path) -> Rows:
+    """Arrays of a piece, as ``_keep`` wrote them; one of ``_DAMAGE`` where they cannot be what it wrote."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) != _members_stated(path) or not members:
+            raise ValueError("it does not hold as many columns as it states")
+        if sum(member.file_size for member in members) > MOST_BYTES:
+            raise ValueError("its columns are too large to be ours")
+        return {member.filename.removesuffix(".npy"): _column(archive, member) for member in members}
+
+
+def _members_stated(path: Path) -> int:
+    """By the last bytes of an archive without a comment; Python's reader does not look."""
+    with path.open("rb") as file:
+        file.seek(-_END.size, io.SEEK_END)
+        return int(_END.unpack(file.read())[4])
+
+
+def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """One array, whose header must agree with the archive about its size before memory is taken."""
+    with archive.open(member) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{member.filename} is no array of ours")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize + file.tell() != member.file_size:
+            raise ValueError(f"{member.filename} is not of the size that it states")
+    with archive.open(member) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)

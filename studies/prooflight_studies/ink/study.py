@@ -1,0 +1,214 @@
+"""How well a printed page's spectrum is predicted: all models on one chart, and how many patches a user must
+print.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.inks.chart import read_chart
+from prooflight.inks.ink_model import Spread
+from prooflight.inks.recipes import choose_recipes
+from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of_recipe
+from prooflight.spectra import WAVE_NM, delta_e00, lab
+from prooflight_studies.ink.page import InkStudy, LearningRow, ModelRow, SpreadRow, write_ink_results
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.inks.chart import Chart, Recipes
+
+BEST: Final = "hybrid"
+_STUDIED: Final = tuple(MODELS)
+LEARNERS: Final = ("log-linear", "neighbours", "neugebauer", "radial-basis", BEST)
+SIZES: Final = (25, 50, 100, 200, 400, 800, 1338)
+NOISE_DELTA_E00: Final = 0.3
+"""Mean colour difference that the added measurement noise makes."""
+NOISE_DRAWS: Final = 3
+INK_LIMIT: Final = 3.0
+_NOISE_CENTRES_NM: Final = np.array([430.0, 530.0, 630.0])
+_NOISE_WIDTH_NM: Final = 60.0
+
+
+def run_ink_study(
+    chart_path: Path,
+    results: Path,
+    *,
+    folds: int = 10,
+    seed: int = 0,
+    quick: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> list[dict[str, object]]:
+    """Study a chart; write ``ink.md`` and ``ink-learning.png`` into ``results``; return the rows of the model table.
+
+    ``quick`` takes fewer sizes, one draw of noise and no 33^4 grid. ChartError: the chart cannot be used.
+    """
+    tell = progress or (lambda _: None)
+    chart = read_chart(chart_path)
+    study = InkStudy(
+        chart=dict(chart.keywords).get("DESCRIPTOR", chart_path.name),
+        digest=chart.digest,
+        patches=len(chart),
+        recipes=len(chart.recipes().cmyk),
+        folds=folds,
+        measured_rise=measured_rise(chart.recipes()),
+        models=tuple(_model_row(chart, name, folds, seed, quick, tell) for name in _STUDIED),
+        learning=tuple(learning_curves(chart, seed=seed, quick=quick, progress=tell)),
+        noise_median_delta_e00=_noise_median(chart, seed),
+        spread=tuple(
+            spread_check(chart, patches, seed) for patches in _sizes(chart, quick) if patches >= 100
+        ),
+    )
+    results.mkdir(parents=True, exist_ok=True)
+    write_ink_results(results, study)
+    return [{"model": row.model, **row.score.as_json()} for row in study.models]
+
+
+def learning_curves(
+    chart: Chart, *, seed: int = 0, quick: bool = False, progress: Callable[[str], None] | None = None
+) -> list[LearningRow]:
+    """Error on the recipes not chosen, by number of chosen patches, with clean and with noisy measurements.
+
+    Noisy spectra teach; the judge is the chart as measured.
+    """
+    recipes = chart.recipes()
+    order = choose_recipes(recipes.cmyk, max(_sizes(chart, quick)))
+    draws = np.random.default_rng(seed).spawn(1 if quick else NOISE_DRAWS)
+    noisy = [with_noise(recipes.reflectance, NOISE_DELTA_E00, rng) for rng in draws]
+    rows = []
+    for size in _sizes(chart, quick):
+        if progress:
+            progress(f"{size} patches")
+        for noise, taught in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
+            for model in LEARNERS:
+                error = np.concatenate(
+                    [_error_on_rest(recipes, spectra, order[:size], model) for spectra in taught]
+                )
+                rows.append(
+                    LearningRow(
+                        model=model,
+                        patches=size,
+                        noise_delta_e00=noise,
+                        median_delta_e00=float(np.median(error)),
+                        p95_delta_e00=float(np.percentile(error, 95)),
+                    )
+                )
+    return rows
+
+
+def with_noise(
+    reflectance: NDArray[np.float64], mean_delta_e00: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Measured spectra (n, 36) with noise that makes ``mean_delta_e00`` on average.
+
+    Half of it (in log reflectance) varies smoothly, as ink film and paper do from print to print: three bumps 60 nm
+    wide; half is white, as an instrument's. Assumed: no user's scatter is known.
+    """
+    bumps = np.exp(-0.5 * ((WAVE_NM - _NOISE_CENTRES_NM[:, None]) / _NOISE_WIDTH_NM) ** 2)
+    pattern = rng.normal(size=(len(reflectance), len(bumps))) @ bumps + rng.normal(size=reflectance.shape)
+    clean = lab(reflectance)
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        difference = delta_e00(lab(reflectance * np.exp(middle * pattern)), clean).mean()
+        low, high = (low, middle) if difference > mean_delta_e00 else (middle, high)
+    return np.asarray(reflectance * np.exp(low * pattern), dtype=np.float64)
+
+
+def spread_check(chart: Chart, patches: int, seed: int) -> SpreadRow:
+    """Teach the best model ``patches`` well-chosen recipes; are its errors on the others as large as it says?"""
+    recipes = chart.recipes()
+    chosen = choose_recipes(recipes.cmyk, patches)
+    rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
+    known, spectra = recipes.cmyk[chosen], recipes.reflectance[chosen]
+    fold = fold_of_recipe(patches, 10, seed)
+    held_out = np.empty_like(spectra)
+    for left_out in range(10):
+        seen = fold != left_out
+        held_out[~seen] = MODELS[BEST].fit(known[seen], spectra[seen]).reflectance(known[~seen])
+    spread = Spread.of(known, spectra, held_out)
+    root = np.sqrt(MODELS[BEST].fit(known, spectra).reflectance(recipes.cmyk[rest]))
+    z = (root - np.sqrt(recipes.reflectance[rest])) / spread.of_root(recipes.cmyk[rest])
+    return SpreadRow(
+        patches=patches,
+        rms=float(np.sqrt((z**2).mean())),
+        within_1=float((np.abs(z) < 1).mean()),
+        within_2=float((np.abs(z) < 2).mean()),
+    )
+
+
+def measured_rise(recipes: Recipes) -> float:
+    """Greatest rise of any band between neighbouring measured recipes with more of one ink and the same of the
+    rest.
+    """
+    greatest = 0.0
+    for ink in range(4):
+        others = np.delete(recipes.cmyk, ink, axis=1)
+        order = np.lexsort((recipes.cmyk[:, ink], *others.T))
+        alike = (others[order][1:] == others[order][:-1]).all(axis=1)
+        rise = np.diff(recipes.reflectance[order], axis=0)[alike]
+        greatest = max(greatest, float(rise.max(initial=0.0)))
+    return greatest
+
+
+def ink_grid(nodes: int) -> NDArray[np.float64]:
+    """Recipes (nodes, nodes, nodes, nodes, 4) at even steps of each ink."""
+    return np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, nodes)] * 4, indexing="ij"), axis=-1)
+
+
+def _model_row(
+    chart: Chart, model: str, folds: int, seed: int, quick: bool, tell: Callable[[str], None]
+) -> ModelRow:
+    tell(model)
+    score = cross_validate(chart, model, folds=folds, seed=seed).score
+    started = time.process_time()
+    fitted = fit_model(chart, model)
+    fit_s = time.process_time() - started
+    seconds = {}
+    for nodes in (17,) if quick else (33, 17):
+        started = time.process_time()
+        grid = fitted.reflectance(ink_grid(nodes))
+        seconds[nodes] = time.process_time() - started
+    recipes = chart.recipes()
+    heavy = recipes.cmyk.sum(axis=1) > INK_LIMIT
+    beyond = np.zeros(1)
+    if heavy.any():
+        limited = fit_model(chart, model, ~heavy).reflectance(recipes.cmyk[heavy])
+        beyond = delta_e00(lab(limited), lab(recipes.reflectance[heavy]))
+    return ModelRow(
+        model=model,
+        score=score,
+        fit_cpu_s=fit_s,
+        predict_17_cpu_s=seconds[17],
+        predict_33_cpu_s=seconds.get(33, float("nan")),
+        lowest=float(grid.min()),
+        highest=float(grid.max()),
+        rise=max(float(np.diff(grid, axis=ink).max()) for ink in range(4)),
+        beyond_limit_delta_e00=float(beyond.max()),
+    )
+
+
+def _noise_median(chart: Chart, seed: int) -> float:
+    clean = chart.recipes().reflectance
+    noisy = with_noise(clean, NOISE_DELTA_E00, np.random.default_rng(seed))
+    return float(np.median(delta_e00(lab(noisy), lab(clean))))
+
+
+def _error_on_rest(
+    recipes: Recipes, taught: NDArray[np.float64], chosen: NDArray[np.int64], model: str
+) -> NDArray[np.float64]:
+    """Colour differences on all recipes that were not chosen."""
+    rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
+    fitted = MODELS[model].fit(recipes.cmyk[chosen], taught[chosen])
+    return delta_e00(lab(fitted.reflectance(recipes.cmyk[rest])), lab(recipes.reflectance[rest]))
+
+
+def _sizes(chart: Chart, quick: bool) -> list[int]:
+    sizes = SIZES[:4] if quick else SIZES
+    return [size for size in sizes if size < len(chart.recipes().cmyk)]

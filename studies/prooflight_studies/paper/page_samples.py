@@ -1,0 +1,127 @@
+"""One page printed again and again, right and wrong: the samples behind the paper's figures 7 and 8."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.operating import Scored
+from prooflight.detectors.paper.bayes import CORRECT, BayesianNetwork
+from prooflight.detectors.paper.chi_square import pearson
+from prooflight.detectors.paper.error_map import normalised_error
+from prooflight.detectors.paper.evidence import gather, interval_shares
+from prooflight.detectors.paper.windows import window_means, window_statistics
+from prooflight.pages.job import open_job
+from prooflight.simulation.captures import Room
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, types_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.captures import Printed
+
+SIDE: Final = 8
+"""Of the windows, as inspection has them. [pixels]"""
+BINS: Final = 8
+"""Few, since only half of the copies is there to learn from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Samples:
+    """Copies of one page in the ideal world; rows alternate between learning and testing."""
+
+    statistics: NDArray[np.float64]
+    """(copies, sensors, 3) mean, minimum and share of the window means."""
+    kinds: NDArray[np.str_]
+    """(copies,) of misprint, "" where good."""
+    chi_square: NDArray[np.float64]
+    """(copies,) Pearson's statistic, sensors added up."""
+    sensors: tuple[str, ...]
+    pitch_mm: float
+
+    @property
+    def types(self) -> NDArray[np.str_]:
+        """(copies,) correct, global or local."""
+        return np.array(types_of(self.kinds, types=2))
+
+
+def page_samples(
+    press: Press,
+    job: Path,
+    number: int,
+    *,
+    good: int,
+    of_each_kind: int,
+    seed: int,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> Samples:
+    """Good copies of a job's page, and misprints of every kind, severities drawn evenly; those below the gate are left
+    out. JobError, RequestError: there is no such page.
+    """
+    with open_job(job, dpi=press.dpi) as opened:
+
+        def fetch(index: int) -> Page:
+            return press.geometry.lay(opened.page(index))
+
+        room = Room.enter("ideal", press, np.random.default_rng([seed, number]))
+        right = room.good(fetch(number))
+        others = [index for index in range(1, len(opened) + 1) if index != number]
+        kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
+        found = []
+        for copy, kind in enumerate(kinds):
+            if copy % len(KINDS) == 0:
+                progress(f"printing page {number} again, {copy} of {len(kinds)}")
+            rng = np.random.default_rng([seed, number, copy])
+            printed = room.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
+            if printed is None:
+                continue
+            scan = room.recorded(printed.expected, rng)
+            found.append((kind, *_numbers(scan, right, press)))
+    return Samples(
+        statistics=np.array([statistics for _, statistics, _ in found]),
+        kinds=np.array([kind for kind, _, _ in found]),
+        chi_square=np.array([chi_square for _, _, chi_square in found]),
+        sensors=tuple(sensor.name for sensor in press.sensors),
+        pitch_mm=press.geometry.pixel_pitch_mm,
+    )
+
+
+def _numbers(scan: NDArray[np.uint16], right: Printed, press: Press) -> tuple[NDArray[np.float64], float]:
+    area = (slice(None), *press.geometry.on_page(right.page.width_mm, right.page.height_mm))
+    measured = np.ascontiguousarray(scan[area])
+    expected = np.ascontiguousarray(right.expected.expected_dn[area])
+    variance = np.ascontiguousarray(right.expected.variance_dn2[area])
+    top_codes = [sensor.top_code_dn for sensor in press.sensors]
+    evidence = gather(measured, expected, variance, top_codes_dn=top_codes, seed=1, threads=1)
+    means = window_means(normalised_error(measured, expected, variance), side=SIDE)
+    return window_statistics(means), float(pearson(evidence.histogram, interval_shares()).sum())
+
+
+def judged_samples(samples: Samples) -> dict[str, Scored]:
+    """Scores of the odd copies of each type by detector; the network learned from the even ones."""
+    place = np.empty(len(samples.kinds), np.int64)
+    for kind in np.unique(samples.kinds):
+        of_kind = samples.kinds == kind
+        place[of_kind] = np.arange(of_kind.sum())
+    learn = place % 2 == 0
+    flat = samples.statistics.reshape(len(samples.kinds), -1)
+    network = BayesianNetwork.learn(
+        flat[learn], samples.types[learn].tolist(), misprint_rate=MISPRINT_RATE, bins=BINS
+    )
+    test = ~learn
+    bad = samples.types[test] != CORRECT
+    return {
+        name: Scored(score=score, bad=bad, design=np.flatnonzero(test))
+        for name, score in (
+            ("Bayesian network", network.log_ratio(flat[test])),
+            ("chi-square", samples.chi_square[test]),
+        )
+    }

@@ -1,0 +1,137 @@
+"""ROC and cost pictures (PNG) of the paper study."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from prooflight.files.atomic import whole_file
+from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.paper.page import PRINTED
+from prooflight_studies.paper.results import ALPHAS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from prooflight_studies.paper.results import Judged, WorldResult
+
+_SHOWN: Final = (
+    "chi-square",
+    "Bayesian network, as printed",
+    "Bayesian network, tuned",
+    "difference, 5 x 5",
+    "SSIM, mean",
+    "variation model",
+)
+_BANDED: Final = "Bayesian network, tuned"
+"""The one whose 95 % interval is drawn; seven bands over one another could not be told apart."""
+_LEAST_SHOWN: Final = 0.005
+_MARKED: Final = {"1 sensor": "s", "2 sensors": "o"}
+
+
+def draw_roc(path: Path, results: Sequence[WorldResult]) -> None:
+    """Misprints caught against false alarms, one panel for each world and frame; false alarms on a log scale."""
+    panels = [(result, frame) for result in results for frame in result.tables]
+    figure, axes = _figure(len(panels))
+    for axis, (result, frame) in zip(axes, panels, strict=True):
+        least = 0.5 / result.good["test"]
+        for row, colour in _of_frame(result, frame):
+            false_alarms, caught = row.roc
+            axis.step(
+                np.maximum(false_alarms, least), caught, where="post", color=colour, label=row.name, lw=1.6
+            )
+        axis.axvline(0.01, color="#999999", lw=0.8, ls=":")
+        axis.set(
+            title=f"{result.plan.world} world, {frame}",
+            xlabel="false alarms F [-]",
+            ylabel="misprints caught, 1 - M [-]",
+            xscale="log",
+            xlim=(least, 1),
+            ylim=(0, 1.02),
+        )
+    _legend(figure, axes[0])
+    _write(figure, path)
+
+
+def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
+    """Honest c over what never or always stopping costs, against alpha; the paper's own points beside it.
+
+    What lies below the axis's range is drawn at its end.
+    """
+    panels = [(result, frame) for result in results for frame in result.tables]
+    figure, axes = _figure(len(panels))
+    alphas = np.array(ALPHAS)
+    idle = np.minimum(1, alphas)
+    for axis, (result, frame) in zip(axes, panels, strict=True):
+        for row, colour in _of_frame(result, frame):
+            values, low, high = (
+                np.array([getattr(interval, part) for interval in row.honest]) / idle
+                for part in ("value", "low", "high")
+            )
+            axis.plot(alphas, values.clip(_LEAST_SHOWN), color=colour, marker=".", lw=1.6, label=row.name)
+            if row.name == _BANDED:
+                axis.fill_between(alphas, low.clip(_LEAST_SHOWN), high, color=colour, alpha=0.18, lw=0)
+        for name, marker in _MARKED.items():
+            printed = _printed(name) / idle
+            axis.plot(
+                alphas, printed, marker, color="black", mfc="none", ls="", label=f"paper, {name} (oracle)"
+            )
+        axis.axhline(1, color="#555555", lw=1, ls=":")
+        axis.annotate(
+            "never or always stopping",
+            (0.55, 1.08),
+            xycoords=("axes fraction", "data"),
+            ha="center",
+            fontsize=8,
+            color="#555555",
+        )
+        axis.set(
+            title=f"{result.plan.world} world, {frame}",
+            xlabel="relative cost of a miss, alpha [-]",
+            ylabel="honest c over min(1, alpha) [-]",
+            xscale="log",
+            yscale="log",
+            ylim=(_LEAST_SHOWN * 0.9, 20),
+        )
+    _legend(figure, axes[0])
+    _write(figure, path)
+
+
+def _of_frame(result: WorldResult, frame: str) -> list[tuple[Judged, str]]:
+    rows = {row.name: row for row in result.detectors if row.frame == frame}
+    return [(rows[name], colour) for name, colour in zip(_SHOWN, COLOURS, strict=False)]
+
+
+def _printed(name: str) -> NDArray[np.float64]:
+    return np.array([float(text) for text in PRINTED[name][1]])
+
+
+def _figure(count: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(
+        figsize=(4.6 * count, 4.9), dpi=110, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
+    )
+    FigureCanvasAgg(figure)
+    panels = [figure.add_subplot(1, count, place + 1) for place in range(count)]
+    for axes in panels:
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(visible=True, color="#eeeeee")
+        axes.set_axisbelow(True)
+    return figure, panels
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+
+
+def _write(figure: Figure, path: Path) -> None:
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, format="png")

@@ -1,0 +1,246 @@
+"""Scores -> the numbers of the paper's tables, with error bars: one world, one resolution at a time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.detectors.operating import (
+    Interval,
+    Scored,
+    area_under_roc,
+    at_threshold,
+    bootstrap_cost,
+    bootstrap_oracle,
+    caught_at,
+    least_cost,
+    roc,
+)
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.paper_detectors import (
+    AS_PRINTED,
+    bayes_scores,
+    chi_square_scores,
+    chosen_reading,
+    chosen_rows,
+    scored,
+)
+from prooflight_studies.harness.protocol import FRAMES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
+    from prooflight_studies.harness.paper_detectors import NetworkReading
+    from prooflight_studies.harness.protocol import Plan
+    from prooflight_studies.harness.result_cache import Rows
+
+ALPHAS: Final = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0)
+PAPER_PAGES: Final = 300
+"""Test pages of the paper, on which it also chose its thresholds."""
+REPEATS: Final = 200
+THIRDS: Final = ("mild", "middle", "severe")
+FALSE_ALARM_RATE: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """One detector on the test pages."""
+
+    name: str
+    frame: str
+    oracle: tuple[Interval, ...]
+    """c at each of ``ALPHAS``, the threshold chosen on the test pages themselves."""
+    honest: tuple[Interval, ...]
+    """The same, chosen on the tuning pages."""
+    papers: tuple[float, ...]
+    """The oracle's c on 300 test pages, as the paper did it: mean over 200 draws of 300."""
+    area: float
+    caught: float
+    """Share of misprints caught at 1 % false alarms (oracle)."""
+    alarms: tuple[int, ...]
+    """False alarms at the honest thresholds."""
+    misses: tuple[float, ...]
+    """Share of misprints missed at the honest thresholds."""
+    misses_by_kind: dict[str, tuple[float, ...]]
+    """The same at alpha = 1, each third of severity; NaN where none was made."""
+    roc: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorldResult:
+    """Everything that one plan's rows say."""
+
+    plan: Plan
+    good: dict[str, int]
+    """Good scans of each set, at one noise."""
+    bad: dict[str, int]
+    made: dict[str, tuple[int, ...]]
+    """Test misprints of each kind and third of severity."""
+    unmade: dict[str, int]
+    """Misprints of each kind that nine draws did not bring over the gate."""
+    readings: dict[str, NetworkReading]
+    """Of each frame: the learned detector's, chosen on the tuning pages."""
+    tuning: dict[str, dict[NetworkReading, float]]
+    """Of each frame: all readings' costs on the tuning pages, alpha = 1."""
+    tables: dict[str, tuple[Judged, ...]]
+    """Of each frame: the rows of the paper's tables 1 to 4."""
+    detectors: tuple[Judged, ...]
+    """All detectors side by side, two sensors."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """One plan at one resolution."""
+
+    pitch_mm: float
+    """Of camera pixels on the page. [mm]"""
+    press: Press
+    result: WorldResult
+    seconds: float
+    """Of a clock, kept results not made again. [s]"""
+    made: int
+    """Scans made in that time."""
+
+
+def world_result(
+    rows: Rows, plan: Plan, *, progress: Callable[[str], None] = lambda _step: None
+) -> WorldResult:
+    """Learn, tune and test on a plan's rows."""
+    sets = {of: chosen_rows(rows, plan.designs(of), plan.noises[0]) for of in ("learn", "tune", "test")}
+    judge = _Judge(plan=plan, rows=rows, sets=sets)
+    readings, tuning, tables, detectors = {}, {}, {}, []
+    for frame, name in enumerate(FRAMES[plan.world]):
+        progress(f"{plan.world} world, {name}: choosing a reading")
+        readings[name], tuning[name] = chosen_reading(sets["learn"], sets["tune"], frame=frame)
+        progress(f"{plan.world} world, {name}: judging")
+        tables[name] = tuple(judge.paper_rows(frame, name, readings[name]))
+        detectors += list(judge.side_by_side(frame, name, readings[name]))
+    return WorldResult(
+        plan=plan,
+        good={of: int((rows_of["kind"] == "").sum()) for of, rows_of in sets.items()},
+        bad={of: int((rows_of["kind"] != "").sum()) for of, rows_of in sets.items()},
+        made=_by_kind(sets["test"], sets["test"]["kind"], len),
+        unmade=dict(Counter(rows["unmade_kind"].tolist())),
+        readings=readings,
+        tuning=tuning,
+        tables=tables,
+        detectors=tuple(detectors),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Judge:
+    plan: Plan
+    rows: Rows
+    sets: dict[str, Rows]
+
+    def paper_rows(self, frame: int, name: str, reading: NetworkReading) -> Iterator[Judged]:
+        """Tables 1 to 4: sensors, types of misprint, noise."""
+        for title, sensors, types in (
+            ("1 sensor", 1, 2),
+            ("2 sensors", 2, 2),
+            ("2 sensors, one misprint type", 2, 1),
+        ):
+            yield self._bayes(title, frame, name, reading, sensors=sensors, types=types)
+        for noise in self.plan.noises[1:]:
+            sets = {of: chosen_rows(self.rows, self.plan.designs(of), noise) for of in self.sets}
+            yield self._bayes(f"2 sensors, noise {noise:.0%}", frame, name, reading, sets=sets)
+
+    def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[Judged]:
+        """Every detector with two sensors."""
+        for title, column in (
+            ("chi-square", "chi_square"),
+            ("chi-square, naive", "chi_square_naive"),
+            ("chi-square, worst tile", "chi_square_tile"),
+        ):
+            scores = [chi_square_scores(self.sets[of], frame=frame, column=column) for of in ("tune", "test")]
+            yield self._judged(title, name, self.sets, scores[0], scores[1])
+        yield self._bayes("Bayesian network, as printed", frame, name, AS_PRINTED)
+        yield self._bayes("Bayesian network, tuned", frame, name, reading)
+        for number, peer in enumerate(PEERS):
+            of_peer = [self.sets[of]["peers"][:, frame, number] for of in ("tune", "test")]
+            yield self._judged(peer, name, self.sets, of_peer[0], of_peer[1])
+
+    def _bayes(
+        self,
+        title: str,
+        frame: int,
+        name: str,
+        reading: NetworkReading,
+        *,
+        sensors: int = 2,
+        types: int = 2,
+        sets: dict[str, Rows] | None = None,
+    ) -> Judged:
+        sets = sets or self.sets
+        tune, test = bayes_scores(
+            sets["learn"], (sets["tune"], sets["test"]), reading, frame=frame, sensors=sensors, types=types
+        )
+        return self._judged(title, name, sets, tune, test)
+
+    def _judged(
+        self,
+        title: str,
+        frame: str,
+        sets: dict[str, Rows],
+        tune_score: NDArray[np.float64],
+        test_score: NDArray[np.float64],
+    ) -> Judged:
+        tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
+        rng = np.random.default_rng([self.plan.seed, 2])  # the same designs are drawn for every detector
+        chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
+        found = [at_threshold(test, threshold) for threshold in chosen]
+        missed = ~(test.score > chosen[ALPHAS.index(1.0)])
+        return Judged(
+            name=title,
+            frame=frame,
+            oracle=tuple(bootstrap_oracle(test, ALPHAS, rng=rng)),
+            honest=tuple(
+                bootstrap_cost(test, alpha, threshold=threshold, rng=rng)
+                for alpha, threshold in zip(ALPHAS, chosen, strict=True)
+            ),
+            papers=_papers_protocol(test, rng),
+            area=area_under_roc(test),
+            caught=caught_at(test, FALSE_ALARM_RATE),
+            alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in found),
+            misses=tuple(rates.misses for rates in found),
+            misses_by_kind=_by_kind(sets["test"], missed, _share),
+            roc=roc(test),
+        )
+
+
+def _papers_protocol(test: Scored, rng: np.random.Generator) -> tuple[float, ...]:
+    """Least c on 300 pages, half of them misprints, of as many designs as there are; mean over 200 draws."""
+    half = min(PAPER_PAGES // 2, int(test.bad.sum()), int((~test.bad).sum()))
+    costs = np.empty((REPEATS, len(ALPHAS)))
+    for repeat in range(REPEATS):
+        drawn = np.concatenate(
+            [rng.choice(np.flatnonzero(side), half, replace=False) for side in (test.bad, ~test.bad)]
+        )
+        pages = Scored(score=test.score[drawn], bad=test.bad[drawn], design=test.design[drawn])
+        costs[repeat] = [least_cost(pages, alpha).cost(alpha) for alpha in ALPHAS]
+    return tuple(costs.mean(axis=0).tolist())
+
+
+def _by_kind(
+    test: Rows, values: NDArray[Any], of_cell: Callable[[NDArray[Any]], Any]
+) -> dict[str, tuple[Any, ...]]:
+    """``of_cell`` of the values of each kind's misprints, by thirds of severity."""
+    third = np.minimum((test["severity"] * len(THIRDS)).astype(int), len(THIRDS) - 1)
+    return {
+        kind: tuple(
+            of_cell(values[(test["kind"] == kind) & (third == place)]) for place in range(len(THIRDS))
+        )
+        for kind in KINDS
+    }
+
+
+def _share(cell: NDArray[np.bool_]) -> float:
+    return float(cell.mean()) if cell.size else float("nan")

@@ -1,0 +1,175 @@
+"""The paper's tables 1 to 4 reproduced and audited, in the ideal and in the press world; writes ``paper.md``."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.camera.exploring import varied
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.harness.protocol import PilotWork, Plan, WatchWork, variation_models
+from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.paper.page import write_paper_page
+from prooflight_studies.paper.plots import draw_costs, draw_roc
+from prooflight_studies.paper.results import Part, world_result
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
+
+REDUCED_PITCH_MM: Final = 0.254
+"""100 pixels an inch on the page: the pitch at which worlds.toml's texture is stated."""
+QUICK_PITCH_MM: Final = 0.508
+SPECIMEN_SEED: Final = 1
+
+
+def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[float, Plan]]:
+    """What ``run_paper_study`` works through: camera pitch and plan. [mm]
+
+    In the ideal world 1000 designs to learn from, as in the paper, and 1500 to test on at the reduced resolution; 300
+    at the camera's own. Fewer in the press world, where scans cost more.
+    """
+    if quick:
+        ideal = Plan(
+            seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40, good_copies=1, misprints=2
+        )
+        press = replace(ideal, world="press")
+        return [(QUICK_PITCH_MM, replace(ideal, noises=(1.0, 2.0, 3.0, 4.0))), (QUICK_PITCH_MM, press)]
+    ideal = Plan(
+        seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500, good_copies=1, misprints=2
+    )
+    # A press-world scan costs seven ideal ones: fewer designs. `study press` has the paper's detectors on more of them.
+    press = replace(ideal, world="press", pilot=20, learn=150, tune=75, test=300)
+    noises = (1.0, 2.0, 3.0, 4.0)
+    noisy = replace(ideal, pilot=20, learn=200, tune=100, test=200, noises=noises)
+    full = replace(ideal, pilot=20, learn=100, tune=50, test=150)
+    return [
+        (REDUCED_PITCH_MM, ideal),
+        (REDUCED_PITCH_MM, press),
+        (REDUCED_PITCH_MM, noisy),
+        (own_pitch_mm, full),
+        (REDUCED_PITCH_MM, replace(noisy, world="press", pilot=10, learn=30, tune=20, test=30)),
+        (own_pitch_mm, replace(full, world="press", pilot=10, learn=30, tune=20, test=50)),
+    ]
+
+
+def run_paper_study(
+    press_file: PressFile,
+    results: Path,
+    *,
+    cache: Path,
+    seed: int = 1,
+    quick: bool = False,
+    processes: int | None = None,
+    cluster: str | None = None,
+    plans: list[tuple[float, Plan]] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[Part]:
+    """Run every plan and write ``paper.md`` with its pictures into ``results``.
+
+    press_file: of two sensors, the first of which is the one-sensor camera. cache: where rows are kept, so that a study
+    that was interrupted goes on. cluster: address of a Dask scheduler. ValueError: a camera of one sensor.
+    """
+    own = press_file.camera()
+    if len(own.sensors) < 2:
+        message = f"the study compares one sensor with two, {press_file.path} has one"
+        raise ValueError(message)
+    plans = plans or paper_plans(seed=seed, quick=quick, own_pitch_mm=own.pixel_pitch_mm)
+    parts = []
+    for pitch_mm, plan in plans:
+        press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
+        parts.append(
+            run_part(
+                press,
+                plan,
+                cache,
+                pitch_mm=pitch_mm,
+                processes=processes,
+                cluster=cluster,
+                progress=progress,
+            )
+        )
+    main = [parts[0], next(part for part in parts if part.result.plan.world == "press")]
+    draw_roc(results / "paper-roc.png", [part.result for part in main])
+    draw_costs(results / "paper-cost.png", [part.result for part in main])
+    write_paper_page(results / "paper.md", parts, seed=seed, quick=quick)
+    return parts
+
+
+def run_part(
+    press: Press,
+    plan: Plan,
+    cache: Path,
+    *,
+    pitch_mm: float,
+    processes: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[str], None],
+) -> Part:
+    """One plan: pilot, rows, tables."""
+    started = time.perf_counter()
+    where = f"{plan.world} world, {pitch_mm:.3f} mm"
+    designs = Corpus(seed=plan.seed, dpi=press.dpi)
+    digest = digest_of(plan.facts(press, repr(designs)))
+    found: list[int] = []  # how many days each step began with
+
+    def told(what: str) -> Callable[[int, int], None]:
+        started_with = len(found)
+
+        def tell(done: int, of: int) -> None:
+            if len(found) == started_with:
+                found.append(done)
+            progress(f"{where}: {what}, {done} of {of} press days")
+
+        return tell
+
+    pilot = run_pieces(
+        PilotWork(press=press, pages=designs, plan=plan),
+        plan.days("pilot"),
+        cache / "pilot",
+        digest=digest,
+        processes=processes,
+        cluster=cluster,
+        progress=told("pilot"),
+    )
+    work = WatchWork(press=press, pages=designs, plan=plan, variations=variation_models(pilot))
+    days = plan.days("learn", "tune", "test")
+    rows = run_pieces(
+        work,
+        days,
+        cache / "rows",
+        digest=digest,
+        processes=processes,
+        cluster=cluster,
+        progress=told("scans"),
+    )
+    share = 1 - found[-1] / len(days)
+    return Part(
+        pitch_mm=pitch_mm,
+        press=press,
+        result=world_result(rows, plan, progress=progress),
+        seconds=time.perf_counter() - started,
+        made=round(share * len(rows["kind"])),
+    )
+
+
+def at_pitch(press_file: PressFile, pitch_mm: float) -> PressFile:
+    """The same camera so far away that its pixels lie ``pitch_mm`` apart on the page, with as many as the field needs.
+
+    Every length on the page then scales, and with it line pitch and blur; light at the sensor hardly changes.
+    """
+    camera = press_file.camera()
+    if abs(camera.pixel_pitch_mm - pitch_mm) < 1e-6:
+        return press_file
+    pixel_mm = camera.sensors[0].pixel_pitch_um / 1000
+    field_mm = camera.sensors[0].pixels * camera.pixel_pitch_mm
+    distance_mm = camera.lens.focal_length_mm * (1 + pitch_mm / pixel_mm)
+    return varied(
+        press_file,
+        {"lens.object_distance_mm": distance_mm, "sensor.pixels": round(field_mm / pitch_mm)},
+    )

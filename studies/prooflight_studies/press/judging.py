@@ -1,0 +1,349 @@
+"""Rows of the press study -> who is caught: each fifth of the designs judged by what other fifths taught and set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.learn import Pages, certain_score, learn_tolerance, promised
+from prooflight.commissioning.training.ranking import even, forested
+from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
+from prooflight.detectors.operating import (
+    Scored,
+    area_under_roc,
+    caught_at,
+    conformal_threshold,
+    least_cost,
+)
+from prooflight.pages.parallel import in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.model import TolerancePress
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight_studies.harness.result_cache import Rows
+
+PARTS: Final = 5
+"""Of the press days: in turn one is judged, the next sets thresholds, the other three teach."""
+EVERY: Final = -1
+"""Part of pages that set the thresholds of every part."""
+ALPHAS: Final = (0.1, 1.0, 10.0)
+PROMISE: Final = 0.01
+OURS: Final = "ours"
+FOREST_OF_FAMILIES: Final = "forest of families alone"
+"""What the forests without some statistics are compared with."""
+GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
+    "places away from edges": ("flat", "calm", "swell", "double"),
+    "the page's own scatter": ("apart", "line", "wave", "echo", "excess"),
+    "boxes": ("box", "apart", "spread", "flat"),
+    "streaks": ("streak", "line", "calm"),
+    "waves": ("band", "wave", "swell"),
+    "echoes": ("ghost", "echo", "double"),
+    "nuisances found": ("fit", "swap"),
+    "registration": ("place",),
+    "planes far out of register": ("moved",),
+}
+"""First words of statistics that are left out together."""
+TREES: Final = 300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """One method on every page, each part by itself."""
+
+    name: str
+    scored: Scored
+    part: NDArray[np.int64]
+    alarms: NDArray[np.bool_]
+    """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
+    promised: NDArray[np.bool_]
+    """(pages,) above the threshold that good pages of tuning designs exceed at ``PROMISE``."""
+
+    @property
+    def area(self) -> float:
+        """Mean over parts of the area under the curve."""
+        return float(np.mean([area_under_roc(one) for one in self.parts()]))
+
+    @property
+    def caught(self) -> float:
+        """Mean over parts of the share caught at ``PROMISE`` false alarms on these pages themselves."""
+        return float(np.mean([caught_at(one, PROMISE) for one in self.parts()]))
+
+    def parts(self) -> Iterator[Scored]:
+        """The pages of each part."""
+        for index in np.unique(self.part):
+            here = self.part == index
+            yield Scored(
+                score=self.scored.score[here], bad=self.scored.bad[here], design=self.scored.design[here]
+            )
+
+    def at(self, alarms: NDArray[np.bool_]) -> Scored:
+        """Pages whose score is whether they alarmed."""
+        return replace(self.scored, score=alarms.astype(np.float64))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdicts:
+    """All methods on all pages; and ours, as each part taught it."""
+
+    methods: dict[str, Judged]
+    detectors: list[TolerancePress]
+    """With the threshold of the promise."""
+    kinds: NDArray[np.str_]
+    """(pages,) what ours takes each page for."""
+    boxes: NDArray[np.float32]
+    """(pages, 4) where ours says it is. [mm]"""
+
+
+def judged(
+    rows: Rows,
+    scatter: Scatter,
+    *,
+    seed: int,
+    teaching: Pages | None = None,
+    good: Rows | None = None,
+    trees: int = TREES,
+    ablations: bool = True,
+    processes: int | None = 1,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> Verdicts:
+    """Every page of every part.
+
+    teaching: pages of designs that are not judged and teach every part. good: good pages of designs that are not judged
+    and set every part's thresholds, together with the part next to it.
+    """
+    pages, another = Pages.of(rows), rows["another"]
+    part = parts_of(rows)
+    if good is not None:
+        pages, another = pages.beside(Pages.of(good)), np.concatenate([another, good["another"]])
+        part = np.concatenate([part, np.full(len(good["another"]), EVERY)])
+    work = _PartWork(
+        rows=rows,
+        pages=pages,
+        another=another,
+        part=part,
+        scatter=scatter,
+        seed=seed,
+        teaching=teaching,
+        trees=trees,
+        ablations=ablations,
+    )
+    scores: dict[str, NDArray[np.float64]] = {}
+    detectors = []
+    kinds = np.zeros(len(rows["kind"]), "U16")
+    boxes = np.full((len(kinds), 4), np.nan, np.float32)
+    progress(f"{PARTS} parts: learning and judging")
+    for index, said in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
+        progress(f"part {index + 1} of {PARTS} is judged")
+        test, tune = work.test_and_tune(index)
+        for name, score in said.scores.items():
+            # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
+            scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, test | tune] = score
+        detectors.append(said.found)
+        here = test[: len(kinds)]
+        kinds[here], boxes[here] = said.kinds, said.boxes
+    methods = {name: _judged(name, score, pages, part) for name, score in scores.items()}
+    return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PartSaid:
+    """What one part's judging gives."""
+
+    found: TolerancePress
+    scores: dict[str, NDArray[np.float64]]
+    """Of each method, on the pages of this part and of the one that sets its thresholds."""
+    kinds: NDArray[np.str_]
+    boxes: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PartWork:
+    """Number of a part -> what it says; may travel to another process."""
+
+    rows: Rows
+    """Of the pages that are judged, the first of ``pages``."""
+    pages: Pages
+    another: NDArray[np.bool_]
+    part: NDArray[np.int64]
+    scatter: Scatter
+    seed: int
+    teaching: Pages | None
+    trees: int
+    ablations: bool
+
+    def test_and_tune(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which pages a part judges, and which set its thresholds."""
+        return self.part == index, (self.part == (index + 1) % PARTS) | (self.part == EVERY)
+
+    def __call__(self, index: int) -> _PartSaid:
+        rows, pages = self.rows, self.pages
+        names = rows["names"][: rows["values"].shape[1]].tolist()
+        test, tune = self.test_and_tune(index)
+        rng = np.random.default_rng([self.seed, index, 5])
+        learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
+        learn = learn if self.teaching is None else learn.beside(self.teaching)
+        found = learn_tolerance(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
+        scores = {name: rank(other) for name, rank in _rankings(found, self.another[test | tune]).items()}
+        if self.ablations:
+            scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
+        good, here = pages.rows(tune & ~pages.bad), test[: len(rows["kind"])]
+        return _PartSaid(
+            found=promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))),
+            scores=scores,
+            kinds=kinds_said(found, rows, here),
+            boxes=places_said(found, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """A promise that designs of their own made, and what came of it."""
+
+    rate: float
+    designs: int
+    """That made it: printed once, well; they taught nothing."""
+    alarms: NDArray[np.bool_]
+    """(pages,) of those that each part judges, good and bad; of further good pages, each by one part in turn."""
+
+
+def parts_of(rows: Rows) -> NDArray[np.int64]:
+    """Which part each row is in: days take turns."""
+    return np.asarray(np.unique(rows["day"], return_inverse=True)[1] % PARTS)
+
+
+def kept_promises(
+    verdicts: Verdicts, good: Rows, trial: Rows, *, calibration: Mapping[float, int]
+) -> tuple[list[Kept], list[Kept]]:
+    """Each part's detector with thresholds that good pages of further designs set, on what that part judges.
+
+    The second list: on good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: designs by
+    the rate that they promise; the first so many of ``good``.
+    """
+    pages, ours = Pages.of(good), verdicts.methods[OURS]
+    scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
+    tried, turn = Pages.of(trial), parts_of(trial)
+    of_trial = np.choose(
+        turn, [certain_score(found, tried, trial["another"]) for found in verdicts.detectors]
+    )
+    found: tuple[list[Kept], list[Kept]] = [], []
+    for rate, count in calibration.items():
+        thresholds = np.array(
+            [
+                conformal_threshold(score[:count], pages.design[:count], false_alarm_rate=rate)
+                for score in scores
+            ]
+        )
+        for kept, score, part in zip(found, (ours.scored.score, of_trial), (ours.part, turn), strict=True):
+            kept.append(Kept(rate=rate, designs=count, alarms=score > thresholds[part]))
+    return found
+
+
+def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
+    """Alarms (pages,) where each design's pages meet the threshold that the good pages of all other designs set."""
+    alarms = np.zeros(scored.bad.shape, bool)
+    for design in np.unique(scored.design):
+        here = scored.design == design
+        good = ~here & ~scored.bad
+        threshold = conformal_threshold(scored.score[good], scored.design[good], false_alarm_rate=rate)
+        alarms[here] = scored.score[here] > threshold
+    return alarms
+
+
+def kinds_said(found: TolerancePress, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """The kind that ours gives to each of some pages."""
+    said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
+    return np.where(rows["another"][which], "wrong-page", said)
+
+
+def places_said(
+    found: TolerancePress,
+    values: NDArray[np.floating],
+    portraits: NDArray[np.floating],
+    boxes: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Where each page's most telling statistic with a place has it, (pages, 4) [mm]; NaN: nowhere."""
+    deviations = found.deviations(values, portraits)
+    placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
+    best = np.where(placed, deviations, -np.inf).argmax(axis=1)
+    return np.asarray(boxes[np.arange(len(boxes)), best])
+
+
+def _rankings(
+    found: TolerancePress, another: NDArray[np.bool_]
+) -> dict[str, Callable[[Pages], NDArray[np.float64]]]:
+    def evidence(pages: Pages) -> NDArray[np.float64]:
+        return found.family_evidence(found.deviations(pages.values, pages.portraits))
+
+    def weighed(pages: Pages) -> NDArray[np.float64]:
+        assert found.logit is not None
+        return found.logit.score(group_columns(evidence(pages), found.families))
+
+    def every(pages: Pages) -> NDArray[np.float64]:
+        deviations = found.deviations(pages.values, pages.portraits)
+        return every_column(found.family_evidence(deviations), pages.portraits, deviations)
+
+    def forest(pages: Pages) -> NDArray[np.float64]:
+        assert found.forest is not None
+        return found.forest.score(every(pages))
+
+    return {
+        OURS: lambda pages: certain_score(found, pages, another),
+        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
+        "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
+        "weighed groups of families alone": weighed,
+        "forest of all statistics alone": forest,
+        "forests of kinds alone, the most of them": lambda pages: found.of_kinds(every(pages)).max(axis=1),
+    }
+
+
+def _without(
+    learn: Pages, other: Pages, names: list[str], scatter: Scatter, rng: np.random.Generator, trees: int
+) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """The forest of families without some of the statistics, or without what a page's content foretells."""
+    weight = even(learn.bad)
+    firsts = [name.split("/")[0] for name in names]
+    sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
+    sets |= {
+        f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)
+        for group, left in GROUPS.items()
+    }
+    sets["forest without what the content foretells"] = (np.ones(len(names), bool), 0.0)
+    for name, (kept, content) in sets.items():
+        some = [one for one, keep in zip(names, kept, strict=True) if keep]
+        fewer, judged_ = (
+            replace(pages, values=pages.values[:, kept], portraits=pages.portraits * content)
+            for pages in (learn, other)
+        )
+        found = learn_tolerance(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
+        taught, said = (
+            family_columns(found.family_evidence(found.deviations(pages.values, pages.portraits)))
+            for pages in (fewer, judged_)
+        )
+        yield name, forested(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
+
+
+def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> Judged:
+    judged_ = part != EVERY
+    score = np.empty(len(part))
+    alarms = np.zeros((len(ALPHAS), len(part)), bool)
+    promised_ = np.zeros(len(part), bool)
+    for index in range(PARTS):
+        test, tune = part == index, (part == (index + 1) % PARTS) | ~judged_
+        of_tune = Scored(score=scores[index, tune], bad=pages.bad[tune], design=pages.design[tune])
+        score[test] = scores[index, test]
+        for row, alpha in enumerate(ALPHAS):
+            alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
+        promised_[test] = score[test] > np.quantile(of_tune.score[~of_tune.bad], 1 - PROMISE, method="higher")
+    return Judged(
+        name=name,
+        scored=Scored(score=score[judged_], bad=pages.bad[judged_], design=pages.design[judged_]),
+        part=part[judged_],
+        alarms=alarms[:, judged_],
+        promised=promised_[judged_],
+    )

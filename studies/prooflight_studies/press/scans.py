@@ -1,0 +1,148 @@
+"""Rows of the press study: days, good prints and misprints of page designs, and what each scan says."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_spread
+from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.press.artefact import Press
+from prooflight.simulation.captures import Room
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.protocol import OTHERS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.pages.raster import Page
+    from prooflight.simulation.captures import World
+    from prooflight.simulation.corpus.corpus import Designs
+    from prooflight_studies.harness.protocol import Day
+    from prooflight_studies.harness.result_cache import Rows
+
+PLACES: Final = 12
+"""A misprint has no more (worlds.toml: spots)."""
+SESSION: Final = 2
+PRINTS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """What is printed, where and how: small, and travels to worker processes."""
+
+    press: Path
+    pages: Designs
+    seed: int
+    number: int
+    """Of the scene: no two share a day."""
+    world: World = "press"
+    times: float = 1.0
+    """How much more good prints vary than the press is made for."""
+    misprints: int = 2
+    """Copies of each design with a misprint; one more is good. Kinds take turns."""
+
+    def day(self, day: Day) -> PressDay:
+        """The press on that day; its scans are looked at as those of the press that it is taken for."""
+        taken_for = press = _press(self.press)
+        if self.times != 1:
+            press = replace(press, variation=dict(press.variation) | {"all_times": self.times})
+        rng = np.random.default_rng([self.seed, self.number, day.designs[0], SESSION])
+
+        def page(index: int) -> Page:
+            return press.geometry.lay(self.pages.page(index))
+
+        room = Room.enter(self.world, press, rng)
+        return PressDay(room=room, page=page, spread=good_spread(taken_for), prior=good_prior(taken_for))
+
+    def rng(self, index: int, copy: int) -> np.random.Generator:
+        """Of one copy of a design."""
+        return np.random.default_rng([self.seed, self.number, index, copy, PRINTS])
+
+    def kind(self, index: int, copy: int) -> str:
+        """Of a copy; the first is good. Every round begins one further on: no design's number decides its kinds."""
+        turn = index * self.misprints + copy - 1
+        return KINDS[(turn + turn // len(KINDS)) % len(KINDS)] if copy else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScatterWork:
+    """Good copies of a day's designs -> what ``learn_scatter`` learns from."""
+
+    scene: Scene
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``: ``PressDay.scatter_draws``."""
+        designs = ((index, self.scene.rng(index, 0)) for index in day.designs)
+        return self.scene.day(day).scatter_draws(designs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SaidWork:
+    """A good copy and misprints of a day's designs -> what each scan says, a row each.
+
+    Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
+    another (whether the scan shows another page), places (PLACES, 4) of the misprint [mm, NaN: none], sigma_error
+    (sensors,) true temporal sigma over the tables', day. Beside them ``unmade_kind``, one for each misprint that nine
+    draws did not bring over the gate, and ``names`` of the statistics.
+    """
+
+    scene: Scene
+    scatter: Scatter
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``."""
+        bench = self.scene.day(day)
+        columns: dict[str, list[Any]] = defaultdict(list)
+        unmade: list[str] = []
+        names: list[str] = []
+        for index in day.designs:
+            good, known = bench.design(index)
+            for copy in range(1 + self.scene.misprints):
+                rng, kind = self.scene.rng(index, copy), self.scene.kind(index, copy)
+                printed, places = good, np.full((PLACES, 4), np.nan, np.float32)
+                if kind:
+                    others = [other for other in day.designs if other != index]
+                    wrong = bench.wrong(good, kind, rng.permutation(others)[:OTHERS].tolist(), rng)
+                    if wrong is None:
+                        unmade.append(kind)
+                        continue
+                    printed = wrong
+                if printed.misprint is not None:
+                    where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
+                    places[: len(where)] = where[:PLACES]
+                said, another = bench.said(known, bench.scan(printed, rng), self.scatter)
+                names = [one.name for one in said]
+                for name, value in {
+                    "design": index,
+                    "kind": printed.kind,
+                    "severity": printed.severity,
+                    "draws": printed.draws,
+                    "values": stated(said),
+                    "boxes": np.array([one.box for one in said], np.float32),
+                    "portrait": known.portrait,
+                    "another": another,
+                    "places": places,
+                    "sigma_error": _sigma_errors(bench.room),
+                    "day": day.designs[0],
+                }.items():
+                    columns[name].append(value)
+        rows = {name: np.array(values) for name, values in columns.items()}
+        beside = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
+        return rows | {"kind": rows["kind"].astype("U16")} | beside
+
+
+def _sigma_errors(room: Room) -> list[float]:
+    if room.session is None:
+        return [1.0] * len(room.press.sensors)
+    return [sensor.sigma_error for sensor in room.session.sensors]
+
+
+@lru_cache(maxsize=2)
+def _press(path: Path) -> Press:
+    return Press.load(path)

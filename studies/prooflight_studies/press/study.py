@@ -1,0 +1,290 @@
+"""Our detector in the press world, with and without each of its parts; writes a page of results. It resumes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training.learn import (
+    Pages,
+    certain_score,
+    learn_scatter,
+    learn_tolerance,
+    pooled,
+)
+from prooflight.commissioning.training.simulated_days import good_prior, good_spread
+from prooflight.commissioning.training.train import calibrated_for
+from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
+from prooflight.files.atomic import whole_file
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
+from prooflight_studies.press.findings import PressFindings, PressPlan
+from prooflight_studies.press.judging import (
+    ALPHAS,
+    OURS,
+    PROMISE,
+    Judged,
+    judged,
+    kept_promises,
+    parts_of,
+)
+from prooflight_studies.press.page import page_lines
+from prooflight_studies.press.scans import SaidWork, ScatterWork, Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
+    from prooflight.simulation.corpus.corpus import Folder
+    from prooflight_studies.harness.protocol import Day
+    from prooflight_studies.harness.result_cache import Rows, Work
+    from prooflight_studies.press.judging import Verdicts
+
+SCHEMA: Final = 2
+"""Of the rows; a change of what is measured makes kept results void."""
+LOOSER: Final = 1.5
+"""How much more good prints vary where a press is worse than it was taken for."""
+
+
+def run_press_study(
+    press_file: PressFile,
+    results: Path,
+    *,
+    cache: Path,
+    seed: int = 1,
+    quick: bool = False,
+    processes: int | None = None,
+    plan: PressPlan | None = None,
+    real: Folder | None = None,
+    taught: Path | None = None,
+    pitch_mm: float = REDUCED_PITCH_MM,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> PressFindings:
+    """Scan, learn, tune, test, and write ``PressFindings.page`` into ``results``.
+
+    press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
+    that was interrupted goes on. real: pages of real documents beside the composed designs. taught: where to keep
+    the press, with our detector taught by all judged designs and its promise made by those that only promise.
+    """
+    started = time.perf_counter()
+    plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
+    press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
+    bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
+    scans = _scanned(bench, real)
+    lessons = Pages.of(scans.teaching).beside(Pages.of(scans.learning))
+    verdicts = judged(
+        scans.main,
+        scans.scatter,
+        teaching=lessons,
+        good=scans.promise,
+        seed=plan.seed,
+        trees=plan.trees,
+        ablations=plan.ablations,
+        processes=processes,
+        progress=progress,
+    )
+    kept, tried = kept_promises(verdicts, scans.promise, scans.trial, calibration=plan.calibration)
+    found = PressFindings(
+        plan=plan,
+        pitch_mm=pitch_mm,
+        fringes=press.fringes,
+        main=scans.main,
+        verdicts=verdicts,
+        kept=kept,
+        tried=tried,
+        looser=_looser(verdicts, scans.looser, plan),
+        ideal=judged(scans.ideal, scans.ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
+        real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
+    )
+    text = "\n".join(page_lines(found))
+    with whole_file(results / found.page) as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
+    if taught is not None:
+        progress(f"{taught.name}: learning from every part")
+        _taught(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
+    progress(
+        f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
+        f"{sum(bench.minutes):.0f} minutes of one process"
+    )
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Bench:
+    """Where work is done and kept."""
+
+    press: Press
+    cache: Path
+    plan: PressPlan
+    processes: int | None
+    progress: Callable[[str], None]
+    minutes: list[float] = field(default_factory=list)
+    """That each scene's rows took of one process, whenever they were made."""
+
+    def kept(self, press: Press) -> Path:
+        """A press as a file for workers."""
+        path = self.cache / f"{press.digest[:16]}.press"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        press.save(path)
+        return path
+
+    def digest(self, scene: Scene) -> str:
+        """Of all that a scene's rows depend on beside their day: a scene that grows keeps its rows."""
+        facts = {
+            "schema": SCHEMA,
+            "worlds": worlds_digest(),
+            "pilot": self.plan.pilot,
+            "press": scene.press.name,
+            "scene": repr(replace(scene, press=Path())),
+        }
+        return digest_of(facts)
+
+    def scatter(self, scene: Scene, days: list[Day], what: str) -> Scatter:
+        """How statistics scatter, from good prints."""
+        drawn = self._rows(ScatterWork(scene=scene), scene, days, "scatter", what)
+        return learn_scatter({name: pooled(values) for name, values in drawn.items()})
+
+    def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
+        """What every scan of a scene says."""
+        return self._rows(SaidWork(scene=scene, scatter=scatter), scene, days, "said", what)
+
+    def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
+        folder, digest = self.cache / kind, self.digest(scene)
+        rows = run_pieces(
+            work, days, folder, digest=digest, processes=self.processes, progress=self.told(what)
+        )
+        self.minutes.append(minutes_spent(days, folder, digest=digest))
+        return rows
+
+    def told(self, what: str) -> Callable[[int, int], None]:
+        """Progress of a list of pieces."""
+        return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scans:
+    """What every scan of each scene says, and how statistics scatter in either world."""
+
+    scatter: Scatter
+    main: Rows
+    looser: Rows
+    ideal_scatter: Scatter
+    ideal: Rows
+    real: Rows | None
+    promise: Rows
+    teaching: Rows
+    learning: Rows
+    trial: Rows
+
+
+def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
+    """All scenes, one after the other; no two have a number, and so a day, in common."""
+    press, plan = bench.press, bench.plan
+    designs = Corpus(seed=plan.seed, dpi=press.dpi)
+    scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
+    good = replace(scene, misprints=0)
+    scatter = bench.scatter(good, plan.days_of("pilot"), "pilot")
+
+    def said(name: str, scene: Scene, what: str) -> Rows:
+        return bench.said(scene, scatter, plan.days_of(name), what)
+
+    main = said("designs", replace(scene, number=1), "scans")
+    looser = said("looser", replace(good, number=2, times=LOOSER), "looser press")
+    alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1], variation={"all_times": 0.0})
+    ideal = Scene(
+        press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
+    )
+    ideal_scatter = bench.scatter(
+        replace(ideal, misprints=0), plan.days_of("ideal_pilot"), "ideal world, pilot"
+    )
+    ideal_rows = bench.said(ideal, ideal_scatter, plan.days_of("ideal"), "ideal world")
+    real_rows = None
+    if real is not None:
+        of_real = replace(scene, number=4, pages=real, misprints=3)
+        real_rows = bench.said(of_real, scatter, _fitting(real, press, plan), "real pages")
+    lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
+    return _Scans(
+        scatter=scatter,
+        main=main,
+        looser=looser,
+        ideal_scatter=ideal_scatter,
+        ideal=ideal_rows,
+        real=real_rows,
+        promise=said("promise", replace(good, number=5), "good pages that promise"),
+        teaching=said("teaching", lesson, "designs that teach"),
+        learning=said("learning", replace(good, number=7), "good pages that teach"),
+        trial=said("trial", replace(good, number=8), "good pages that try promises"),
+    )
+
+
+def _taught(
+    press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
+) -> Press:
+    """The press with what all judged designs teach, promising ``PROMISE``; nothing published here was judged by it."""
+    tolerance = learn_tolerance(
+        Pages.of(main).beside(teaching),
+        names=main["names"][: main["values"].shape[1]].tolist(),
+        scatter=scatter,
+        spread=good_spread(press),
+        prior=good_prior(press),
+        rng=np.random.default_rng([plan.seed, 9]),
+        trees=plan.trees,
+    )
+    promising = replace(press, good_pages_per_false_alarm=1 / PROMISE)
+    return replace(promising, ours=calibrated_for(promising, tolerance, promise))
+
+
+def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
+    """Press days of the real pages that are no wider than the press sees."""
+    fits = [press.geometry.sees(min(size)) for size in real.sizes_mm]
+    days = [
+        replace(day, designs=tuple(index for index in day.designs if fits[index]))
+        for day in plan.days(0, len(real))
+    ]
+    return [day for day in days if day.designs]
+
+
+def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:
+    """Alarms on good pages of a press that varies more, before and after its own good pages were learned."""
+    found, pages = verdicts.detectors[0], Pages.of(rows)
+    score = certain_score(found, pages, rows["another"])
+    known = np.unique(pages.design)[: plan.looser_known]
+    mine = np.isin(pages.design, known)
+    rate = max(PROMISE, 1.01 / (len(known) + 1))
+    threshold = conformal_threshold(score[mine], pages.design[mine], false_alarm_rate=rate)
+    times = f"variations {LOOSER:g} times those assumed"
+    return {
+        f"{times}, nothing learned": score[~mine] > found.threshold,
+        f"{times}, {len(known)} good pages learned": score[~mine] > threshold,
+    }
+
+
+def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judged:
+    """Real pages by the first part's detector and thresholds."""
+    found, pages = verdicts.detectors[0], Pages.of(rows)
+    part = parts_of(main)
+    tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
+    another = np.concatenate([main["another"][part == 1], promise["another"]])
+    of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design)
+    score = certain_score(found, pages, rows["another"])
+    return Judged(
+        name=OURS,
+        scored=Scored(score=score, bad=pages.bad, design=pages.design),
+        part=np.zeros(len(score), np.int64),
+        alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),
+        promised=score > found.threshold,
+    )
+
+
+__all__ = ["PressFindings", "PressPlan", "run_press_study"]

@@ -1,0 +1,267 @@
+"""Scans of right and wrong prints, each measured under every wrong belief of the press: the robustness study's rows."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.detectors.paper.chi_square import pearson
+from prooflight.detectors.paper.error_map import normalised_error
+from prooflight.detectors.paper.evidence import gather, interval_shares
+from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means, window_unit
+from prooflight.prediction.predict import Prediction
+from prooflight.registration.register import prepare, register
+from prooflight.scans.placement import IN_PLACE
+from prooflight.simulation.captures import Room
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.baselines import (
+    VariationModel,
+    absolute_difference,
+    dissimilarity,
+    variation_moments,
+)
+from prooflight_studies.harness.protocol import SETS
+from prooflight_studies.robustness.disturbances import Disturbance, all_disturbances
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
+    from prooflight.scans.placement import Placement
+    from prooflight.simulation.captures import Printed
+    from prooflight.simulation.corpus.corpus import Designs
+    from prooflight_studies.harness.protocol import Day, Plan
+    from prooflight_studies.harness.result_cache import Rows
+
+SIDES: Final = (4, 8, 16, 32)
+"""Of separate windows. [pixels]"""
+MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, SHARE_AS_PRINTED, SHARE_KEPT, SHARE_LEARNED = range(7)
+"""Numbers of a set of windows. Shares lie below 0.675, below 0.675 of the unit learned from the right tables' good
+pages, and below that of the wrong tables' own."""
+DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
+"""Peers' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
+OTHERS: Final = 3
+"""Designs of the same day that a wrong page may come from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Learned:
+    """What good copies of the pilot's designs teach under each disturbance."""
+
+    units: NDArray[np.float64]
+    """(disturbances, sides, sensors) scatter of window means, ``detectors.paper.windows.window_unit``."""
+    variations: tuple[VariationModel, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stage:
+    """A press day: prints are made on it, and seen through right and wrong tables."""
+
+    room: Room
+    pages: Designs
+    disturbances: tuple[Disturbance, ...]
+
+    @classmethod
+    def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Stage:
+        """Enter a press day."""
+        # Days are seeded by their set and first design, so that no day is in two sets.
+        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
+        return cls(room=Room.enter(plan.world, press, rng), pages=pages, disturbances=all_disturbances())
+
+    def printed(
+        self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
+    ) -> Printed | None:
+        """The good print, or one with a misprint; None if none reaches the gate."""
+        if not kind:
+            return good
+        press = self.room.press
+        others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
+        return self.room.wrong(
+            good,
+            kind,
+            others=others,
+            fetch=lambda number: press.geometry.lay(self.pages.page(number)),
+            rng=rng,
+        )
+
+    def good(self, index: int) -> Printed:
+        """A design's good print."""
+        return self.room.good(self.room.press.geometry.lay(self.pages.page(index)))
+
+    def believed(
+        self, good: Printed, printed: Printed, rng: np.random.Generator
+    ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
+        """One scan of a print, and what each disturbance expects of the page: both over the page's area.
+
+        The page is found in its scan with the right tables, so that one thing is wrong at a time.
+        """
+        press = self.room.press
+        scan = self.room.recorded(self.room.seen(printed, rng), rng)
+        placement = self._found(good, scan)
+        seen = good.expected if placement is IN_PLACE else self.room.expected(good.page, placement)
+        area = (slice(None), *press.geometry.on_page(good.page.width_mm, good.page.height_mm))
+        measured = np.ascontiguousarray(scan[area])
+        for disturbance in self.disturbances:
+            believed = disturbance.predicted(good.page, press, placement, seen)
+            yield (
+                measured,
+                Prediction(
+                    expected_dn=np.ascontiguousarray(believed.expected_dn[area]),
+                    variance_dn2=np.ascontiguousarray(believed.variance_dn2[area]),
+                ),
+            )
+
+    def _found(self, good: Printed, scan: NDArray[np.uint16]) -> Placement:
+        if self.room.session is None:
+            return IN_PLACE
+        press = self.room.press
+        found = register(
+            prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry), scan
+        )
+        return found.placement if found.found else IN_PLACE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnGood:
+    """Good copies of the pilot's designs -> columns ``units`` and ``moments``, one row a design."""
+
+    press: Press
+    pages: Designs
+    plan: Plan
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``."""
+        stage = Stage.of(day, self.press, self.pages, self.plan)
+        white = [sensor.white_dn for sensor in self.press.sensors]
+        units, moments = [], []
+        for index in day.designs:
+            rng = np.random.default_rng([self.plan.seed, index, 0])
+            good = stage.good(index)
+            seen = list(stage.believed(good, good, rng))
+            units.append([_units(normalised_error(dn, p.expected_dn, p.variance_dn2)) for dn, p in seen])
+            moments.append(
+                [
+                    variation_moments(dn, p.expected_dn, p.variance_dn2, white_dn=white, rng=rng)
+                    for dn, p in seen
+                ]
+            )
+        return {"units": np.array(units), "moments": np.array(moments)}
+
+
+def learned(rows: Rows) -> Learned:
+    """From the pilot's rows."""
+    return Learned(
+        units=rows["units"].mean(axis=0),
+        variations=tuple(VariationModel.learn(list(of_one)) for of_one in rows["moments"].swapaxes(0, 1)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchWrong:
+    """Good copies and misprints of a day's designs -> a row for each scan.
+
+    Columns: design, kind ("" where good), pixels; and, disturbances as their first axis, ``numbers`` (sides, sensors,
+    7), ``chi_squares`` (2) and ``peers`` (4).
+    """
+
+    press: Press
+    pages: Designs
+    plan: Plan
+    learned: Learned
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``."""
+        stage = Stage.of(day, self.press, self.pages, self.plan)
+        columns: dict[str, list[Any]] = defaultdict(list)
+        for index in day.designs:
+            good = stage.good(index)
+            for copy in range(self.plan.good_copies + self.plan.misprints):
+                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                kind = self._kind(index, copy)
+                printed = stage.printed(good, kind, day, index, rng)
+                if printed is None:
+                    continue
+                for name, value in self._row(stage, good, printed, index, rng).items():
+                    columns[name].append(value)
+        rows = {name: np.array(values) for name, values in columns.items()}
+        return rows | {"kind": rows["kind"].astype("U16")}
+
+    def _kind(self, index: int, copy: int) -> str:
+        turn = index * self.plan.misprints + copy - self.plan.good_copies
+        return KINDS[turn % len(KINDS)] if copy >= self.plan.good_copies else ""
+
+    def _row(
+        self, stage: Stage, good: Printed, printed: Printed, index: int, rng: np.random.Generator
+    ) -> dict[str, Any]:
+        numbers, chi_squares, peers, pixels = [], [], [], 0
+        first: NDArray[np.float64] | None = None
+        seen_first = good.expected
+        for place, (measured, seen) in enumerate(stage.believed(good, printed, rng)):
+            z = normalised_error(measured, seen.expected_dn, seen.variance_dn2)
+            numbers.append(_numbers(z, self.learned.units[0], self.learned.units[place]))
+            chi_squares.append(self._chi_squares(measured, seen, index))
+            if first is None:
+                seen_first, pixels = seen, measured[0].size
+            same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
+            found = self._peers(measured, seen, place, first if same_mean else None)
+            first = found if first is None else first
+            peers.append(found)
+        facts = {"design": index, "kind": printed.kind, "pixels": pixels}
+        measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": peers}
+        return facts | {name: np.array(values) for name, values in measured_as.items()}
+
+    def _chi_squares(self, measured: NDArray[np.uint16], seen: Prediction, seed: int) -> tuple[float, float]:
+        top_codes = [sensor.top_code_dn for sensor in self.press.sensors]
+        evidence = gather(
+            measured, seen.expected_dn, seen.variance_dn2, top_codes_dn=top_codes, seed=seed, threads=1
+        )
+        shares = interval_shares()
+        page, tiles = pearson(evidence.histogram, shares), pearson(evidence.tile_histogram, shares)
+        return float(page.sum()), float(tiles.sum(axis=0).max())
+
+    def _peers(
+        self, measured: NDArray[np.uint16], seen: Prediction, place: int, same: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Peers' scores; ``same``: those of a scan with the same expected signal, which is all that two of them see."""
+        white = [sensor.white_dn for sensor in self.press.sensors]
+        if same is None:
+            difference = absolute_difference(measured, seen.expected_dn, white_dn=white).local
+            unlike = dissimilarity(measured, seen.expected_dn, white_dn=white).mean
+        else:
+            difference, unlike = same[DIFFERENCE], same[SSIM]
+        far = [
+            model.score(measured, seen.expected_dn, seen.variance_dn2, white_dn=white)
+            for model in (self.learned.variations[0], self.learned.variations[place])
+        ]
+        return np.array([difference, unlike, *far])
+
+
+def _units(z: NDArray[np.float32]) -> NDArray[np.float64]:
+    return np.stack([window_unit(window_means(z, side=side)) for side in SIDES])
+
+
+def _numbers(
+    z: NDArray[np.float32], kept: NDArray[np.float64], own: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(sides, sensors, 7); units (sides, sensors)."""
+    found = np.empty((len(SIDES), len(z), 7))
+    place = (-2, -1)
+    for cut, side in enumerate(SIDES):
+        means = window_means(z, side=side)
+        magnitude = np.abs(means)
+        found[cut, :, MEAN], found[cut, :, MINIMUM] = means.mean(place, np.float64), means.min(place)
+        found[cut, :, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
+        found[cut, :, LEAST_MAGNITUDE] = magnitude.min(place)
+        for column, unit in (
+            (SHARE_AS_PRINTED, np.ones(len(z))),
+            (SHARE_KEPT, kept[cut]),
+            (SHARE_LEARNED, own[cut]),
+        ):
+            below = magnitude < (SHARE_SIGMAS * unit)[:, None, None]
+            found[cut, :, column] = below.mean(place)
+    return found

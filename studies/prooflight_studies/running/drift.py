@@ -1,0 +1,216 @@
+"""What creeps: a density that drifts, a streak that grows, a lamp that ages; print after print of the press world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.line.following import Adapting
+from prooflight.line.monitor.channels import INKS
+from prooflight.line.monitor.evidence import columns, columns_mm, fitted_amounts, known_shares
+from prooflight.line.monitor.run import PageEvidence, RunLevel
+from prooflight.prediction.predict import predict
+from prooflight.simulation.fast import fast_scan
+from prooflight.simulation.prints import Print
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import amounts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.analysis import PreparedPage
+    from prooflight.line.monitor.run import Announcement
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+WELL_KNOWN: Final = 0.5
+"""Share of an ink's amount that pages must tell on which its drift is watched."""
+DRIFT_A_PAGE: Final = 0.0005
+"""The issue's: 0.05 % of the density."""
+TOLERANCE: Final = 0.07
+"""Where worlds.toml's misprint `density` begins."""
+GATE_INK: Final = 0.02
+"""Where worlds.toml's misprint `streak` begins, of a whole ink."""
+STREAK_A_PAGE: Final = 0.0002
+STREAK_MM: Final = 0.5
+LAMP_A_PAGE: Final = 0.0001
+"""A lamp that loses 1 % in 100 pages, much faster than lamps do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Creep:
+    """What changes, by sheet."""
+
+    gain: float = 0.0
+    """Of one ink, a page."""
+    ink: int = 0
+    """Which; C, M, Y, K."""
+    streak: float = 0.0
+    """Of black ink in a column, a page."""
+    lamp: float = 0.0
+    """Light lost, a page."""
+    good_pages: int = 0
+    """Before it begins."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CreepRun:
+    """One run of one press on one day: print, look, add up."""
+
+    press: Press
+    pages: tuple[Page, ...]
+    ready: tuple[PreparedPage, ...]
+
+    @classmethod
+    def of(cls, press: Press, pages: Iterable[Page], *, ink: int | None = None, most: int = 6) -> CreepRun:
+        """Designs made ready; of an ink, only those on which the press's sensors can tell it from the others."""
+        geometry, sensors = press.geometry, press.sensors
+        found = []
+        for page in pages:
+            expected = predict(page, sensors=sensors, geometry=geometry)
+            ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
+            scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
+            if ink is not None:
+                looked = look(ready, scan, sensors=sensors, geometry=geometry)
+                if not looked.found.found or known_shares(looked.fit)[ink] < WELL_KNOWN:
+                    continue
+            found.append((page, ready))
+            if len(found) == most:
+                break
+        return cls(press=press, pages=tuple(one for one, _ in found), ready=tuple(one for _, one in found))
+
+    def run(
+        self,
+        creep: Creep,
+        sheets: int,
+        *,
+        seed: int,
+        stop: Callable[[Announcement], bool],
+        follow: bool = True,
+    ) -> dict[str, Any]:
+        """Until an announcement that ``stop`` knows; what was true then."""
+        press, rng = self.press, np.random.default_rng([seed, 1])
+        session = Session.draw(amounts_of(press), press, np.random.default_rng([seed, 0]))
+        level = RunLevel.begin(
+            sensors=[one.name for one in press.sensors], columns_mm=columns_mm(press), costs=press.costs
+        )
+        adapting = Adapting.begin(press)
+        first_out, other = None, 0
+        for sheet in range(sheets):
+            since = max(sheet - creep.good_pages, 0)
+            page, print_ = self._print(creep, since, sheet, session, rng)
+            gain = session.ink_gain[creep.ink] + print_.ink_gain[creep.ink]
+            if first_out is None and since and abs(gain) > TOLERANCE:
+                first_out = since
+            scan = fast_scan(page, press, session, print_, rng=rng)
+            evidence = self._evidence(sheet, scan)
+            if follow:
+                adapting.see(evidence.values)
+            for one in level.see(sheet, evidence, pages_left=2000):
+                if stop(one):
+                    return {
+                        "announced": since,
+                        "first_out": first_out,
+                        "level": one.level,
+                        "x_mm": one.x_mm,
+                        "action": one.action,
+                        "text": one.text,
+                        "others": other,
+                        "light": [round(float(one), 5) for one in adapting.level[: len(press.sensors)]],
+                    }
+                other += 1
+        return {"announced": None, "first_out": first_out, "others": other}
+
+    def _print(
+        self, creep: Creep, since: int, sheet: int, session: Session, rng: np.random.Generator
+    ) -> tuple[Page, Print]:
+        page = self.pages[sheet % len(self.pages)]
+        print_ = Print.draw(session, self.press, page, rng)
+        gain = print_.ink_gain.copy()
+        gain[creep.ink] += creep.gain * since
+        print_ = replace(print_, ink_gain=gain, lamp=print_.lamp * (1 - creep.lamp * since))
+        if creep.streak * since:
+            page = replace(page, cmyk=streaked(page, creep.streak * since, rng))
+        return page, print_
+
+    def _evidence(self, sheet: int, scan: NDArray[np.uint16]) -> PageEvidence:
+        press, ready = self.press, self.ready[sheet % len(self.ready)]
+        looked = look(ready, scan, sensors=press.sensors, geometry=press.geometry)
+        if not looked.found.found:
+            return PageEvidence()
+        left_mm = press.geometry.left_mm(ready.page.width_mm) + looked.found.placement.shift_mm[0]
+        excess, light = looked.sums.columns[:2, 0]
+        at_mm = (np.arange(excess.shape[1]) + 0.5) * looked.sums.pixel_mm - left_mm
+        return PageEvidence(
+            values=fitted_amounts(looked, press.sensors),
+            columns=columns(excess, light, np.asarray(at_mm), columns_mm(press).size),
+        )
+
+
+def streaked(page: Page, share: float, rng: np.random.Generator) -> Any:
+    """The page's raster with so much more black in a column, a third of the way across, dithered."""
+    cmyk = page.cmyk.copy()
+    middle, half = cmyk.shape[1] // 3, max(round(STREAK_MM / page.pixel_mm / 2), 1)
+    column = cmyk[:, middle - half : middle + half, 3]
+    more = np.floor(255 * share + rng.random(column.shape)).astype(np.int64)
+    column[:] = np.minimum(column + more, 255).astype(np.uint8)
+    return cmyk
+
+
+def drift_row(
+    run: CreepRun, *, ink: int, seeds: range, good_pages: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """How soon a drift of one ink is announced, beside the first print that is out of tolerance."""
+    rows, name = [], INKS[ink]
+    for seed in seeds:
+        creep = Creep(gain=DRIFT_A_PAGE, ink=ink, good_pages=good_pages)
+        row = run.run(creep, good_pages + 160, seed=seed, stop=lambda one: one.channel == f"gain-{name}")
+        rows.append(row)
+        progress(f"{name} after {good_pages} good pages, day {seed}: {row['announced']} ({row['first_out']})")
+    announced = [row["announced"] for row in rows]
+    before = [
+        row["announced"] is not None and (row["first_out"] is None or row["announced"] < row["first_out"])
+        for row in rows
+    ]
+    known = [page for page in announced if page is not None]
+    return {
+        "ink": name,
+        "sensors": len(run.press.sensors),
+        "designs": len(run.pages),
+        "good_pages": good_pages,
+        "runs": len(rows),
+        "announced": len(known),
+        "before_first_out": int(sum(before)),
+        "median_page": float(np.median(known)) if known else None,
+        "pages": announced,
+        "first_out": [row["first_out"] for row in rows],
+        "others": int(sum(row["others"] for row in rows)),
+        "example": next((row["text"] for row in rows if row.get("text")), ""),
+    }
+
+
+def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) -> dict[str, Any]:
+    """At how much ink a streak that grows is announced, while a lamp that ages is followed."""
+    rows = []
+    for seed in seeds:
+        creep = Creep(streak=STREAK_A_PAGE, lamp=LAMP_A_PAGE, good_pages=40)
+        row = run.run(creep, 40 + 400, seed=seed, stop=lambda one: one.kind == "streak")
+        rows.append(row)
+        progress(f"streak, day {seed}: {row['announced']}")
+    width_mm = run.pages[0].width_mm
+    known = [row for row in rows if row["announced"] is not None]
+    return {
+        "runs": len(rows),
+        "announced": len(known),
+        "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in known],
+        "gate_ink_percent": 100 * GATE_INK,
+        "off_mm": [round(abs(row["x_mm"] - width_mm / 3), 2) for row in known],
+        "followed_percent": [round(100 * row["light"][0], 2) for row in known],
+        "lamp_percent": [round(-100 * LAMP_A_PAGE * row["announced"], 2) for row in known],
+        "example": next((row["text"] for row in known), ""),
+    }

@@ -1,0 +1,263 @@
+"""The running press measured: in real time, as fast as it goes, and through a long run full of faults."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.line.settings import Settings
+from prooflight.line.watching import watched
+from prooflight.pages.process import settle_process
+from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.outcomes import Outcome
+    from prooflight.scans.lines import LineBlock, LineSource
+    from prooflight.simulation.drum import Turn
+    from prooflight_studies.running.rig import Ring
+
+EARLY_SHEET: Final = 100
+"""At which memory is read first."""
+FAULT_SHEETS: Final = 40
+"""From fault to fault, about; never less than 12."""
+NEAR: Final = 3
+"""Sheets behind a fault in which it must be named, and within two of which the pager must be in step."""
+
+
+@dataclass(slots=True)
+class Watcher:
+    """Notes what a run does on the way."""
+
+    progress: Callable[[int], None]
+    early_mb: tuple[int, int] = (0, 0)
+    outcomes: list[tuple[int | None, str, tuple[str, ...], bool]] = field(default_factory=list)
+    """Job page, verdict, faults, and whether it came; of every sheet."""
+    late: list[tuple[int, int]] = field(default_factory=list)
+    """Which sheets were late, counted from 1, and how long after their last line their verdict came. [ms]"""
+
+    def told(self, outcome: Outcome) -> None:
+        """One sheet."""
+        record = outcome.record
+        self.outcomes.append((record.job_page, record.verdict.verdict, record.faults, outcome.came))
+        if record.late and outcome.latency_s is not None:
+            self.late.append((len(self.outcomes), round(1000 * outcome.latency_s)))
+        if len(self.outcomes) == EARLY_SHEET:
+            self.early_mb = memory_mb()
+        self.progress(len(self.outcomes))
+
+
+class Metered:
+    """A source that notes what it costs: the drum's processor time, apart from the inspection's."""
+
+    def __init__(self, source: LineSource) -> None:
+        self.sensors, self.pixels = source.sensors, source.pixels
+        self.busy_s = 0.0
+        self._source = source
+
+    def blocks(self) -> Iterator[LineBlock]:
+        """Those of the source."""
+        blocks = self._source.blocks()
+        while True:
+            begun_s = time.thread_time()
+            block = next(blocks, None)
+            self.busy_s += time.thread_time() - begun_s
+            if block is None:
+                return
+            yield block
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+
+def live_row(
+    name: str,
+    inspector: Inspector,
+    ring: Ring,
+    *,
+    pages_per_s: float | None,
+    inspectors: int,
+    progress: Callable[[int], None],
+) -> dict[str, Any]:
+    """One run of the drum; pages_per_s None: as fast as sheets are taken."""
+    press, watcher = inspector.press, Watcher(progress=progress)
+    drum = Metered(Drum(ring.scans, press=press, passing=turns(ring.sheets, {}), pages_per_s=pages_per_s))
+    waits = pages_per_s is None
+    settings = Settings(source_waits=waits, source_clock=True, inspectors=inspectors)
+    settle_process()
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    running.start()
+    while running.status().phase in ("waiting", "preparing"):
+        running.join(0.05)
+    begun_s, cpu_s = time.perf_counter(), time.process_time()
+    running.join()
+    elapsed_s, status = time.perf_counter() - begun_s, running.status()
+    if status.phase == "fault":
+        raise RuntimeError(status.detail)
+    verdict = status.stages["verdict"]
+    return {
+        "name": name,
+        "detector": inspector.judge.name,
+        "promise": inspector.promise,
+        "sensors": len(press.sensors),
+        "designs": len(ring.pages) if ring.repeated else ring.sheets,
+        "prints": len(ring.scans),
+        "sheets": status.pages_seen,
+        "asked_pages_per_s": pages_per_s,
+        "pages_per_s": round(status.pages_seen / elapsed_s, 3),
+        "late": status.late,
+        "late_sheets": watcher.late,
+        "not_inspected": status.not_inspected,
+        "misprints": status.misprints,
+        "faults": dict(status.faults),
+        "verdict_ms": {
+            "median": verdict.median_ms,
+            "p99": verdict.p99_ms,
+            "p99.9": verdict.p999_ms,
+            "greatest": verdict.greatest_ms,
+        },
+        "stages_ms": {stage: times.median_ms for stage, times in status.stages.items()},
+        "prepared": status.stages["prepare"].count,
+        "memory_mb": {str(EARLY_SHEET): watcher.early_mb, "end": memory_mb()},
+        "cpu_s_a_page": round((time.process_time() - cpu_s - drum.busy_s) / max(status.pages_seen, 1), 4),
+        "drum_cpu_s_a_page": round(drum.busy_s / max(status.pages_seen, 1), 5),
+        "cores": os.cpu_count(),
+    }
+
+
+def memory_mb() -> tuple[int, int]:
+    """Memory that this process holds now: its own, and of files (the ring's pages); 0 where the system does not tell.
+
+    [1e6 bytes]
+    """
+    try:
+        rows = dict(row.split(":", 1) for row in Path("/proc/self/status").read_text().splitlines())
+    except OSError:
+        return 0, 0
+    own, files = (round(int(rows[name].split()[0]) * 1024 / 1e6) for name in ("RssAnon", "RssFile"))
+    return own, files
+
+
+def soak_faults(sheets: int, rng: np.random.Generator) -> dict[int, DrumFault]:
+    """Random faults of all kinds, 12 sheets apart or more, `FAULT_SHEETS` on average."""
+    faults, sheet = {}, 12
+    while sheet < sheets - 12:
+        kinds = (*ORDER_FAULTS, *LINE_FAULTS)
+        faults[sheet] = DrumFault.draw(kinds[int(rng.integers(len(kinds)))], rng)
+        sheet += 12 + int(rng.exponential(FAULT_SHEETS - 12))
+    return faults
+
+
+def soak_row(
+    inspector: Inspector,
+    ring: Ring,
+    blank: NDArray[np.uint16],
+    foreign: NDArray[np.uint16],
+    *,
+    seed: int,
+    inspectors: int,
+    progress: Callable[[int], None],
+) -> dict[str, Any]:
+    """A long run with faults: were they named, was the job found again, did they raise alarms elsewhere?"""
+    faults = soak_faults(ring.sheets, np.random.default_rng([seed, 5]))
+    passing = turns(ring.sheets, faults)
+    drum = Drum(ring.scans, press=inspector.press, passing=passing, blank=blank, foreign=foreign)
+    watcher = Watcher(progress=progress)
+    settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
+    settle_process()
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    begun_s = time.perf_counter()
+    running.start()
+    running.join()
+    status = running.status()
+    if status.phase == "fault":
+        raise RuntimeError(status.detail)
+    shown = [
+        turn for turn in passing if turn.page is not None or (turn.fault and turn.fault.kind != "missing")
+    ]
+    came = [one for one in watcher.outcomes if one[3]]
+    return {
+        "detector": inspector.judge.name,
+        "sheets": status.pages_seen,
+        "expected_sheets": len(shown),
+        "seconds": round(time.perf_counter() - begun_s, 1),
+        "faults": len(faults),
+        "memory_mb": {str(EARLY_SHEET): watcher.early_mb, "end": memory_mb()},
+        **_named(faults, watcher.outcomes),
+        **_in_step(shown, came, faults),
+        **_alarms(shown, came, len(ring.scans)),
+    }
+
+
+def _named(
+    faults: dict[int, DrumFault], outcomes: list[tuple[int | None, str, tuple[str, ...], bool]]
+) -> dict[str, Any]:
+    """Faults whose kind stands in the journal at the sheet of the job concerned, or beside it."""
+    at: dict[int, set[str]] = {}
+    page = 0
+    for job_page, _, kinds, _ in outcomes:
+        page = page if job_page is None else job_page
+        for near in range(page - NEAR, page + NEAR + 1):
+            at.setdefault(near, set()).update(kinds)
+    made, named = Counter(fault.kind for fault in faults.values()), Counter[str]()
+    unnamed = []
+    for sheet, fault in faults.items():
+        if fault.kind in at.get(sheet, set()):
+            named[fault.kind] += 1
+        else:
+            unnamed.append({"sheet": sheet, "kind": fault.kind, "said": sorted(at.get(sheet, set()))})
+    return {
+        "named": {kind: f"{named[kind]} of {count}" for kind, count in sorted(made.items())},
+        "unnamed": unnamed,
+    }
+
+
+def _in_step(
+    shown: list[Turn],
+    came: list[tuple[int | None, str, tuple[str, ...], bool]],
+    faults: dict[int, DrumFault],
+) -> dict[str, Any]:
+    """Sheets taken for another page than they show, and for how long after a fault."""
+    if len(shown) != len(came):
+        return {"in_step": f"{len(came)} sheets seen, {len(shown)} shown", "steps_lost": None}
+    wrong = [
+        index
+        for index, (turn, one) in enumerate(zip(shown, came, strict=True))
+        if turn.page is not None and one[0] != turn.page
+    ]
+    starts = [index for index, turn in enumerate(shown) if turn.fault is not None or turn.page in faults]
+    after = [min((index - start for start in starts if start <= index), default=-1) for index in wrong]
+    return {"taken_for_another_page": len(wrong), "steps_lost": max(after, default=-1) + 1}
+
+
+def _alarms(
+    shown: list[Turn], came: list[tuple[int | None, str, tuple[str, ...], bool]], prints: int
+) -> dict[str, Any]:
+    """Alarms of sheets without a fault: of prints that mostly pass, near a fault and elsewhere."""
+    if len(shown) != len(came):
+        return {}
+    of_print: dict[int, list[bool]] = {}
+    for turn, one in zip(shown, came, strict=True):
+        if turn.page is not None and turn.fault is None and not one[2]:
+            of_print.setdefault(turn.page % prints, []).append(one[1] == "misprint")
+    passes = {number for number, alarms in of_print.items() if np.mean(alarms) < 0.5}
+    near = {i + k for i, one in enumerate(came) if one[2] for k in range(1, NEAR + 1)}
+    counts = Counter[str]()
+    for index, (turn, one) in enumerate(zip(shown, came, strict=True)):
+        if turn.page is None or turn.fault is not None or one[2] or turn.page % prints not in passes:
+            continue
+        where = "near" if index in near else "elsewhere"
+        counts[f"{where}_sheets"] += 1
+        counts[f"{where}_alarms"] += one[1] == "misprint"
+    return {"alarms": dict(counts), "prints_that_alarm_anyway": len(of_print) - len(passes)}

@@ -1,0 +1,180 @@
+"""What the running study runs on: designs, prints made ready on disk, and books of sheets over them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.files.atomic import whole_file
+from prooflight.pages.parallel import in_order
+from prooflight.pages.raster import Page
+from prooflight.simulation.corpus.corpus import BLACK_ALONE, IN_BLACK, IN_COLOUR, design_name, design_page
+from prooflight.simulation.corpus.designs.chance import often, pick_weighted
+from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.sheet import Sheet
+from prooflight.simulation.fast import fast_scan
+from prooflight.simulation.prints import Print
+from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.worlds import amounts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
+
+DESIGN_SEED: Final = 90_000
+"""Of designs that no other study draws."""
+PIECE_MM: Final = (36.0, 44.0)
+"""Small sheets, for what takes many of them."""
+PIECES_TRIED: Final = 6
+SYSTEM_PAGE: Final = 4096
+"""Bytes, at most, that the system reads at once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class A4Designs:
+    """Composed designs, all of A4."""
+
+    seed: int
+    dpi: float
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+        rng = np.random.default_rng([self.seed, index])
+        black_alone = often(rng, BLACK_ALONE)
+        layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
+        look = Look.draw(rng, black_alone=black_alone)
+        sheet = Sheet(width_mm=210.0, height_mm=297.0, dpi=self.dpi)
+        layout(sheet, rng, look)
+        return Page(cmyk=sheet.cmyk, dpi=self.dpi, name=design_name(index), number=index + 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pieces:
+    """Small pages, cut out of composed designs where these are busiest."""
+
+    seed: int
+    dpi: float
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+        whole = design_page(self.seed, index, dpi=self.dpi).cmyk
+        columns, rows = (round(extent * self.dpi / 25.4) for extent in PIECE_MM)
+        rng = np.random.default_rng([self.seed, index, 1])
+        places = [
+            (
+                int(rng.integers(0, whole.shape[0] - rows + 1)),
+                int(rng.integers(0, whole.shape[1] - columns + 1)),
+            )
+            for _ in range(PIECES_TRIED)
+        ]
+        cuts = [whole[top : top + rows, left : left + columns] for top, left in places]
+        busiest = max(cuts, key=lambda cut: float(np.abs(np.diff(cut[::4, ::4].astype(int), axis=1)).mean()))
+        return Page(
+            cmyk=np.ascontiguousarray(busiest), dpi=self.dpi, name=design_name(index), number=index + 1
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintWork:
+    """Prints of the press world onto the disk; small and picklable."""
+
+    press: Press
+    designs: A4Designs | Pieces
+    folder: Path
+    count: int
+    """Designs."""
+    seed: int
+
+    def __call__(self, index: int) -> None:
+        """Print ``index``, of design index modulo their number, unless it is there already."""
+        scan_file = self.folder / f"scan{index:04}.npy"
+        if scan_file.exists():
+            return
+        design = index % self.count
+        page_file = self.folder / f"page{design:04}.npy"
+        page = self.press.geometry.lay(self.designs.page(design))
+        if not page_file.exists():
+            _save(page_file, page.cmyk)
+        session = day(self.press, self.seed)
+        rng = np.random.default_rng([self.seed, index, 2])
+        print_ = Print.draw(session, self.press, page, rng)
+        _save(scan_file, fast_scan(page, self.press, session, print_, rng=rng))
+
+
+def _save(path: Path, array: NDArray[Any]) -> None:
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:
+        np.save(file, array)
+
+
+@lru_cache(maxsize=1)
+def day(press: Press, seed: int) -> Session:
+    """The session of all prints of a seed, one object a process."""
+    return Session.draw(amounts_of(press), press, session_rng(seed))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ring:
+    """Prints ready to be played, and the pages they are of; a ``PageBook``."""
+
+    scans: list[NDArray[np.uint16]]
+    pages: tuple[Page, ...]
+    sheets: int
+    repeated: bool
+    """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
+
+    def __len__(self) -> int:
+        return self.sheets
+
+    def design(self, sheet: int) -> int:
+        """See ``PageBook``."""
+        return sheet % len(self.pages) if self.repeated else sheet
+
+    def page(self, sheet: int) -> Page:
+        """See ``PageBook``."""
+        return self.pages[sheet % len(self.pages)]
+
+
+def ring(
+    press: Press,
+    designs: A4Designs | Pieces,
+    folder: Path,
+    *,
+    count: int,
+    prints: int,
+    sheets: int,
+    repeated: bool,
+    seed: int,
+    shown: Callable[[Iterator[None], int], Iterator[None]],
+) -> Ring:
+    """``prints`` prints of ``count`` designs, rendered where they are not on the disk yet; scans lie in memory."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _same_press(folder / "press.json", press)
+    work = PrintWork(press=press, designs=designs, folder=folder, count=count, seed=seed)
+    todo = [index for index in range(prints) if not (folder / f"scan{index:04}.npy").exists()]
+    for _ in shown(in_order(work, todo), len(todo)):
+        pass
+    pages = []
+    for index in range(count):
+        cmyk = np.asarray(np.load(folder / f"page{index:04}.npy", mmap_mode="r"))
+        # In memory before the run begins: no press renders from a cold disk.
+        cmyk.ravel()[::SYSTEM_PAGE].max()
+        pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
+    scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
+    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated)
+
+
+def _same_press(path: Path, press: Press) -> None:
+    """Prints of another press are thrown away. What was taught to a press changes no print."""
+    digest = replace(press, ours=None, bayes=None).digest
+    if path.exists() and json.loads(path.read_text())["press"] != digest:
+        for file in path.parent.glob("*.npy"):
+            file.unlink()
+    path.write_text(json.dumps({"press": digest}))

@@ -1,0 +1,290 @@
+"""``prooflight study running``: everything that is said of the running press, measured part by part.
+
+Each part's figures go into the cache as soon as they are there, and running.md is written again with them, so that an
+interrupted study goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training.train import taught
+from prooflight.files.atomic import whole_file
+from prooflight.inspection.inspector import Inspector
+from prooflight.press.artefact import Press
+from prooflight.press.press_file import TWO_SENSORS, PressFile
+from prooflight.simulation.fast import fast_scan
+from prooflight.simulation.prints import Print
+from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
+from prooflight_studies.running.live import live_row, soak_row
+from prooflight_studies.running.page import running_page
+from prooflight_studies.running.picture import draw_live
+from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "picture")
+SMALL_PIXELS: Final = 400
+PAGES_PER_S: Final = 5.0
+OURS_SHARE: Final = 0.7
+"""Of its highest sustained speed, at which our detector is then run in real time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How much of everything."""
+
+    prints: int
+    designs: int
+    """Repeated ones."""
+    live_sheets: int
+    fast_sheets: int
+    soak_sheets: int
+    taught_designs: int
+    """Small ones, that teach the press of the soak and the picture."""
+    taught_pages: int
+    """Of A4, that teach the press of the real-time rows of our detector."""
+    days: int
+    """Of runs that drift."""
+
+    @classmethod
+    def of(cls, *, quick: bool) -> Plan:
+        """The whole study, or some minutes' version."""
+        if quick:
+            return cls(
+                prints=8,
+                designs=4,
+                live_sheets=40,
+                fast_sheets=24,
+                soak_sheets=200,
+                taught_designs=48,
+                taught_pages=24,
+                days=2,
+            )
+        return cls(
+            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, taught_designs=96,
+            taught_pages=48, days=6,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """Where it works and with what."""
+
+    out: Path
+    cache: Path
+    plan: Plan
+    seed: int
+    one: Path | None
+    """A press with one sensor, taught; None: the prototype, untaught."""
+    two: Path | None
+    """A press with two sensors."""
+    inspectors: int
+    progress: Callable[[str], None]
+
+    def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
+        """Measure what is not in the cache yet; again: all parts named."""
+        for part in parts:
+            if part in self._known() and not again:
+                self.progress(f"{part}: known")
+                continue
+            self.progress(f"{part}")
+            measured = getattr(self, f"_{part}")()
+            with whole_file(self._results) as unfinished:
+                unfinished.write_text(json.dumps(self._known() | {part: measured}, indent=1))
+            self._write_page()
+        self._write_page()
+        return self._known()
+
+    # --- parts ---
+
+    def _repeated(self) -> list[dict[str, Any]]:
+        press = self._press("two", self.two, TWO_SENSORS)
+        return self._live("repeated designs", press, count=self.plan.designs, repeated=True)
+
+    def _different(self) -> list[dict[str, Any]]:
+        press = self._press("one", self.one, "prototype.toml")
+        return self._live("all pages different", press, count=self.plan.prints, repeated=False)
+
+    def _live(self, name: str, press: Press, *, count: int, repeated: bool) -> list[dict[str, Any]]:
+        """At the speed asked for, and as fast as it goes."""
+        prints = self._ring(
+            press, f"{len(press.sensors)}-{count}", count, self.plan.prints, repeated=repeated
+        )
+        return [
+            self._row(name, press, prints, rate, sheets)
+            for rate, sheets in ((PAGES_PER_S, self.plan.live_sheets), (None, self.plan.fast_sheets))
+        ]
+
+    def _ours(self) -> list[dict[str, Any]]:
+        """Repeated designs under our detector: as fast as it goes, and in real time at a pace that it sustains."""
+        press, designs, sheets = (
+            self._press("one", self.one, "prototype.toml"),
+            self.plan.designs,
+            self.plan.live_sheets,
+        )
+        prints = self._ring(
+            press, f"1-{self.plan.prints}", designs, designs, repeated=True
+        )  # those that all differ
+        press = self._taught_a4()
+        fast = self._row("repeated designs", press, prints, None, sheets // 20)
+        rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
+        return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
+
+    def _row(self, name: str, press: Press, prints: Ring, rate: float | None, sheets: int) -> dict[str, Any]:
+        row = live_row(
+            name,
+            Inspector.of(press),
+            replace(prints, sheets=sheets),
+            pages_per_s=rate,
+            inspectors=self.inspectors,
+            progress=self._counted(f"{name} at {rate or 'full'} speed", sheets),
+        )
+        self.progress(json.dumps(row))
+        return row
+
+    def _soak(self) -> dict[str, Any]:
+        press = self._small()
+        pieces = Pieces(seed=DESIGN_SEED + 1, dpi=press.dpi)
+        # Whole pages first, so that a piece is no page of the job.
+        prints = self._ring(
+            press, "soak", 24, 48, repeated=True, designs=pieces, sheets=self.plan.soak_sheets
+        )
+        strangers = []
+        for cmyk in (np.zeros_like(prints.pages[0].cmyk), pieces.page(1000).cmyk):
+            page, rng = replace(prints.pages[0], cmyk=cmyk), np.random.default_rng([self.seed, 8])
+            session = day(press, self.seed)
+            strangers.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng))
+        return soak_row(
+            Inspector.of(press),
+            prints,
+            strangers[0],
+            strangers[1],
+            seed=self.seed,
+            inspectors=self.inspectors,
+            progress=self._counted("soak", self.plan.soak_sheets),
+        )
+
+    def _drift(self) -> list[dict[str, Any]]:
+        rows, days = [], range(self.seed, self.seed + self.plan.days)
+        for press, ink in ((self._untaught("prototype.toml"), 3), (self._untaught("rgb-line.toml"), 1)):
+            pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
+            run = CreepRun.of(press, (press.geometry.lay(pieces.page(i)) for i in range(120)), ink=ink)
+            for good_pages in (0, 100):
+                rows.append(
+                    drift_row(run, ink=ink, seeds=days, good_pages=good_pages, progress=self.progress)
+                )
+        return rows
+
+    def _streak(self) -> dict[str, Any]:
+        press = self._untaught("prototype.toml")
+        pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
+        run = CreepRun.of(press, (press.geometry.lay(pieces.page(index)) for index in range(6)))
+        days = range(self.seed + 100, self.seed + 100 + self.plan.days)
+        return streak_row(run, seeds=days, progress=self.progress)
+
+    def _picture(self) -> dict[str, Any]:
+        press = self._small()
+        pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
+        pages = tuple(press.geometry.lay(pieces.page(index)) for index in range(6))
+        path = self.out / "running-live.svg"
+        text = draw_live(path, Inspector.of(press), pages, seed=self.seed)
+        return {"picture": path.name, "text": text}
+
+    # --- what they need ---
+
+    def _untaught(self, preset: str) -> Press:
+        """A preset with a line of 400 pixels."""
+        return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
+
+    def _ring(
+        self,
+        press: Press,
+        name: str,
+        count: int,
+        prints: int,
+        *,
+        repeated: bool,
+        designs: A4Designs | Pieces | None = None,
+        sheets: int = 1,
+    ) -> Ring:
+        return ring(
+            press,
+            designs or A4Designs(seed=DESIGN_SEED, dpi=press.dpi),
+            self.cache / "running" / f"ring-{name}",
+            count=count,
+            prints=prints,
+            sheets=sheets,
+            repeated=repeated,
+            seed=self.seed,
+            shown=self._rendering,
+        )
+
+    def _rendering(self, items: Iterator[None], total: int) -> Iterator[None]:
+        for number, item in enumerate(items, start=1):
+            if number % 10 == 0 or number == total:
+                self.progress(f"rendered {number} of {total}")
+            yield item
+
+    def _press(self, name: str, given: Path | None, preset: str) -> Press:
+        """The press given, or a preset's, built once."""
+        if given is not None:
+            return Press.load(given)
+        path = self.cache / "running" / f"{name}.press"
+        if not path.exists():
+            build_press(PressFile.preset(preset), seed=1).save(path)
+        return Press.load(path)
+
+    def _taught_a4(self) -> Press:
+        """The press with one sensor, taught by A4 designs of its own, once, unless it came taught."""
+        press = self._press("one", self.one, "prototype.toml")
+        if press.ours is not None:
+            return press
+        path = self.cache / "running" / f"one-taught-{self.plan.taught_pages}.press"
+        if not path.exists():
+            rarely = replace(press, good_pages_per_false_alarm=self.plan.taught_pages / 4)
+            designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
+            self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
+            taught(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+        return Press.load(path)
+
+    def _small(self) -> Press:
+        """The prototype with a line of 400 pixels, taught by pieces of designs, once."""
+        path = self.cache / "running" / f"small-{self.plan.taught_designs}.press"
+        if not path.exists():
+            press = build_press(PressFile.prototype(), seed=1, pixels=SMALL_PIXELS)
+            rarely = replace(press, good_pages_per_false_alarm=min(100.0, self.plan.taught_designs / 4))
+            designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
+            self.progress(f"teaching a small press by {self.plan.taught_designs} designs")
+            taught(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
+        return Press.load(path)
+
+    def _counted(self, what: str, total: int) -> Callable[[int], None]:
+        step = max(total // 10, 1)
+
+        def count(number: int) -> None:
+            if number % step == 0:
+                self.progress(f"{what}: {number} of {total}")
+
+        return count
+
+    # --- results ---
+
+    @property
+    def _results(self) -> Path:
+        return self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json"
+
+    def _known(self) -> dict[str, Any]:
+        return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
+
+    def _write_page(self) -> None:
+        with whole_file(self.out / "running.md") as unfinished:
+            unfinished.write_text(running_page(self._known(), cores=os.cpu_count() or 1), encoding="utf-8")

@@ -1,0 +1,161 @@
+"""What the soak plays: prints of whole designs and of forms that differ in three words; and the faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.line.pager import thumbnail_of
+from prooflight.prediction.predict import predict
+from prooflight.simulation.corpus.corpus import design_page
+from prooflight.simulation.corpus.designs.faces import OutlineFace
+from prooflight.simulation.corpus.designs.sheet import Sheet
+from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault
+from prooflight.simulation.scans import page_rng, scan_page
+from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.worlds import amounts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.line.pager import Thumbnail
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.drum import Turn
+
+WORDS: Final = 3
+"""By which the forms of one template differ."""
+FIELD_MM: Final = (34.0, 6.0)
+LETTERS: Final = "ABCDEFGHKLMNPRSTUVWXYZ"
+TYPE_PT: Final = 11.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SoakRing:
+    """A job printed once in the press world, and two sheets that are none of it."""
+
+    thumbnails: tuple[Thumbnail, ...]
+    scans: tuple[NDArray[np.uint16], ...]
+    blank: NDArray[np.uint16]
+    foreign: NDArray[np.uint16]
+
+
+def soak_ring(
+    press: Press,
+    *,
+    designs: int,
+    templates: int,
+    forms: int,
+    seed: int,
+    progress: Callable[[str], None],
+) -> SoakRing:
+    """Print a job: so many whole designs, then so many forms of each of some templates, one after the other."""
+    session = Session.draw(amounts_of(press), press, session_rng(seed))
+    thumbnails, scans = [], []
+
+    def printed(page: Page, index: int) -> NDArray[np.uint16]:
+        rng = page_rng(seed, index)
+        scan = scan_page(
+            page, press=press, request=None, others=(), fetch=lambda _: page, rng=rng, session=session
+        )
+        return scan.dn
+
+    count = designs + templates * forms
+    for index, drawn in enumerate(_pages(press.dpi, designs, templates, forms, seed)):
+        progress(f"printing page {index + 1} of {count}")
+        page = press.geometry.lay(drawn)
+        good = predict(page, sensors=press.sensors, geometry=press.geometry)
+        thumbnails.append(thumbnail_of(page, good, press))
+        scans.append(printed(page, index))
+    stranger = design_page(seed, count + 1000, dpi=press.dpi)
+    white = replace(stranger, cmyk=np.zeros_like(stranger.cmyk))
+    return SoakRing(
+        thumbnails=tuple(thumbnails),
+        scans=tuple(scans),
+        blank=printed(white, count),
+        foreign=printed(stranger, count + 1),
+    )
+
+
+def _pages(dpi: float, designs: int, templates: int, forms: int, seed: int) -> Iterator[Page]:
+    for index in range(designs):
+        yield design_page(seed, index, dpi=dpi)
+    for template in range(templates):
+        empty = design_page(seed, designs + template, dpi=dpi)
+        rng = np.random.default_rng([seed, template, 3])
+        high, wide = (extent - size for extent, size in zip(_extent(empty), FIELD_MM[::-1], strict=True))
+        places = [
+            (float(rng.uniform(10, wide - 10)), float(rng.uniform(10, high - 10))) for _ in range(WORDS)
+        ]
+        for _ in range(forms):
+            yield _filled_in(empty, places, rng)
+
+
+def _extent(page: Page) -> tuple[float, float]:
+    return page.height_mm, page.width_mm
+
+
+def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random.Generator) -> Page:
+    """A form with its own words in white fields."""
+    cmyk = empty.cmyk.copy()
+    for x_mm, y_mm in places_mm:
+        field = Sheet(width_mm=FIELD_MM[0], height_mm=FIELD_MM[1], dpi=empty.dpi)
+        word = "".join(rng.choice(list(LETTERS), 8))
+        field.words(1.0, 4.6, word, OutlineFace("DejaVuSans"), TYPE_PT)
+        top, left = round(y_mm / empty.pixel_mm), round(x_mm / empty.pixel_mm)
+        rows, columns = field.cmyk.shape[:2]
+        cmyk[top : top + rows, left : left + columns] = field.cmyk
+    return replace(empty, cmyk=cmyk)
+
+
+def drawn_faults(sheets: int, *, every: int, apart: int, rng: np.random.Generator) -> dict[int, DrumFault]:
+    """Faults of all kinds, evenly, about every so many sheets and at least ``apart`` sheets from each other."""
+    kinds = (*ORDER_FAULTS, *LINE_FAULTS)
+    faults, sheet = dict[int, DrumFault](), apart
+    while True:
+        sheet += apart + int(rng.geometric(1 / (every - apart + 1)) - 1)
+        if sheet >= sheets - apart:
+            return faults
+        faults[sheet] = DrumFault.draw(kinds[int(rng.integers(len(kinds)))], rng)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passed:
+    """A sheet that passes the camera, as it is in truth."""
+
+    page: int | None
+    """None: none of the job's."""
+    fault: int | None
+    """Index of the fault, among those drawn, that concerns it; None: none does."""
+
+
+def truth(passing: list[Turn], faults: dict[int, DrumFault]) -> list[Passed]:
+    """Sheets that pass, one an entry. A fault concerns its own sheet, both of two that changed places, the second of a
+    page that came twice, and the one behind a page that did not come.
+    """
+    number = {sheet: index for index, sheet in enumerate(faults)}
+    of_fault = {id(fault): number[sheet] for sheet, fault in faults.items()}
+    swapped = {
+        place: number[sheet]
+        for sheet, fault in faults.items()
+        if fault.kind == "out-of-order"
+        for place in (sheet, sheet + 1)
+    }
+    twice = {sheet: number[sheet] for sheet, fault in faults.items() if fault.kind == "repeated"}
+    sheets, behind, came = list[Passed](), None, set[int]()
+    for turn in passing:
+        if turn.fault is not None and turn.fault.kind == "missing":
+            behind = of_fault[id(turn.fault)]
+            continue
+        fault = behind if turn.fault is None else of_fault[id(turn.fault)]
+        if fault is None and turn.page is not None:
+            fault = swapped.get(turn.page, twice.get(turn.page) if turn.page in came else None)
+        if turn.page is not None:
+            came.add(turn.page)
+        sheets.append(Passed(page=turn.page, fault=fault))
+        behind = None
+    return sheets

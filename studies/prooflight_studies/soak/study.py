@@ -1,0 +1,216 @@
+"""An hour of pages with random faults of the paper path and the camera, as fast as possible; writes ``soak.md``."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import zlib
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.journal.journal import Journal, RunFacts
+from prooflight.line.outcomes import absent, passed
+from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
+from prooflight.press.press_file import PressFile
+from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, turns
+from prooflight_studies.soak.page import SoakFigures, write_soak_page
+from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from prooflight.journal.journal import PageRecord
+    from prooflight.line.pager import Thumbnail
+    from prooflight.press.artefact import Press
+    from prooflight.simulation.drum import DrumFault, Turn
+    from prooflight_studies.soak.sheets import Passed, SoakRing
+
+SHEETS, QUICK_SHEETS = 3600, 240
+"""An hour at a page a second, the paper's slowest."""
+FAULT_EVERY: Final = 12
+"""Sheets from fault to fault, on average; a press with so many would be stopped."""
+APART: Final = 6
+"""Sheets between faults at least, so that it can be told which of them did what."""
+BLOCKS_TIMED: Final = 45
+"""A page's worth."""
+IN_STEP: Final = 2
+"""Sheets from a fault's first on within which the run must be in step again."""
+
+
+def run_soak_study(
+    results: Path,
+    *,
+    sheets: int | None = None,
+    seed: int = 11,
+    quick: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> SoakFigures:
+    """Play, page, keep a journal, read it again and compare with the truth; write ``soak.md``."""
+    tell = progress or (lambda _: None)
+    tell("building the press")
+    press = build_press(PressFile.prototype(), seed=1)
+    size = (
+        {"designs": 10, "templates": 1, "forms": 4} if quick else {"designs": 30, "templates": 2, "forms": 8}
+    )
+    ring = soak_ring(press, **size, seed=seed, progress=tell)
+    count = sheets or (QUICK_SHEETS if quick else SHEETS)
+    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=np.random.default_rng([seed, 2]))
+    passing = turns(count, faults)
+    tell("a run without faults")
+    usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))
+    tell(f"{count} sheets with {len(faults)} faults")
+    with tempfile.TemporaryDirectory() as folder:
+        url = f"sqlite:///{Path(folder) / 'soak.db'}"
+        run = _played(press, ring, passing, sheets=count, journal=url)
+        with Journal.open(url, read_only=True) as journal:
+            rows = list(journal.pages(journal.last_run().id))
+    figures = compared(
+        rows,
+        run.digests,
+        truth(passing, faults),
+        faults,
+        _usual(usual, len(ring.scans)),
+        cpu_s=run.cpu_s,
+    )
+    results.mkdir(parents=True, exist_ok=True)
+    write_soak_page(results / "soak.md", figures, size, seed=seed, every=FAULT_EVERY, apart=APART)
+    return figures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """What came out of the pager, in order."""
+
+    digests: tuple[int | None, ...]
+    """Of each record's page in its scan; None: a missing page."""
+    cpu_s: float
+
+
+def _played(
+    press: Press, ring: SoakRing, passing: list[Turn], *, sheets: int, journal: str | None = None
+) -> _Run:
+    drum = Drum(ring.scans, press=press, passing=passing, blank=ring.blank, foreign=ring.foreign)
+    expected = RepeatedJob(ring.thumbnails, sheets)
+    pager = Pager(press, expected=expected)
+    opened = None if journal is None else Journal.open(journal)
+    run_id = 0 if opened is None else opened.begin_run(_facts(press, sheets))
+    digests, cpu_s = list[int | None](), 0.0
+
+    def record(pages: list[SeenPage | MissingPage], time_s: float) -> None:
+        for page in pages:
+            number = len(digests)
+            if isinstance(page, MissingPage):
+                digests.append(None)
+                outcome = absent(number, page, time_s)
+            else:
+                thumbnail = None if page.job_page is None else expected[page.job_page]
+                digests.append(_digest(page, thumbnail, press))
+                outcome = passed(number, page, "only its place in the job is looked at")
+            if opened is not None:
+                opened.record(run_id, outcome.record)
+
+    # The clock is asked once in many blocks: on some machines that takes longer than a block.
+    blocks = drum.blocks()
+    while some := list(islice(blocks, BLOCKS_TIMED)):
+        begun_s = time.process_time()
+        pages = [page for block in some for page in pager.push(block)]
+        cpu_s += time.process_time() - begun_s
+        record(pages, some[-1].time_s)
+    record(pager.flush(), 0.0)
+    if opened is not None:
+        opened.close()
+    return _Run(digests=tuple(digests), cpu_s=cpu_s)
+
+
+def _digest(page: SeenPage, thumbnail: Thumbnail | None, press: Press) -> int:
+    """Of the sheet in its scan; not of the backing before and behind it, which is another in every turn."""
+    geometry = press.geometry
+    first = round(geometry.lead_in_mm / geometry.line_pitch_mm)
+    height_mm = thumbnail.height_mm if thumbnail is not None else 0.0
+    lines = page.scan[:, first : first + int(height_mm / geometry.line_pitch_mm)]
+    return zlib.crc32(np.ascontiguousarray(lines).tobytes())
+
+
+def _facts(press: Press, sheets: int) -> RunFacts:
+    return RunFacts(
+        job="soak",
+        job_digest="",
+        press=press.name,
+        press_digest=press.digest,
+        detector="none",
+        source="drum",
+        started_s=time.time(),
+        sheets=sheets,
+    )
+
+
+def compared(
+    rows: Sequence[PageRecord],
+    digests: Sequence[int | None],
+    sheets: Sequence[Passed],
+    faults: Mapping[int, DrumFault],
+    usual: Mapping[int, int],
+    *,
+    cpu_s: float,
+) -> SoakFigures:
+    """Rows of the journal against what passed.
+
+    digests: of each row's scan, None where the row is of a page that did not come. usual: of each design's scan in a
+    run without faults.
+    """
+    kinds = list(faults.values())
+    came = [row for row, digest in zip(rows, digests, strict=True) if digest is not None]
+    cut = [digest for digest in digests if digest is not None]
+    gone = [row.job_page for row, digest in zip(rows, digests, strict=True) if digest is None]
+    never = {sheet for sheet, fault in faults.items() if fault.kind in ("missing", "blank", "unknown")}
+    counts: dict[str, dict[str, int]] = {
+        kind: {"drawn": 0, "named": 0, "in_step": 0} for kind in (*ORDER_FAULTS, *LINE_FAULTS)
+    }
+    false_faults = wrong_pages = unlike = 0
+    notes = list[str]()
+    first = {sheet.fault: place for place, sheet in reversed(list(enumerate(sheets)))}
+    for number, fault in enumerate(kinds):
+        place, count = first[number], counts[fault.kind]
+        near = {kind for row in came[place : place + IN_STEP] for kind in row.faults}
+        after = range(place + IN_STEP, min(place + APART - 1, len(sheets), len(came)))
+        in_step = all(came[n].job_page == sheets[n].page and not came[n].faults for n in after)
+        count["drawn"] += 1
+        count["named"] += fault.kind in near
+        count["in_step"] += in_step
+        if fault.kind not in near or not in_step:
+            notes.append(
+                f"{fault}: said {', '.join(sorted(near)) or 'nothing'}, {'' if in_step else 'not '}in step"
+            )
+    for place, (sheet, row, digest) in enumerate(zip(sheets, came, cut, strict=False)):
+        if sheet.fault is not None:
+            continue
+        false_faults += bool(row.faults)
+        wrong_pages += row.job_page != sheet.page
+        odd = row.job_page is not None and digest != usual.get(row.job_page % len(usual))
+        unlike += odd
+        if row.faults or row.job_page != sheet.page:
+            notes.append(f"sheet {place}: said page {row.job_page} for {sheet.page}, {', '.join(row.faults)}")
+    return SoakFigures(
+        kinds=counts,
+        sheets=len(sheets),
+        seen=len(came),
+        false_faults=false_faults,
+        wrong_pages=wrong_pages,
+        unlike=unlike,
+        missing_said=len(gone),
+        missing_true=len(never & set(gone)),
+        missing_in_truth=len(never),
+        paging_ms_per_page=1e3 * cpu_s / max(len(sheets), 1),
+        notes=tuple(notes),
+    )
+
+
+def _usual(run: _Run, designs: int) -> dict[int, int]:
+    """Each design's scan in its second turn, without a fault."""
+    second = run.digests[designs : 2 * designs]
+    return {design: digest for design, digest in enumerate(second) if digest is not None}

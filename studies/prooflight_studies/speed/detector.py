@@ -1,0 +1,67 @@
+"""How fast our detector is: what it prepares of a design, how it looks at a scan, what it says of it, and all of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.statistics.families import all_said
+from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.prediction.predict import predict
+from prooflight.scans.placement import Placement
+from prooflight.simulation.scans import ideal_scan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+MOVED = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0.01))
+"""A page off its place as prints of worlds.toml's press world are."""
+
+
+def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
+    """Each step and its camera megapixels; "whole": from a scan to its statistics, of a page prepared or a fresh one.
+
+    "fringes": where planes share edges, prediction follows their fringes (``[inspection] fringes``). Of all
+    sensors together one megapixel is counted, so that two sensors show what they cost.
+    """
+    sensors, geometry = press.sensors, press.geometry
+    expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
+    scan = ideal_scan(expected, press, np.random.default_rng(2))
+    scatter = Scatter.white()
+
+    def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:
+        in_place = predict(page, sensors=sensors, geometry=geometry, threads=1)
+        return prepare_page(
+            page, in_place, sensors=sensors, geometry=geometry, sharing=sharing, fringes=fringes
+        )
+
+    own, shared, followed = (
+        prepared(sharing=False),
+        prepared(sharing=True),
+        prepared(sharing=False, fringes=True),
+    )
+
+    def seen(known: PreparedPage) -> Looked:
+        return look(known, scan, sensors=sensors, geometry=geometry)
+
+    def said(looked: Looked) -> object:
+        return all_said(looked.sums, looked.fit, looked.found, scatter)
+
+    looked = seen(shared)
+    size = scan[0].size / 1e6
+    return {
+        f"our detector: whole, shared prediction, {name}": (lambda: said(seen(shared)), size),
+        f"our detector: whole, each predicted, {name}": (lambda: said(seen(own)), size),
+        f"our detector: whole, fresh design, {name}": (lambda: said(seen(prepared(sharing=False))), size),
+        f"our detector: whole, each predicted, fringes, {name}": (lambda: said(seen(followed)), size),
+        f"our detector: prepare, {name}": (lambda: prepared(sharing=False), size),
+        f"our detector: prepare, fringes, {name}": (lambda: prepared(sharing=False, fringes=True), size),
+        f"our detector: look, {name}": (lambda: seen(shared), size),
+        f"our detector: statistics, {name}": (lambda: said(looked), size),
+    }

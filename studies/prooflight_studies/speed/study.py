@@ -1,0 +1,243 @@
+"""How fast pages are predicted, compared and judged, as ratios to peers measured in the same run."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from PIL import Image
+from scipy import ndimage
+
+from prooflight.inspection.inspector import Inspector
+from prooflight.kernels.compiled import kernel
+from prooflight.kernels.prediction.look_up import NODE_STEP, look_up_light
+from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict
+from prooflight.prediction.quantised_table import bricks_of
+from prooflight.simulation.scans import ideal_scan
+from prooflight_studies.speed.compare import compare_rows
+from prooflight_studies.speed.detector import MOVED, detector_works
+from prooflight_studies.speed.device_profile import cmyk_to_lab
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from prooflight.press.artefact import Press
+    from prooflight.scans.placement import Placement
+
+REPEATS: Final = 5
+QUICK_MM, SIDE_MM = 40.0, 190.0
+EVERY_OTHER: Final = slice(None, None, 2)
+
+
+@kernel(
+    "words (_, W), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
+    "bricks.bits (4), level, out (P)",
+    where="P <= W, P % 8 == 0",
+)
+def look_up_page(words, bricks, level, out):  # type: ignore[no-untyped-def]
+    """``look_up_light`` of each row, as far as ``out`` goes."""
+    for row in range(words.shape[0]):
+        look_up_light(words[row, : out.size], bricks, level, out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedRow:
+    """One timed step; speeds are medians of interleaved repeats."""
+
+    name: str
+    mpx_per_cpu_s: float
+    """Megapixels a second of processor time, one core; of the raster in look-ups, of the camera elsewhere."""
+    ratio: float
+    """Of the first row of its group, ours, over this one; in growth, of this one over the first."""
+    lowest_mpx_per_cpu_s: float
+    highest_mpx_per_cpu_s: float
+
+
+def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> dict[str, Page]:
+    """A page of bars like text, one of noisy gradients like a photograph, one half each, at the press's resolution."""
+    side = round(
+        (side_mm or (QUICK_MM if quick else SIDE_MM)) * press.supersampling / press.geometry.pixel_pitch_mm
+    )
+    rng = np.random.default_rng(1)
+    bars = rng.random((side // 6 + 1, side // 24 + 1)) < 0.2
+    bars[(np.arange(side // 6 + 1) % 6) > 2] = False  # space between lines of text
+    text = np.zeros((side, side, 4), np.uint8)
+    text[..., 3] = 255 * np.repeat(np.repeat(bars, 6, 0), 24, 1)[:side, :side]
+    coarse = rng.integers(0, 256, (side // 64 + 2, side // 64 + 2, 4)).astype(np.float32)
+    smooth = ndimage.zoom(coarse, (64, 64, 1), order=1)[:side, :side]
+    photo = np.clip(smooth + rng.normal(0, 2, (side, side, 4)).astype(np.float32), 0, 255).astype(np.uint8)
+    mixed = np.concatenate([text[: side // 2], photo[side // 2 :]])
+    return {
+        name: Page(cmyk=np.ascontiguousarray(cmyk), dpi=press.dpi, name=name, number=1)
+        for name, cmyk in (("text", text), ("mixed", mixed), ("photo", photo))
+    }
+
+
+def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
+    """Look-up, prediction, comparison and whole pages, then how cost grows; one core, but for the last group."""
+    rows = []
+    for name, page in bench_pages(press, quick=quick).items():
+        rows += look_up_rows(name, page, press)
+        rows += whole_rows(name, page, press)
+        rows += _rows(detector_works(name, page, press))
+    return rows + growth_rows(press, quick=quick)
+
+
+def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
+    """CMYK -> one sensor's mean by this package, lcms2 (Pillow) and scipy; all of every second node's table."""
+    table = press.sensors[0].mean_dn
+    small = table[EVERY_OTHER, EVERY_OTHER, EVERY_OTHER, EVERY_OTHER]
+    height, width = page.cmyk.shape[:2]
+    image = Image.frombuffer("CMYK", (width, height), page.cmyk.tobytes(), "raw", "CMYK", 0, 1)
+    target, transform = Image.new("LAB", image.size), cmyk_to_lab(small / table.max())
+    words = page.cmyk.view(np.uint32)[:, :, 0]
+    bricks, none = bricks_of(table), np.float32(0)
+    out = np.empty(width // 8 * 8, np.float32)
+    part = page.cmyk[: max(height // 8, 1)].reshape(-1, 4).T / np.float32(2 * NODE_STEP)
+
+    def ours() -> None:
+        look_up_page(words, bricks, none, out)
+
+    size = words.size / 1e6
+    return _rows(
+        {
+            f"look-up, {name}": (ours, height * out.size / 1e6),
+            f"lcms2, {name}": (lambda: transform.apply(image, target), size),
+            f"scipy map_coordinates, {name}": (
+                lambda: ndimage.map_coordinates(small, part, order=1),
+                part.shape[1] / 1e6,
+            ),
+        }
+    )
+
+
+def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
+    """Prediction in place and moved, whole inspections, and comparison beside its peers; ratios: to the first."""
+    prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    scan = ideal_scan(prediction, press, np.random.default_rng(2))
+    size = scan.size / 1e6
+
+    def predicted(**where: Placement) -> object:
+        return predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
+
+    works: dict[str, tuple[Callable[[], object], float]] = {
+        f"predict, {name}": (predicted, size),
+        f"predict moved, {name}": (lambda: predicted(placement=MOVED), size),
+    }
+    works |= inspections(name, page, press)
+    if name == "text":
+        alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(2))
+        works |= inspections(f"2 sensors, {name}", page, replace(press, sensors=alike, clipped=()))
+        coarse = replace(press, supersampling=1)
+        works |= inspections(f"s = 1, {name}", halved(page), coarse)
+    rows = _rows(works)
+    top_codes = [sensor.top_code_dn for sensor in press.sensors]
+    compared = compare_rows(scan, prediction, top_codes_dn=top_codes, repeats=REPEATS)
+    return rows + [
+        SpeedRow(
+            name=f"{row.name}, {name}",
+            mpx_per_cpu_s=row.mpx_per_cpu_s,
+            ratio=row.ours_is_faster,
+            lowest_mpx_per_cpu_s=row.lowest_mpx_per_cpu_s,
+            highest_mpx_per_cpu_s=row.highest_mpx_per_cpu_s,
+        )
+        for row in compared
+    ]
+
+
+def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
+    """Whole pages under the paper's detector, from raster and scan to a verdict; megapixels of all sensors.
+
+    "shared": predicted and prepared before; "off its place": the page lies as prints of the press world do, so that its
+    prediction moves after it.
+    """
+    inspector = Inspector.of(press, "chi-square")
+    prepared = inspector.prepare(page)
+    scans = []
+    for where in ({}, {"placement": MOVED}):
+        expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
+        scans.append(ideal_scan(expected, press, np.random.default_rng(2)))
+    in_place, moved = scans
+    size = in_place.size / 1e6
+    return {
+        f"whole page, {name}": (
+            lambda: inspector.inspect(inspector.prepare(page), in_place, scan_name="bench"),
+            size,
+        ),
+        f"whole page, shared, {name}": (
+            lambda: inspector.inspect(prepared, in_place, scan_name="bench"),
+            size,
+        ),
+        f"whole page off its place, shared, {name}": (
+            lambda: inspector.inspect(prepared, moved, scan_name="bench"),
+            size,
+        ),
+    }
+
+
+def halved(page: Page) -> Page:
+    """Every other pixel of every other row, at half the resolution: the raster of a press with s = 1 for one with 2."""
+    cmyk = np.ascontiguousarray(page.cmyk[EVERY_OTHER, EVERY_OTHER])
+    return replace(page, cmyk=cmyk, dpi=page.dpi / 2)
+
+
+def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
+    """Prediction of a mixed page as pages, sensors and raster grow; and on two cores, by the wall."""
+    base = bench_pages(press, quick=quick)["mixed"]
+    works: dict[str, tuple[Callable[[], object], float]] = {}
+
+    def add(name: str, page: Page, of: Press, threads: int = 1) -> None:
+        size = len(of.sensors) * of.geometry.lines(page.height_mm) * of.geometry.pixels / 1e6
+        works[name] = (
+            lambda: predict(page, sensors=of.sensors, geometry=of.geometry, threads=threads),
+            size,
+        )
+
+    add("growth: as it is", base, press)
+    for sensors in (2, 3):
+        alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(sensors))
+        add(f"growth: {sensors} sensors", base, replace(press, sensors=alike, clipped=()))
+    for s in (1, 3, 4):
+        finer = replace(press, supersampling=s)
+        add(f"growth: s = {s}", bench_pages(finer, quick=quick)["mixed"], finer)
+    for times in () if quick else (4, 16):
+        tall = np.concatenate([base.cmyk] * times)
+        add(f"growth: {times} pages long", replace(base, cmyk=tall), press)
+    rows = [replace(row, ratio=round(1 / row.ratio, 2)) for row in _rows(works)]
+    workers = min(2, os.cpu_count() or 1)
+    works.clear()
+    add("1 thread, by the wall", base, press)
+    add(f"{workers} threads, by the wall", base, press, threads=workers)
+    by_wall = [replace(row, ratio=round(1 / row.ratio, 2)) for row in _rows(works, clock=time.perf_counter)]
+    return rows + by_wall
+
+
+def _rows(
+    works: Mapping[str, tuple[Callable[[], object], float]],
+    *,
+    clock: Callable[[], float] = time.process_time,
+) -> list[SpeedRow]:
+    """Each work (what to do, its megapixels) in turns, after one turn that is not counted."""
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for turn in range(REPEATS + 1):
+        for name, (work, _) in works.items():
+            started = clock()
+            work()
+            if turn:
+                times[name].append(clock() - started)
+    speeds = {name: size / np.array(times[name]) for name, (_, size) in works.items()}
+    first = float(np.median(next(iter(speeds.values()))))
+    return [
+        SpeedRow(
+            name=name,
+            mpx_per_cpu_s=round(float(np.median(speed)), 1),
+            ratio=round(first / float(np.median(speed)), 2),
+            lowest_mpx_per_cpu_s=round(float(speed.min()), 1),
+            highest_mpx_per_cpu_s=round(float(speed.max()), 1),
+        )
+        for name, speed in speeds.items()
+    ]

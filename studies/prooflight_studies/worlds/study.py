@@ -1,0 +1,181 @@
+"""How well the fast path of the press world agrees with the full spectral one, in mean and in variance."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.errors import InputError, RequestError
+from prooflight.files.atomic import whole_file
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.press.press_file import PressFile
+from prooflight.simulation.exact import Specimen, exact_mean_variance
+from prooflight.simulation.fast import fast_mean_variance
+from prooflight.simulation.prints import Print
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import amounts_of, worlds_digest
+from prooflight_studies.edges.rig import Rig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from prooflight.pages.raster import Page
+
+DESIGNS: Final = 20
+QUICK_DESIGNS: Final = 3
+PIECE_MM: Final = (24.0, 32.0)
+"""Width and height of the piece of each page that is compared, as a page of its own: the full path takes seconds."""
+MARGIN_PIXELS: Final = 28
+"""Backing at both sides of a piece, as beside A4 in the prototype's field."""
+LEAST_INKED: Final = 0.05
+"""A piece is drawn again until so much of it has ink: paper alone tells nothing."""
+TRIES: Final = 200
+GOAL_SIGMA: Final = 0.1
+GOAL_VARIANCE: Final = 0.03
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """Fast against full path on one piece of a page, one session, one print."""
+
+    design: str
+    pixels: int
+    mean_rms_sigma: float
+    """Difference of means in standard deviations of a pixel's own noise."""
+    mean_bias_sigma: float
+    mean_max_sigma: float
+    variance_rms: float
+    """Relative difference of variances, root mean square. [-]"""
+    variance_bias: float
+    """Its average. [-]"""
+    over_3_percent: float
+    """Share of pixels whose variances differ by more than 3 %."""
+    fast_cpu_s: float
+    full_cpu_s: float
+
+
+def run_world_study(
+    pages: Path,
+    results: Path,
+    *,
+    designs: int | None = None,
+    seed: int = 1,
+    quick: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> list[Agreement]:
+    """Compare both paths on pieces of the PDFs of a folder, evenly over their names; write ``worlds.md``.
+
+    RequestError: too few of the PDFs can be used.
+    """
+    tell = progress or (lambda _: None)
+    wanted = designs or (QUICK_DESIGNS if quick else DESIGNS)
+    tell("building the press")
+    press_file = PressFile.prototype()
+    pitch_mm = press_file.geometry(press_file.camera()).pixel_pitch_mm
+    rig = Rig.build(press_file, pixels=int(PIECE_MM[0] / pitch_mm) + 2 * MARGIN_PIXELS)
+    files = sorted(pages.glob("*.pdf"))
+    every = [files[i] for i in np.linspace(0, len(files) - 1, min(len(files), 2 * wanted)).astype(int)]
+    rows: list[Agreement] = []
+    for index, pdf in enumerate(every):
+        piece = piece_of(pdf, rig, np.random.default_rng([seed, index]))
+        if piece is None:
+            continue
+        tell(f"{pdf.stem} ({len(rows) + 1} of {wanted})")
+        rows.append(agreement(piece, rig, np.random.default_rng([seed, index, 1])))
+        if len(rows) == wanted:
+            break
+    if len(rows) < wanted:
+        what = f"only {len(rows)} of its PDFs have enough ink"
+        raise RequestError(pages, what, remedy=f"give a folder of {wanted} printed pages")
+    _write(results, rows, seed)
+    return rows
+
+
+def piece_of(pdf: Path, rig: Rig, rng: np.random.Generator) -> Page | None:
+    """A piece of a PDF's first page that has ink on it; None if there is none or the page cannot be used."""
+    try:
+        with PdfJob(pdf) as job:
+            page = job.page(1, rig.press.dpi)
+    except InputError:
+        return None
+    width, height = (round(extent / page.pixel_mm) for extent in PIECE_MM)
+    rows, columns = page.cmyk.shape[:2]
+    if rows < height or columns < width:
+        return None
+    for _ in range(TRIES):
+        top, left = int(rng.integers(rows - height + 1)), int(rng.integers(columns - width + 1))
+        piece = page.cmyk[top : top + height, left : left + width]
+        if piece.any(axis=2).mean() >= LEAST_INKED:
+            return replace(page, cmyk=np.ascontiguousarray(piece), name=pdf.stem)
+    return None
+
+
+def agreement(page: Page, rig: Rig, rng: np.random.Generator) -> Agreement:
+    """Both paths of one session and one print of ``page``, drawn from ``rng``."""
+    specimen = Specimen(
+        press=rig.press,
+        camera=rig.camera,
+        inks=rig.press_file.inks(),
+        backing_reflectance=rig.press_file.backing_reflectance,
+    )
+    session = Session.draw(amounts_of(rig.press), rig.press, rng)
+    print_ = Print.draw(session, rig.press, page, rng)
+    begun = time.process_time()
+    fast = fast_mean_variance(page, rig.press, session, print_)
+    between = time.process_time()
+    full = exact_mean_variance(page, specimen, session, print_)
+    done = time.process_time()
+    z = (fast.expected_dn - full.expected_dn) / np.sqrt(full.variance_dn2)
+    relative = fast.variance_dn2 / full.variance_dn2 - 1
+    return Agreement(
+        design=page.name,
+        pixels=z.size,
+        mean_rms_sigma=float(np.sqrt(np.mean(z**2))),
+        mean_bias_sigma=float(z.mean()),
+        mean_max_sigma=float(np.abs(z).max()),
+        variance_rms=float(np.sqrt(np.mean(relative**2))),
+        variance_bias=float(relative.mean()),
+        over_3_percent=float((np.abs(relative) > GOAL_VARIANCE).mean()),
+        fast_cpu_s=between - begun,
+        full_cpu_s=done - between,
+    )
+
+
+def together_rms(rows: list[Agreement]) -> tuple[float, float]:
+    """Over the pixels of all pieces: difference of means [sigma], relative difference of variances [-]."""
+    pixels = np.array([row.pixels for row in rows], np.float64)
+    mean = np.array([row.mean_rms_sigma for row in rows])
+    variance = np.array([row.variance_rms for row in rows])
+    over = [float(np.sqrt((pixels * values**2).sum() / pixels.sum())) for values in (mean, variance)]
+    return over[0], over[1]
+
+
+def _write(results: Path, rows: list[Agreement], seed: int) -> None:
+    mean, variance = together_rms(rows)
+    head = [
+        "# Fast against full path in the press world",
+        "",
+        f"{len(rows)} pieces of {PIECE_MM[0]:g} x {PIECE_MM[1]:g} mm of as many pages, each with its own session and"
+        f" print (seed {seed}), the prototype's camera at s = 2, `worlds.toml` {worlds_digest()[:12]}. Fast: tables,"
+        " `simulating.fast`. Full: ink model, 36 bands, round diffraction, `simulating.exact`. Both get the same"
+        " session and print; noise is left out. Differences of means are in standard deviations of each pixel's noise"
+        " (temporal, halftone, rounding).",
+        "",
+        f"Over all pixels the means differ by **{mean:.3f} sigma** rms (goal {GOAL_SIGMA:g}), the variances by"
+        f" **{variance:.2%}** rms (goal {GOAL_VARIANCE:.0%}).",
+        "",
+        "| design | mean, rms | bias | greatest | variance, rms | bias | pixels over 3 % | fast, CPU s | full, CPU s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    body = [
+        f"| {row.design} | {row.mean_rms_sigma:.3f} | {row.mean_bias_sigma:+.3f} | {row.mean_max_sigma:.2f} |"
+        f" {row.variance_rms:.2%} | {row.variance_bias:+.2%} | {row.over_3_percent:.2%} | {row.fast_cpu_s:.2f} |"
+        f" {row.full_cpu_s:.1f} |"
+        for row in rows
+    ]
+    with whole_file(results / "worlds.md") as unfinished:
+        unfinished.write_text("\n".join([*head, *body]) + "\n", encoding="utf-8")

@@ -1,0 +1,92 @@
+"""Reasons in the words of the press room."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from prooflight.detectors.base import Ink, Region
+from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
+from prooflight.detectors.matched_filter.statistics.families import NOWHERE, Said
+from prooflight.registration.register import Registration
+from prooflight.scans.placement import Placement
+
+
+def registration(*, found: bool = True, shift_mm: tuple[float, float] = (0.0, 0.0)) -> Registration:
+    return Registration(
+        placement=Placement(shift_mm=shift_mm),
+        found=found,
+        reason="" if found else "too little is printed to tell where",
+        planes_mm=np.zeros((4, 2)),
+        plane_parts=np.zeros((2, 4)),
+    )
+
+
+def ink(gain: float = 0.0, register: tuple[float, float] = (0.0, 0.0)) -> Ink:
+    return Ink(gain_percent=gain, dot_gain_percent=0.0, register_mm=register)
+
+
+def said(name: str, box: tuple[float, float, float, float] = NOWHERE, value: float = 9.0) -> Said:
+    return Said(name=name, value=value, box=box)
+
+
+STREAK = Region(x_mm=82.5, y_mm=0.0, width_mm=1.0, height_mm=297.0, score=9.0, kind="streak")
+SPOT = Region(x_mm=10.0, y_mm=20.0, width_mm=2.0, height_mm=2.0, score=9.0, kind="spots-voids")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "region", "inks", "words"),
+    [
+        ("missing-plane", "fit/gain-C", None, {"C": ink(-92.0), "K": ink()}, "missing cyan"),
+        ("missing-plane", "fit/gain-C", None, {"C": ink(-30.0)}, "weak cyan"),
+        ("density", "fit/gain-M", None, {"C": ink(1.0), "M": ink(12.3)}, "magenta 12 % too strong"),
+        ("density", "fit/gain-all", None, {"C": ink(-10.0), "K": ink(-12.0)}, "all inks 11 % too weak"),
+        ("plane-register", "fit/plane-M", None, {"M": ink(register=(0.3, 0.0))}, "register of magenta 0.3 mm"),
+        ("plane-register", "fit/plane-M", None, {"M": ink(register=(0.03, 0.0))}, "register of magenta"),
+        ("plane-register", "place/planes", None, {"Y": ink(register=(0.3, 0.4))}, "register of yellow 0.5 mm"),
+        ("streak", "streak/add-K/2/full", STREAK, {}, "streak at x = 83 mm in black"),
+        ("spots-voids", "box/add-K+/4", SPOT, {}, "spot in black around x = 11 mm, y = 21 mm (2 x 2 mm)"),
+        ("spots-voids", "box/void+/4", SPOT, {}, "void around x = 11 mm, y = 21 mm (2 x 2 mm)"),
+        ("spots-voids", "apart/light-/4", SPOT, {}, "spot around x = 11 mm, y = 21 mm (2 x 2 mm)"),
+        ("banding", "band/gain-C/wave", None, {"C": ink()}, "bands across the page in cyan"),
+        ("unknown", "energy/page", None, {}, "difference all over the page"),
+    ],
+)  # fmt: skip
+def test_reasons(kind: str, name: str, region: Region | None, inks: dict[str, Ink], words: str) -> None:
+    assert reason_for(kind, said(name), region, inks, registration()) == words
+
+
+def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
+    moved = reason_for("wrong-page", None, None, {}, registration(shift_mm=(2.3, -0.1)))
+    assert moved == "the page lies +2.3, -0.1 mm and +0.00 degrees off its place"
+    lost = reason_for("wrong-page", None, None, {}, registration(found=False))
+    assert lost == "the scan does not show this page: too little is printed to tell where"
+
+
+def test_places_are_of_the_page_and_inside_it() -> None:
+    strongest = [
+        ("box/add-K+", said("box/add-K+/4", (9.0, 19.0, 2.0, 2.0))),
+        ("box/gain-K+", said("box/gain-K+/4", (9.5, 19.5, 1.0, 1.0))),  # the same place again
+        ("band/light", said("band/light/row", (0.0, 50.0, math.inf, 0.5))),
+        ("fit/white", said("fit/white")),
+    ]
+    regions = regions_of(
+        strongest,
+        ["spots-voids", "scum", "banding", "unknown"],
+        shift_mm=(-1.0, -1.0),
+        size_mm=(100.0, 150.0),
+    )
+    assert [region.kind for region in regions] == ["spots-voids", "banding"]
+    assert (regions[0].x_mm, regions[0].y_mm, regions[0].width_mm) == (10.0, 20.0, 2.0)
+    assert (regions[1].x_mm, regions[1].width_mm) == (1.0, 99.0)
+    assert regions[1].y_mm == 51.0
+
+
+def test_without_a_place_it_is_the_page_as_a_whole() -> None:
+    regions = regions_of(
+        [("fit/white", said("fit/white"))], ["unknown"], shift_mm=(1.0, 0.0), size_mm=(100.0, 150.0)
+    )
+    assert [(r.x_mm, r.y_mm, r.width_mm, r.height_mm) for r in regions] == [(0.0, 0.0, 100.0, 150.0)]
+    assert regions_of([], [], shift_mm=(0.0, 0.0), size_mm=(1.0, 1.0)) == ()

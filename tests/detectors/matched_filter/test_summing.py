@@ -1,0 +1,290 @@
+"""Compiled sums give what plain NumPy does, on any data."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from prooflight.detectors.matched_filter.fit.nuisance import Colours
+from prooflight.detectors.matched_filter.statistics.boxes import Echoes, boxes, cells_of
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    COMMON,
+    GHOST_BOXES_MM,
+    MODES,
+    SIZES,
+    Sums,
+    statistic,
+    without_common,
+)
+from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
+from prooflight.kernels.residuals.moving import STRETCH, move, move_smooth
+from prooflight.kernels.residuals.residuals import residuals
+from prooflight.kernels.statistics.streaks import levelled_parts, widened
+from prooflight.kernels.statistics.swapped_planes import exchange_sums
+from prooflight.kernels.statistics.tiles import line_sums, tile_sums
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+seeds = st.integers(0, 2**32 - 1)
+few = settings(max_examples=8, deadline=None)
+
+
+def images(seed: int, lines: int = 23, pixels: int = 37) -> dict[str, NDArray[np.float32]]:
+    """What ``tile_sums`` takes; nothing within two pixels of the border."""
+    rng = np.random.default_rng(seed)
+    found = {
+        "residual": rng.normal(0, 20, (lines, pixels)),
+        "weight": rng.random((lines, pixels)) * (rng.random((lines, pixels)) < 0.8) * 0.02,
+        "light": rng.random((lines, pixels)) * 3000,
+        "white": 3000 + rng.random(pixels),
+        "add": -rng.random((4, lines, pixels)) * 500,
+        "gain": -rng.random((4, lines, pixels)) * 500,
+        "of_edges": rng.random((lines, pixels)),
+    }
+    inner = np.zeros((lines, pixels))
+    inner[2:-2, 2:-2] = 1
+    found["weight"] *= inner
+    return {name: value.astype(np.float32) for name, value in found.items()}
+
+
+def products(of: dict[str, NDArray[np.float32]], most: float) -> NDArray[np.float64]:
+    """N, D, C and edges of every mode pixel by pixel, (4, modes, lines, pixels)."""
+    r, w, light = (of[name].astype(np.float64) for name in ("residual", "weight", "light"))
+    r = np.clip(r * np.sqrt(w), -most, most) / np.sqrt(np.maximum(w, 1e-30))
+    blur = 0.5 * sum(np.roll(light, by, axis) for by in (1, -1) for axis in (0, 1)) - 2 * light
+    modes = np.stack([light, *of["add"], *of["gain"], of["white"] - light, blur, of["gain"].sum(axis=0)])
+    return np.stack([modes * w * r, modes**2 * w, modes * light * w, modes**2 * w * of["of_edges"]]) * (w > 0)
+
+
+@few
+@given(seeds, st.sampled_from([2, 3, 5]))
+def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
+    of = images(seed)
+    rows, columns = 23 // side, 37 // side
+    found = np.empty((4, len(MODES) + 1, rows, columns), np.float32)
+    two = [of, images(seed + 1)]
+    tile_sums(*(np.stack([one[name] for one in two]) for name in of), side, found)
+    said = products(two[0], 10) + products(two[1], 10)
+    cut = said[..., : rows * side, : columns * side]
+    asked = cut.reshape(4, len(MODES), rows, side, columns, side).sum(axis=(3, 5))
+    scale = np.abs(asked).max(axis=(2, 3), keepdims=True) + 1e-6
+    np.testing.assert_allclose(found[:, :-1] / scale, asked / scale, atol=2e-5)
+    z2 = sum(np.minimum(one["residual"] ** 2 * one["weight"], 25) for one in two)
+    z2 = z2[: rows * side, : columns * side]
+    np.testing.assert_allclose(
+        found[0, -1], z2.reshape(rows, side, columns, side).sum(axis=(1, 3)), rtol=1e-4, atol=1e-3
+    )
+
+
+@few
+@given(seeds)
+def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
+    of = images(seed)
+    shift = np.random.default_rng(seed).integers(-3, 4, 23)
+    found = np.zeros((4, 10, 2, 37), np.float32)
+    line_sums(*of.values(), np.array([0.7], np.float32), shift, 12, found[None])
+    said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
+    asked = np.zeros((4, 10, 2, 37))
+    for line in range(2, 21):
+        for x in range(37):
+            if 0 <= x - shift[line] < 37:
+                asked[:, :, line // 12, x - shift[line]] += said[:, :, line, x]
+    scale = np.abs(asked).max(axis=(2, 3), keepdims=True) + 1e-6
+    np.testing.assert_allclose(found / scale, asked / scale, atol=2e-5)
+
+
+@few
+@given(seeds)
+def test_extremes_are_those_of_all_boxes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = np.abs(rng.normal(0, 50, (4, len(MODES) + 1, 41, 30))).astype(np.float32)
+    tiles[0] -= 40
+    tiles[3] = tiles[1] * rng.random((len(MODES) + 1, 41, 30))
+    tiles[1:, :, :8, :8] = 0  # nothing is known there
+    sums = Sums(
+        tiles=tiles, columns=np.zeros((4, 10, 4, 60), np.float32), flat_columns=np.zeros((4, 10, 4, 60), np.float32),
+        cover=np.zeros((4, 41, 30), np.float32), shifts=np.zeros((4, 4)),
+        tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
+    )  # fmt: skip
+    scatter = rng.uniform(0.5, 2, (len(MODES), 3)) * [1, 1, 1e-4]
+    for cells, size in zip(cells_of(sums), SIZES, strict=True):
+        assert cells.size == size
+        own, power, edges = boxes(cells)
+        for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
+            t = statistic(own[mode], power[mode], edges[mode], scatter[mode])
+            high, low = max(t.max(), 0), min(t.min(), 0)
+            assert found.high == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.low == pytest.approx(low, rel=2e-3, abs=1e-3)
+            if high > 0:
+                assert t[tuple(found.places[0])] == pytest.approx(high, rel=2e-3, abs=1e-3)
+            assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
+
+
+@few
+@given(seeds, st.floats(-3, 3), st.floats(-3, 3))
+def test_images_move_as_splines_and_lines_say(seed: int, right: float, down: float) -> None:
+    """Both are exact for a plane; bilinear ones are also what ``scipy.ndimage`` finds of anything."""
+    rng = np.random.default_rng(seed)
+    lines, pixels = 40, 52
+    nodes = -(-lines // STRETCH) + 1, -(-pixels // STRETCH) + 1
+    across = (right + rng.normal(0, 0.003, nodes)).astype(np.float32)
+    along = (down + rng.normal(0, 0.003, nodes)).astype(np.float32)
+    y, x = np.mgrid[:lines, :pixels].astype(np.float64)
+    at = [
+        ndimage.map_coordinates(n.astype(np.float64), [y / STRETCH, x / STRETCH], order=1)
+        for n in (along, across)
+    ]
+    where = [y + at[0], x + at[1]]
+    inner = (slice(6, -6), slice(6, -6))
+    noise = rng.random((lines, pixels)).astype(np.float32)
+    found = np.empty_like(noise)
+    move_smooth(noise[None], np.array([0]), across, along, found[None])
+    asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
+    np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
+    plane = (3 * x - 2 * y).astype(np.float32)
+    move(plane[None, None], across, along, found)
+    np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
+
+
+@few
+@given(seeds)
+def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    detail = rng.normal(0, 0.1, (4, 60, 80)).astype(np.float32)
+    own = rng.normal(0, 0.1, (4, 60, 80)).astype(np.float32)
+    lag = int(rng.integers(3, 20))
+    own[1, lag:] += 5 * detail[1, :-lag]
+    one = np.ones((4, 60, 80), np.float32)
+    seen = Echoes(
+        own=own, power=one, edges=0 * one, detail=detail, present=np.ones(4, bool),
+        lags=np.arange(3, 21), square_mm=1.0,
+    )  # fmt: skip
+    found = seen.through(1)[0].said(np.array([1.0, 1.0, 0.0]))
+    rows, columns = seen.bands(GHOST_BOXES_MM[0])
+    asked = np.zeros_like(found)
+    for which, down in enumerate(seen.lags):
+        echo = np.zeros((60, 80))
+        echo[down:] = detail[1, : 60 - down]
+        for n, (top, bottom) in enumerate(rows):
+            for m, (left, right) in enumerate(columns):
+                power = (echo[top:bottom, left:right] ** 2).sum()
+                push = (own[1] * echo)[top:bottom, left:right].sum()
+                asked[n, m, which] = push / np.sqrt(power + 1e-6) if power > 1e-3 else 0.0
+    np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-3)
+
+
+@few
+@given(seeds)
+def test_blocks_sum_their_pixels(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = 24, 32
+    measured = rng.integers(0, 4000, shape).astype(np.uint16)
+    expected, variance, texture = rng.random((3, *shape)).astype(np.float32) * 3000
+    gain, dot = -rng.random((2, 4, *shape)).astype(np.float32) * 100
+    cover = rng.random((4, *shape)).astype(np.float32)
+    inside, offset = rng.random(shape) < 0.9, rng.random(32).astype(np.float32)
+    bells = rng.random((4, LEVELS, SHAPES)).astype(np.float32)
+    corners = np.array([[8, 8], [8, 16]])
+    found = np.empty((2, 22 + SHAPES), np.float32)
+    block_sums(
+        measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, 8, found
+    )
+    light = expected - offset
+    levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
+    bell = np.prod([bells[ink, levels[ink]] for ink in range(4)], axis=0)
+    planes = [gain * np.gradient(cover, axis=axis) / cover * (cover > 0.02) for axis in (2, 1)]
+    slope = np.gradient(expected, axis=1) ** 2 + np.gradient(expected, axis=0) ** 2
+    channels = [np.ones(shape), measured - expected, light, variance, slope, texture, *gain, *dot]
+    channels += [*np.moveaxis(bell * light[..., None], -1, 0), *planes[0], *planes[1]]
+    for block, (top, left) in enumerate(corners):
+        here = (slice(top, top + 8), slice(left, left + 8))
+        asked = np.array([(one * inside)[here].sum() for one in channels])
+        np.testing.assert_allclose(found[block], asked, rtol=2e-3, atol=np.abs(asked).max() * 1e-6 + 1e-2)
+
+
+@few
+@given(seeds)
+def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape, pixels = (24, 32), 32
+    measured = rng.integers(0, 4000, shape).astype(np.uint16)
+    expected, offset = rng.random(shape).astype(np.float32) * 3000, rng.random(pixels).astype(np.float32)
+    gain, dot = -rng.random((2, 4, *shape)).astype(np.float32) * 100
+    cover, inside = rng.random((4, *shape)).astype(np.float32), rng.random(shape) < 0.9
+    cover[2], gain[2], dot[2] = 0, 0, 0
+    centres = rng.random((5, 4)).astype(np.float32)
+    root = np.linalg.inv(np.linalg.cholesky(np.eye(5) + 0.5)).astype(np.float32)
+    colours, amounts = Colours(centres=centres, root=root), 0.01 * rng.standard_normal(5)
+    columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
+    dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
+    found = np.empty(shape, np.float32)
+    residuals(
+        measured, expected, offset, inside, gain, dot, cover, colours.bells(), colours.weights(amounts),
+        columns, gains, dots, planes, found,
+    )  # fmt: skip
+    kernel = np.exp(-((cover[None] - centres[:, :, None, None]) ** 2).sum(axis=1) / 0.25)
+    relative = np.einsum("i,ij,jyx->yx", amounts, root, kernel) + columns
+    v, u = np.meshgrid(*(2 * (np.arange(n) + 0.5) / n - 1 for n in shape), indexing="ij")
+    fitted = (expected - offset) * relative
+    for ink in range(4):
+        tilted = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
+        fitted += gain[ink] * tilted + dot[ink] * dots[ink]
+        along, across = np.gradient(cover[ink])
+        printed = np.maximum(cover[ink], 0.02)
+        fitted -= (
+            (cover[ink] > 0.02) * gain[ink] / printed * (across * planes[ink, 0] + along * planes[ink, 1])
+        )
+    asked = np.where(inside, measured - expected - fitted, 0)[1:-1, 1:-1]
+    np.testing.assert_allclose(
+        found[1:-1, 1:-1], asked, atol=0.5, rtol=1e-3
+    )  # recipes that are alike share a value
+    assert not found[0].any()
+    assert not found[:, -1].any()
+
+
+@few
+@given(seeds)
+def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns = np.abs(rng.normal(0, 50, (4, 10, 4, 90))).astype(np.float32)
+    columns[2] = np.sqrt(columns[1] * columns[1, :1])
+    columns[3] = columns[1] * rng.random((10, 4, 90))
+    known, wide, length, count = 1 / COMMON**2, 21, 2, 4
+    found = np.empty((3, 10, 3, 90), np.float32)
+    levelled_parts(columns, length, np.float32(known), wide, found)
+    sums = np.stack([columns[:, :, k : k + length].sum(axis=2) for k in range(3)], axis=2)
+    own, power, edges = without_common(sums)
+    push, said = (
+        ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
+    )
+    asked = np.stack([own - push / (said + 1e-6) * power, power, edges])
+    np.testing.assert_allclose(found, asked, rtol=1e-3, atol=1e-2)
+    wider = np.empty_like(found)
+    widened(found.reshape(-1, 90), count, wider.reshape(-1, 90))
+    np.testing.assert_allclose(
+        wider, ndimage.uniform_filter1d(found, count, mode="constant") * count, rtol=1e-3, atol=1e-2
+    )
+
+
+@few
+@given(seeds)
+def test_exchanges_are_summed_by_blocks(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = np.abs(rng.normal(0, 50, (4, 9, 11, 14))).astype(np.float32)
+    tiles[2] = 0.5 * np.sqrt(tiles[1] * tiles[1, :1])
+    cover = rng.random((4, 11, 14)).astype(np.float32)
+    found = np.empty((2, 1, 2, 3), np.float32)
+    exchange_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / COMMON**2), 4, found)
+    own, power, _ = without_common(tiles)
+    push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
+    step = cover[3] - cover[1]
+    for got, all_of in zip(found, (step * (push[1] - push[3]), step**2 * (said[1] + said[3])), strict=True):
+        asked = all_of[:8, :12].reshape(2, 4, 3, 4).sum(axis=(1, 3))
+        np.testing.assert_allclose(got[0], asked, rtol=1e-3, atol=1e-2)

@@ -1,0 +1,173 @@
+"""Scans made under light that the press was not calibrated for are not inspected, and said to be so. Seeds fixed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.light import BLACK_OFF, LEAST_OFF, light_tolerance, wrong_light
+from prooflight.inspection.light_level import light_levels
+from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict
+from prooflight.simulation.captures import Room
+from prooflight.simulation.scans import ideal_scan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Verdict
+    from prooflight.press.artefact import Press
+
+    MakePage = Callable[..., Page]
+
+DETECTORS = ("ours", "chi-square")
+
+
+def scan_of(page: Page, press: Press, light: float = 1.0, *, sensor: int | None = None) -> NDArray[np.uint16]:
+    """A good print under ``light`` times the light of the press; sensor: seen so by this one alone."""
+    lit = replace(
+        press,
+        sensors=tuple(
+            replace(one, column_gain=one.column_gain * np.float32(light if sensor in (None, index) else 1))
+            for index, one in enumerate(press.sensors)
+        ),
+    )
+    seen = predict(page, sensors=lit.sensors, geometry=lit.geometry, threads=1)
+    return ideal_scan(seen, lit, np.random.default_rng(1))
+
+
+def verdict(page: Page, scan: NDArray[np.uint16], press: Press, detector: str | None = None) -> Verdict:
+    inspector = Inspector.of(press, detector)
+    return inspector.inspect(inspector.prepare(page), scan, scan_name="scan").verdict
+
+
+def inked(page: Page) -> Page:
+    """The same without a pixel of bare paper: a picture that fills the page."""
+    return replace(page, cmyk=np.maximum(page.cmyk, np.array([60, 40, 90, 0], np.uint8)))
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@pytest.mark.parametrize("light", [0.5, 0.7, 0.8, 1.3])
+def test_light_far_from_the_calibrated_is_said(
+    taught_press: Press, page: Page, light: float, detector: str
+) -> None:
+    for shown in (page, inked(page)):
+        found = verdict(shown, scan_of(shown, taught_press, light), taught_press, detector)
+        assert (found.verdict, found.action, found.kind) == ("not-inspected", "accept", None)
+        assert found.score is None
+        assert found.detector == detector
+        white = taught_press.sensors[0].white_dn
+        assert found.reason.startswith(f"the light is {light:.2f} times what this press was calibrated for")
+        assert f"{white:.0f} expected" in found.reason
+
+
+def test_light_that_good_presses_vary_by_is_not_said(taught_press: Press, page: Page) -> None:
+    for light in (0.95, 1.0, 1.05):
+        for shown in (page, inked(page)):
+            found = verdict(shown, scan_of(shown, taught_press, light), taught_press)
+            assert found.verdict != "not-inspected"
+
+
+def test_good_prints_of_the_press_world_lie_well_within(press: Press, make_page: MakePage) -> None:
+    """Also where they vary half as much again as the press says."""
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 4])
+        day = Room.enter("press", replace(press, variation={"all_times": 1.5}), rng)
+        page = make_page(seed) if seed % 2 else inked(make_page(seed))
+        prepared = Inspector.of(press, "chi-square").prepare(page)
+        (level,) = light_levels(prepared.lit, day.recorded(day.seen(day.good(page), rng), rng), press.sensors)
+        assert level.page is not None or not seed % 2  # a picture a millimetre off its place need not agree
+        assert abs((level.page or 1.0) - 1) < 0.8 * light_tolerance(Tolerance())
+        assert level.clipped == 0
+        assert abs(level.darkest - level.darkest_due) < 0.6 * BLACK_OFF
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "words"),
+    [
+        (lambda scan: np.full_like(scan, 4095), "100% of the page is at the camera's greatest value, 4095"),
+        (lambda scan: scan >> 4, "the light is 0.06 times"),
+        (lambda scan: scan << 4, "above the camera's greatest, 4095"),
+        (np.zeros_like, "the light is 0.00 times"),
+    ],
+    ids=["saturated", "8 bits", "shifted", "dark"],
+)
+def test_scans_that_no_calibrated_camera_makes(
+    press: Press, page: Page, spoilt: Callable[[NDArray[np.uint16]], NDArray[np.uint16]], words: str
+) -> None:
+    found = verdict(page, spoilt(scan_of(page, press)), press, "chi-square")
+    assert found.verdict == "not-inspected"
+    assert words in found.reason
+
+
+def test_a_black_level_that_is_far_off_never_passes_as_good(taught_press: Press, page: Page) -> None:
+    press, scan = taught_press, scan_of(page, taught_press)
+    prepared = Inspector.of(press).prepare(page)
+    for off_dn, told in ((0, False), (50, False), (200, True)):
+        dark = scan + np.uint16(off_dn)
+        wrong = wrong_light(light_levels(prepared.lit, dark, press.sensors), press.sensors, tolerance=0.14)
+        assert (wrong is not None) == told
+        if wrong is not None:
+            assert wrong.of_sheet  # a misprint says more
+            assert "black level is off" in wrong.reason
+            assert verdict(page, dark, press).verdict != "good"
+
+
+def test_a_dark_picture_that_fills_the_page_has_the_backing_speak_for_it(
+    taught_press: Press, page: Page
+) -> None:
+    dark = replace(page, cmyk=np.maximum(page.cmyk, np.array([200, 150, 120, 140], np.uint8)))
+    for light, told in ((0.7, True), (0.95, False), (1.0, False)):
+        scan = scan_of(dark, taught_press, light)
+        prepared = Inspector.of(taught_press).prepare(dark)
+        sensors = taught_press.sensors
+        (level,) = light_levels(prepared.lit, scan, sensors)
+        assert level.page is None
+        assert (wrong_light((level,), sensors, tolerance=0.14) is not None) == told
+        assert verdict(dark, scan, taught_press).verdict != "good" or not told
+
+
+def test_one_sensor_of_two_is_named(two_sensor_press: Press, page: Page) -> None:
+    press = two_sensor_press
+    for index, sensor in enumerate(press.sensors):
+        found = verdict(page, scan_of(page, press, 0.7, sensor=index), press, "chi-square")
+        assert found.verdict == "not-inspected"
+        assert found.reason.startswith(f"sensor {sensor.name}: the light is 0.70 times")
+        assert found.reason.count("sensor ") == 1
+    swapped = verdict(page, np.ascontiguousarray(scan_of(page, press)[::-1]), press, "chi-square")
+    assert swapped.verdict == "not-inspected"
+
+
+def test_what_is_wrong_with_the_page_alone_stays_a_misprint(press: Press, page: Page) -> None:
+    """The backing beside it shows that the light is right: another page, no page of paper, ink all over."""
+    full = replace(page, cmyk=np.broadcast_to(np.array([90, 60, 60, 20], np.uint8), page.cmyk.shape).copy())
+    blank = replace(page, cmyk=np.zeros_like(page.cmyk))
+    weak = replace(full, cmyk=(full.cmyk * 0.5).astype(np.uint8))
+    for design, printed in ((page, full), (blank, full), (full, blank), (full, weak)):
+        assert verdict(design, scan_of(printed, press), press, "chi-square").verdict == "misprint"
+
+
+def test_paper_that_is_not_what_was_calibrated_for_never_passes_as_good(
+    taught_press: Press, page: Page
+) -> None:
+    """The backing is as it should be, so that it is not the lamp."""
+    grey = tuple(replace(one, mean_dn=one.mean_dn * np.float32(0.8)) for one in taught_press.sensors)
+    seen = predict(page, sensors=grey, geometry=taught_press.geometry, threads=1)
+    scan = ideal_scan(seen, taught_press, np.random.default_rng(1))
+    found = verdict(page, scan, taught_press)
+    assert found.verdict != "good"
+    if found.verdict == "not-inspected":
+        assert "calibrate again for this paper" in found.reason
+
+
+def test_the_tolerance_follows_what_good_prints_do() -> None:
+    hardly = Tolerance(white=0.0, common=0.0, lamp=0.0, shape=0.0, gain=0.01)
+    assert light_tolerance(hardly) == LEAST_OFF
+    assert light_tolerance(replace(hardly, white=0.03, common=0.04, gain=0.0)) == pytest.approx(0.25)

@@ -1,0 +1,485 @@
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prooflight.errors import ScanError
+from prooflight.line.pager import (
+    MissingPage,
+    Pager,
+    RepeatedJob,
+    SeenPage,
+    TriggerCount,
+    thumbnail_of,
+)
+from prooflight.line.sheets.store import LineStore
+from prooflight.pages.raster import turned
+from prooflight.prediction.predict import predict
+from prooflight.scans.lines import LineBlock
+from prooflight.simulation.drum import LINE_FAULTS, Drum, DrumFault, turns
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import Amounts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from prooflight.line.pager import Fault, PageStart, Thumbnail
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+WHOLE, FORMS = 5, 3
+"""Pages of their own, and forms of one template."""
+PAGES = WHOLE + FORMS
+
+
+@dataclass(frozen=True)
+class Job:
+    press: Press
+    session: Session
+    pages: tuple[Page, ...]
+    thumbnails: tuple[Thumbnail, ...]
+    scans: tuple[np.ndarray, ...]
+    blank: np.ndarray
+    foreign: np.ndarray
+
+    def scan(self, page: Page, seed: int, misprint: str | None = None) -> np.ndarray:
+        """A print in the press world."""
+        request = None if misprint is None else MisprintRequest(kind=misprint, severity=0.7)
+        return scan_page(
+            page,
+            press=self.press,
+            request=request,
+            others=(1, 2),
+            fetch=lambda number: self.pages[number - 1],
+            rng=page_rng(5, seed),
+            session=self.session,
+        ).dn
+
+    def play(
+        self,
+        faults: dict[int, DrumFault],
+        *,
+        sheets: int = 2 * PAGES,
+        block_lines: int = 64,
+        start: PageStart | None = None,
+        **drum: Any,
+    ) -> list[SeenPage | MissingPage]:
+        source = Drum(
+            self.scans,
+            press=self.press,
+            passing=turns(sheets, faults),
+            blank=self.blank,
+            foreign=self.foreign,
+            block_lines=block_lines,
+            **drum,
+        )
+        return self.paged(source.blocks(), sheets=sheets, start=start)
+
+    def paged(
+        self, blocks: Iterable[LineBlock], *, sheets: int = PAGES, start: PageStart | None = None
+    ) -> list[SeenPage | MissingPage]:
+        pager = Pager(self.press, expected=RepeatedJob(self.thumbnails, sheets), start=start)
+        found = [page for block in blocks for page in pager.push(block)]
+        return found + pager.flush()
+
+
+def worded(page: Page, seed: int) -> Page:
+    """A form with three words of bars of its own."""
+    cmyk = page.cmyk.copy()
+    rng = np.random.default_rng(seed)
+    stem = round(0.4 * page.dpi / 25.4)
+    for top, left in ((100, 60), (330, 300), (600, 150)):
+        letters = np.repeat(rng.random(16) < 0.5, stem)
+        cmyk[top : top + 6 * stem, left : left + letters.size] = 0
+        cmyk[top : top + 6 * stem, left : left + letters.size, 3] = np.where(letters, 255, 0)
+    return replace(page, cmyk=cmyk)
+
+
+@pytest.fixture(scope="module")
+def job(press: Press, make_page: Callable[..., Page]) -> Job:
+    whole = [make_page(100 + n, number=n + 1) for n in range(WHOLE)]
+    form = make_page(150)
+    pages = [*whole, *(worded(form, n) for n in range(FORMS))]
+    thumbnails = [
+        thumbnail_of(page, predict(page, sensors=press.sensors, geometry=press.geometry, threads=1), press)
+        for page in pages
+    ]
+    session = Session.draw(Amounts.stated(), press, np.random.default_rng(3))
+    empty = Job(press, session, tuple(pages), tuple(thumbnails), (), np.empty(0), np.empty(0))
+    blank = replace(pages[0], cmyk=np.zeros_like(pages[0].cmyk))
+    return replace(
+        empty,
+        scans=tuple(empty.scan(page, n) for n, page in enumerate(pages)),
+        blank=empty.scan(blank, 90),
+        foreign=empty.scan(turned(turned(make_page(199))), 91),
+    )
+
+
+def pages_of(found: list[SeenPage | MissingPage]) -> list[int | None]:
+    return [page.job_page for page in found if isinstance(page, SeenPage)]
+
+
+def missing_of(found: list[SeenPage | MissingPage]) -> list[int]:
+    return [page.job_page for page in found if isinstance(page, MissingPage)]
+
+
+def faults_of(found: list[SeenPage | MissingPage]) -> list[Fault]:
+    return [fault for page in found if isinstance(page, SeenPage) for fault in page.faults]
+
+
+def test_good_prints_are_paged_in_order_and_nothing_is_said_of_them(job: Job) -> None:
+    found = job.play({}, sheets=3 * PAGES)
+    assert pages_of(found) == list(range(3 * PAGES))
+    assert len(found) == 3 * PAGES
+    assert faults_of(found) == []
+    geometry = job.press.geometry
+    for page in found:
+        assert isinstance(page, SeenPage)
+        assert page.scan.shape == (1, geometry.lines(job.pages[0].height_mm), geometry.pixels)
+
+
+def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
+    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES))
+    pager.rehearse()
+    drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
+    found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
+    for one, other in zip(found, job.play({}, sheets=PAGES), strict=True):
+        assert isinstance(one, SeenPage)
+        assert isinstance(other, SeenPage)
+        assert (one.job_page, one.first_line, one.faults) == (other.job_page, other.first_line, other.faults)
+        assert (one.scan == other.scan).all()
+
+
+def test_a_scan_is_the_lines_from_lead_in_above_the_sheet(job: Job) -> None:
+    """The sheet in each scan is the very lines that the drum played, wherever the print put it."""
+    whole = np.concatenate(job.scans, axis=1)
+    for page in job.play({}, sheets=PAGES)[1:-1]:
+        assert isinstance(page, SeenPage)
+        lines = page.scan.shape[1]
+        lead_in = round(job.press.geometry.lead_in_mm / job.press.geometry.line_pitch_mm)
+        inner = slice(lead_in, lines - lead_in)
+        np.testing.assert_array_equal(
+            page.scan[:, inner], whole[:, page.first_line : page.first_line + lines][:, inner]
+        )
+        light = page.scan[0, :, 180:220].mean(axis=1)
+        backing = float(job.press.sensors[0].backing_dn)
+        assert np.abs(light[: lead_in - 4] - backing).max() < 0.1 * backing
+
+
+FAULTS = {
+    1: DrumFault(kind="lost-lines", amount=30, at=0.4),
+    4: DrumFault(kind="missing", amount=1),
+    9: DrumFault(kind="stretch", amount=0.9),
+    12: DrumFault(kind="repeated"),
+}
+
+
+@settings(max_examples=6)
+@given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=6))
+def test_pages_do_not_depend_on_how_lines_come_in_blocks(job: Job, sizes: list[int]) -> None:
+    drum = Drum(job.scans, press=job.press, passing=turns(2 * PAGES, FAULTS), block_lines=10**6)
+    cut, turn = [], 0
+    for whole in drum.blocks():
+        start = 0
+        while start < whole.lines.shape[1]:
+            size = sizes[turn % len(sizes)]
+            part = whole.lines[:, start : start + size]
+            cut.append(LineBlock(first_line=whole.first_line + start, lines=part, time_s=0.0))
+            start, turn = start + size, turn + 1
+    found, usual = job.paged(cut, sheets=2 * PAGES), job.play(FAULTS)
+    assert len(found) == len(usual)
+    for a, b in zip(found, usual, strict=True):
+        assert (type(a), a.job_page, a.faults) == (type(b), b.job_page, b.faults)
+        if isinstance(a, SeenPage) and isinstance(b, SeenPage):
+            assert a.first_line == b.first_line
+            np.testing.assert_array_equal(a.scan, b.scan)
+
+
+ORDERS: list[tuple[DrumFault, list[int | None], list[int]]] = [
+    (DrumFault(kind="blank"), [0, 1, 2, None, 4, 5, 6, 7], [3]),
+    (DrumFault(kind="unknown"), [0, 1, 2, None, 4, 5, 6, 7], [3]),
+    (DrumFault(kind="repeated"), [0, 1, 2, 3, 3, 4, 5, 6, 7], []),
+    (DrumFault(kind="missing", amount=0), [0, 1, 2, 4, 5, 6, 7], [3]),
+    (DrumFault(kind="missing", amount=1), [0, 1, 2, 4, 5, 6, 7], [3]),
+    (DrumFault(kind="out-of-order"), [0, 1, 2, 4, 3, 5, 6, 7], []),
+]
+
+
+@pytest.mark.parametrize(("fault", "pages", "missing"), ORDERS)
+def test_faults_of_order_are_named_and_the_run_stays_in_step(
+    job: Job, fault: DrumFault, pages: list[int | None], missing: list[int]
+) -> None:
+    found = job.play({3: fault}, sheets=PAGES)
+    assert pages_of(found) == pages
+    assert missing_of(found) == missing
+    kinds = {said.kind for said in faults_of(found)}
+    allowed = {fault.kind, "missing"} if fault.kind == "out-of-order" else {fault.kind}
+    assert fault.kind in kinds
+    assert kinds <= allowed
+
+
+@pytest.mark.parametrize("sheet", range(WHOLE, PAGES - 1))
+@pytest.mark.parametrize("kind", ["repeated", "missing", "out-of-order"])
+def test_forms_of_one_template_are_told_apart(job: Job, kind: Any, sheet: int) -> None:
+    found = job.play({sheet: DrumFault(kind=kind)}, sheets=PAGES)
+    order = list(range(PAGES))
+    if kind == "repeated":
+        order.insert(sheet, sheet)
+    elif kind == "missing":
+        order.remove(sheet)
+    else:
+        order[sheet : sheet + 2] = [sheet + 1, sheet]
+    assert pages_of(found) == order
+
+
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("kind", LINE_FAULTS)
+def test_faults_of_lines_are_named_on_their_sheet_alone(job: Job, kind: Any, counted: bool) -> None:
+    amount = {"slip": 6.0, "stretch": 1.0, "splice": 14.0}.get(kind, 25.0)
+    found = job.play({4: DrumFault(kind=kind, amount=amount, at=0.55, counted=counted)}, sheets=PAGES)
+    assert pages_of(found) == list(range(PAGES))
+    said = [
+        (page.job_page, fault.kind) for page in found if isinstance(page, SeenPage) for fault in page.faults
+    ]
+    assert said == [(4, kind)]
+
+
+def test_lines_that_the_camera_lost_are_made_up_for(job: Job) -> None:
+    """A hole of known length: what lies behind it is where it was."""
+    whole = job.play({}, sheets=PAGES)[4]
+    holed = job.play({4: DrumFault(kind="lost-lines", amount=30, at=0.4)}, sheets=PAGES)[4]
+    assert isinstance(whole, SeenPage)
+    assert isinstance(holed, SeenPage)
+    assert holed.first_line == whole.first_line
+    differs = np.flatnonzero((holed.scan != whole.scan).any(axis=(0, 2)))
+    assert 0 < differs.size <= 30
+    assert np.ptp(differs) < 30
+
+
+def test_lines_that_came_twice_are_left_out(job: Job) -> None:
+    usual = job.play({}, sheets=PAGES)
+    found = job.play({4: DrumFault(kind="extra-lines", amount=30, at=0.4)}, sheets=PAGES)
+    for a, b in zip(found, usual, strict=True):
+        assert isinstance(a, SeenPage)
+        assert isinstance(b, SeenPage)
+        np.testing.assert_array_equal(a.scan, b.scan)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("wrong-page", "missing-plane")])
+def test_a_misprinted_page_is_still_that_page(job: Job, kind: str) -> None:
+    """The kinds left out may leave no page of the job, or none at all."""
+    scans = list(job.scans)
+    scans[2] = job.scan(job.pages[2], 40, misprint=kind)
+    found = replace(job, scans=tuple(scans)).play({}, sheets=PAGES)
+    assert pages_of(found) == list(range(PAGES))
+
+
+def test_a_camera_that_counts_anew_costs_the_sheet_it_did_it_in(job: Job) -> None:
+    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    middle = next(n for n, block in enumerate(blocks) if block.first_line > 3.4 * job.scans[0].shape[1])
+    anew = blocks[middle].first_line
+    shifted = [
+        block if n < middle else replace(block, first_line=block.first_line - anew)
+        for n, block in enumerate(blocks)
+    ]
+    found = job.paged(shifted)
+    assert [page for page in pages_of(found) if page is not None and page not in (3,)] == [
+        0,
+        1,
+        2,
+        4,
+        5,
+        6,
+        7,
+    ]
+    assert any("counts 0 after" in fault.detail for fault in faults_of(found))
+    last = found[-1]
+    assert isinstance(last, SeenPage)
+    assert last.faults == ()
+    assert last.first_line < len(blocks) * 64 - anew
+
+
+def test_sheets_without_a_gap_between_them_are_parted(job: Job) -> None:
+    lead = round(job.press.geometry.lead_in_mm / job.press.geometry.line_pitch_mm) + 9
+    scans = list(job.scans)
+    scans[2], scans[3] = scans[2][:, :-lead], scans[3][:, lead:]
+    found = replace(job, scans=tuple(scans)).play({}, sheets=PAGES)
+    assert pages_of(found)[:2] + pages_of(found)[4:] == [0, 1, 4, 5, 6, 7]
+    assert pages_of(found)[2] == 2
+
+
+def test_a_torn_sheet_is_no_page_and_the_next_is_in_step(job: Job) -> None:
+    scans = list(job.scans)
+    gap = np.array(job.scans[0][:, -12:])
+    scans[2] = np.concatenate([scans[2][:, :160], gap, gap], axis=1)
+    found = replace(job, scans=tuple(scans)).play({}, sheets=PAGES)
+    assert pages_of(found)[3:] == [3, 4, 5, 6, 7]
+    torn = found[2]
+    assert isinstance(torn, SeenPage)
+    assert {fault.kind for fault in torn.faults} & {"unknown", "lost-lines"}
+
+
+def test_pages_of_different_sizes_share_a_job(job: Job, make_page: Callable[..., Page]) -> None:
+    short = make_page(170, width_mm=30.0, height_mm=30.0)
+    thumbnail = thumbnail_of(
+        short, predict(short, sensors=job.press.sensors, geometry=job.press.geometry, threads=1), job.press
+    )
+    mixed = replace(
+        job,
+        thumbnails=(*job.thumbnails[:2], thumbnail, *job.thumbnails[3:]),
+        scans=(*job.scans[:2], job.scan(short, 41), *job.scans[3:]),
+    )
+    found = mixed.play({3: DrumFault(kind="missing")}, sheets=PAGES)
+    assert pages_of(found) == [0, 1, 2, 4, 5, 6, 7]
+    assert isinstance(found[2], SeenPage)
+    assert found[2].scan.shape[1] == job.press.geometry.lines(short.height_mm)
+    assert {fault.kind for fault in faults_of(found)} == {"missing"}
+
+
+def test_a_sheet_whose_top_looks_like_backing_is_cut_at_its_edge(job: Job) -> None:
+    """A band of the one tint that the camera cannot tell from the backing, from edge to edge."""
+    sensor = job.press.sensors[0]
+    grey = int(np.argmin(np.abs(sensor.mean_dn[0, 0, 0] - sensor.backing_dn))) * 8
+    exact = np.interp(
+        sensor.backing_dn, sensor.mean_dn[0, 0, 0][::-1], np.arange(32, -1, -1, dtype=np.float64) * 8
+    )
+    assert abs(exact - grey) < 8
+    cmyk = job.pages[2].cmyk.copy()
+    cmyk[:110] = 0
+    cmyk[:110, :, 3] = round(float(exact))
+    dark = replace(job.pages[2], cmyk=cmyk)
+    thumbnail = thumbnail_of(
+        dark, predict(dark, sensors=job.press.sensors, geometry=job.press.geometry, threads=1), job.press
+    )
+    scans = (*job.scans[:2], job.scan(dark, 42), *job.scans[3:])
+    usual = job.play({}, sheets=PAGES)[3]
+    thumbnails = (*job.thumbnails[:2], thumbnail, *job.thumbnails[3:])
+    found = replace(job, scans=scans, thumbnails=thumbnails).play({}, sheets=PAGES)
+    assert pages_of(found) == list(range(PAGES))
+    first, second = found[2], found[3]
+    assert isinstance(first, SeenPage)
+    assert isinstance(second, SeenPage)
+    assert isinstance(usual, SeenPage)
+    np.testing.assert_array_equal(second.scan[:, 30:], usual.scan[:, 30:])
+    due = 2 * job.scans[0].shape[1]
+    most_shift = round(0.9 / job.press.geometry.line_pitch_mm)
+    assert abs(first.first_line - due) <= most_shift + 4  # thumbnails tell to half a pixel of 8 lines
+
+
+def test_a_trigger_cuts_where_it_counts_and_says_who_slipped(job: Job) -> None:
+    pitch = job.scans[0].shape[1]
+    start = TriggerCount(lines=pitch)
+    found = job.play({}, sheets=PAGES, start=start)
+    assert [page.first_line for page in found if isinstance(page, SeenPage)] == [
+        pitch * n for n in range(PAGES)
+    ]
+    np.testing.assert_array_equal(found[3].scan[:, 19:430], job.scans[3][:, 19:430])  # type: ignore[union-attr]
+    moved = list(job.scans)
+    moved[3] = np.roll(moved[3], 26, axis=1)
+    late = replace(job, scans=tuple(moved)).play({}, sheets=PAGES, start=start)
+    assert pages_of(late) == list(range(PAGES))
+    said = [(page.job_page, [f.kind for f in page.faults]) for page in late if isinstance(page, SeenPage)]
+    assert said[3] == (3, ["slip"])
+    assert all(kinds == [] for page, kinds in said if page != 3)
+
+
+def test_a_sheet_alone_off_its_place_is_the_only_one_that_slipped(job: Job) -> None:
+    """Gap behind it is as much too small as that before it was too large; drums of one sheet a turn do that."""
+    gap = np.repeat(np.median(job.scans[0][:, :8], axis=1, keepdims=True), 40, axis=1).astype(np.uint16)
+    late, early = np.concatenate([gap, gap], axis=1), gap[:, :0]
+    spaced = [np.concatenate([gap, scan], axis=1) for scan in job.scans]
+    spaced[5] = np.concatenate([late, job.scans[5]], axis=1)
+    spaced[6] = np.concatenate([early, job.scans[6]], axis=1)
+    found = replace(job, scans=tuple(spaced)).play({}, sheets=PAGES)
+    said = [(page.job_page, [f.kind for f in page.faults]) for page in found if isinstance(page, SeenPage)]
+    assert [entry for entry in said if entry[1]] == [(5, ["slip"])]
+
+
+def test_a_page_that_is_not_known_yet_is_not_guessed(job: Job) -> None:
+    unknown: list[Thumbnail | None] = [*job.thumbnails[:3], None, *job.thumbnails[4:]]
+    pager = Pager(job.press, expected=unknown)
+    drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
+    found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
+    assert pages_of(found) == [0, 1, 2, None, 4, 5, 6, 7]
+    sheets = [page for page in found if isinstance(page, SeenPage)]
+    assert [page.taken_for for page in sheets] == [None, None, None, 3, None, None, None, None]
+    assert [page.faults for page in sheets] == [()] * 8  # nothing is said against what nobody knows
+    assert (pager.to_come, pager.missing) == (PAGES - 8, 0)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_sheet_within_which_the_lines_end_is_said_to_be_cut_short(job: Job, share: float) -> None:
+    pager, whole = Pager(job.press, expected=list(job.thumbnails)), job.scans[0].shape[1]
+    lines = np.concatenate([job.scans[0], job.scans[1][:, : round(share * whole)]], axis=1)
+    found = pager.push(LineBlock(first_line=0, lines=lines, time_s=0.0)) + pager.flush()
+    assert [page.cut_short for page in found if isinstance(page, SeenPage)] == [False, True]
+
+
+def test_pages_that_did_not_come_are_counted_when_the_lines_have_ended(job: Job) -> None:
+    """Page 3 is left out, page 5 comes behind page 6; the lines end two sheets too early."""
+    faults = {2: DrumFault(kind="missing", amount=1), 4: DrumFault(kind="out-of-order")}
+    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES + 2))
+    for block in Drum(job.scans, press=job.press, passing=turns(PAGES, faults)).blocks():
+        pager.push(block)
+    pager.flush()
+    assert (pager.to_come, pager.missing) == (2, 1)
+
+
+def test_repeated_designs_are_counted_through(job: Job) -> None:
+    found = job.play({9: DrumFault(kind="missing", amount=1)}, sheets=3 * PAGES)
+    assert pages_of(found) == [n for n in range(3 * PAGES) if n != 9]
+    assert missing_of(found) == [9]
+
+
+def test_lines_are_let_go(job: Job) -> None:
+    store = LineStore(job.press, longest=500)
+    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, 5 * PAGES))
+    pager._store = pager._finder._store = store
+    most = 0
+    for block in Drum(job.scans, press=job.press, passing=turns(5 * PAGES, {})).blocks():
+        pager.push(block)
+        most = max(most, sum(lines.shape[1] for _, lines, _ in store._parts))
+    assert most < 1.5 * job.scans[0].shape[1]
+    assert len(store._backing) * 8 < 1.5 * job.scans[0].shape[1]
+
+
+def test_lines_of_another_camera_are_refused(job: Job) -> None:
+    pager = Pager(job.press, expected=list(job.thumbnails))
+    with pytest.raises(ScanError, match=r"line 0.*400 pixels"):
+        pager.push(LineBlock(first_line=0, lines=np.zeros((1, 5, 399), np.uint16), time_s=0.0))
+
+
+def test_nothing_but_backing_is_no_page(job: Job) -> None:
+    backing = np.full((1, 3000, job.press.geometry.pixels), job.press.sensors[0].backing_dn, np.uint16)
+    assert job.paged([LineBlock(first_line=0, lines=backing, time_s=0.0)]) == []
+    assert job.paged([]) == []
+
+
+def test_two_sensors_are_paged_as_one(two_sensor_press: Press, make_page: Callable[..., Page]) -> None:
+    pages = [make_page(n) for n in (1, 2, 3)]
+    session = Session.draw(Amounts.stated(), two_sensor_press, np.random.default_rng(0))
+    scans, thumbnails = [], []
+    for n, page in enumerate(pages):
+        good = predict(page, sensors=two_sensor_press.sensors, geometry=two_sensor_press.geometry, threads=1)
+        thumbnails.append(thumbnail_of(page, good, two_sensor_press))
+        made = scan_page(
+            page,
+            press=two_sensor_press,
+            request=None,
+            others=(),
+            fetch=lambda _: pages[0],
+            rng=page_rng(1, n),
+            session=session,
+        )
+        scans.append(made.dn)
+    drum = Drum(scans, press=two_sensor_press, passing=turns(9, {4: DrumFault(kind="repeated")}))
+    pager = Pager(two_sensor_press, expected=RepeatedJob(thumbnails, 9))
+    found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
+    assert pages_of(found) == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8]

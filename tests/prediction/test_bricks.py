@@ -1,0 +1,144 @@
+"""The packed look-up against plain whole numbers, against the tables it stands for, and for its instructions."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+import pytest
+from llvmlite import binding
+from numba import njit
+
+from prooflight.kernels.prediction import filtering as filtering_kernels
+from prooflight.kernels.prediction import look_up as look_up_kernels
+from prooflight.kernels.prediction.lines import look_up_row
+from prooflight.kernels.prediction.look_up import (
+    NODES,
+    eight_at_once,
+    has_extraction,
+    look_up_light,
+    masks_of,
+)
+from prooflight.prediction.quantised_table import CELL_BITS, Bricks, bricks_of, cells_bits
+
+if TYPE_CHECKING:
+    from prooflight.press.artefact import Press
+
+
+def random_words(count: int, seed: int = 5) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 2**32, count, dtype=np.uint32)
+
+
+def plain_sums(words: np.ndarray, bricks: Bricks) -> np.ndarray:
+    """65536 times the interpolated code, in 64-bit integers."""
+    inks = words.view(np.uint8).reshape(-1, 4).astype(np.int64)
+    bits = bricks.bits.astype(np.int64)
+    cell, fraction = np.divmod(inks, 256 >> bits)
+    place = np.zeros(words.size, np.int64)
+    for ink in (3, 2, 1, 0):
+        place = (place << bits[ink]) + cell[:, ink]
+    total = np.zeros_like(place)
+    for corner in product((0, 1), repeat=4):
+        weight = np.prod(np.where(np.array(corner) == 1, fraction, (256 >> bits) - fraction), axis=1)
+        total += weight * bricks.bricks[place, np.array(corner) @ (1, 2, 4, 8)]
+    return total
+
+
+def as_light(sums: np.ndarray, bricks: Bricks, level: float) -> np.ndarray:
+    roots = sums.astype(np.float32)
+    return roots * roots * bricks.unit - (np.float32(level) + bricks.offset)
+
+
+def random_bricks(seed: int) -> Bricks:
+    """Of a table that bends more the more nodes an ink has."""
+    rng = np.random.default_rng(seed)
+    inks = np.linspace(0, 1, NODES)
+    bends = rng.permutation([0.2, 1.0, 2.0, 8.0])
+    axes = [np.exp(-2 * inks**bend) for bend in bends]
+    return Bricks.of((3000 * np.einsum("a,b,c,d->abcd", *axes)).astype(np.float32))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_look_up_is_plain_arithmetic_to_the_bit(seed: int) -> None:
+    bricks, words = random_bricks(seed), random_words(4000, seed)
+    words[1000:1100] = words[1000]  # a run
+    light = np.empty(words.size, np.float32)
+    look_up_light(words, bricks, np.float32(123), light)
+    np.testing.assert_allclose(light, as_light(plain_sums(words, bricks), bricks, 123), rtol=0, atol=1e-3)
+    look_up_light(words, bricks._replace(unit=np.float32(1), offset=np.float32(0)), np.float32(0), light)
+    exact = plain_sums(words, bricks).astype(np.float32)
+    np.testing.assert_array_equal(light, exact * exact)
+
+
+def test_processors_without_extraction_give_the_same() -> None:
+    by_shifts = eight_at_once(one_instruction=False)
+
+    @njit
+    def all_of(words, table, bits, out):  # type: ignore[no-untyped-def]
+        for first in range(0, words.size, 8):
+            by_shifts(
+                table.bricks, table.inner, table.outer, words, bits, first, masks_of(table.bits),
+                table.unit, table.offset, out,
+            )  # fmt: skip
+
+    bricks, words = random_bricks(7), random_words(800)
+    b = bricks.bits
+    shifted, light = np.empty((2, words.size), np.float32)
+    all_of(words, bricks, (b[0], b[1], b[2], b[3], np.uint32(16 - b[0] - b[1])), shifted)
+    look_up_light(words, bricks, np.float32(0), light)
+    np.testing.assert_array_equal(shifted, light)
+
+
+def test_stays_with_the_tables_it_stands_for(press: Press) -> None:
+    """A tenth of a sigma is asked of tables against the spectral model; a look-up may not use it up."""
+    model = press.sensors[0]
+    words = random_words(20_000)
+    words[:2] = 0, 0xFFFFFFFF
+    cmyk = words.view(np.uint8).reshape(-1, 4)
+    mean, variance, light = np.empty((3, words.size), np.float32)
+    look_up_row(cmyk, model.interleaved(), mean, variance)
+    look_up_light(words, bricks_of(model.mean_dn), np.float32(0), light)
+    error = (light - mean) / np.sqrt(variance)
+    assert abs(light[0] - model.white_dn) < 1e-3
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.abs(error).max() < 1.5
+
+
+def test_solid_inks_are_the_tables_own(press: Press) -> None:
+    """Rounding of codes: half of one is 2 sqrt(3000) sqrt(3000) / 65534 DN."""
+    model = press.sensors[0]
+    solid = np.array(list(product((0, 255), repeat=4)), np.uint8)
+    mean, variance, light = np.empty((3, len(solid)), np.float32)
+    look_up_row(solid, model.interleaved(), mean, variance)
+    look_up_light(solid.view(np.uint32).ravel(), bricks_of(model.mean_dn), np.float32(0), light)
+    np.testing.assert_allclose(light, mean, atol=0.15)
+
+
+def test_curved_inks_have_more_cells() -> None:
+    axes = [np.ones(NODES), np.linspace(1, 0.1, NODES) ** 3, np.ones(NODES), np.linspace(1, 0.5, NODES)]
+    bits = cells_bits(np.einsum("a,b,c,d->abcd", *axes))
+    assert sum(bits) == CELL_BITS
+    assert bits[1] == max(bits) == 5
+
+
+@pytest.mark.skipif(not has_extraction(), reason="the processor has no BMI2")
+@pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="the processor has no AVX2")
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="compiling is switched off")
+def test_compiled_look_up_and_filter_are_vectors(press: Press) -> None:
+    bricks, words = bricks_of(press.sensors[0].mean_dn), random_words(64)
+    fresh = njit(look_up_light.py_func)
+    fresh(words, bricks, np.float32(0), np.empty(64, np.float32))
+    (assembly,) = fresh.inspect_asm().values()
+    assert assembly.count("vpmaddwd") >= look_up_kernels.AT_ONCE
+    assert "pext" in assembly
+    light, out = np.zeros(256, np.float32), np.empty(64, np.float32)
+    along = njit(filtering_kernels.sum_row.py_func)
+    along(light, np.zeros(3, np.int64), np.zeros(3, np.float32), 0, 3, 0, 64, out)
+    places = np.zeros(64, np.int32)
+    moved = njit(filtering_kernels.filter_row.py_func)
+    moved(light, places, light, places, 8, out)
+    for kernel in (along, moved):
+        (assembly,) = kernel.inspect_asm().values()
+        assert "vfmadd" in assembly

@@ -1,0 +1,179 @@
+"""Planes that share their edges: found by fringes on small pages, 36 x 44 mm under 400 pixels, raster 0.053 mm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
+from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict
+from prooflight.registration.overlaps import overlaps_of
+from prooflight.registration.planes import FringeRegister, register_by_fringes
+from prooflight.registration.register import prepare, register
+from prooflight.scans.placement import IN_PLACE
+from prooflight.simulation.prints import draw_placement
+from prooflight.simulation.scans import ideal_scan
+from prooflight.simulation.worlds import Amounts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
+    from prooflight.registration.register import Landmarks, Registration
+    from prooflight.scans.placement import Placement
+
+DPI = 481.8
+FOUR_INKS = (180, 170, 160, 230)
+"""A black of four inks: C 71, M 67, Y 63, K 90 %."""
+BLACK = (0, 0, 0, 255)
+GOOD_MM = Tolerance().most_plane_mm
+INK_STEPS = {
+    "cyan": [[1, 0], [0, 0], [0, 0], [0, 0]],
+    "two apart": [[0, 1], [0, 0], [-2, 0], [0, 0]],
+    "black": [[0, 0], [0, 0], [0, 0], [2, -1]],
+    "all": [[-1, 0], [1, 1], [0, -1], [1, 0]],
+}
+"""By how many raster pixels planes C, M, Y, K lie too far right and down; 2 are 0.105 mm, what good prints may do."""
+
+
+def set_in(ink: tuple[int, int, int, int]) -> Page:
+    """Type-like stems and bars, 0.4 mm wide, over the whole page."""
+    rng = np.random.default_rng(3)
+    rows, columns = (round(extent * DPI / 25.4) for extent in (44.0, 36.0))
+    stem = round(0.4 * DPI / 25.4)
+    on = rng.random((rows // stem + 1, columns // stem + 1)) < 0.35
+    on[:4], on[-4:], on[:, :4], on[:, -4:] = False, False, False, False
+    printed = np.kron(on, np.ones((stem, stem), bool))[:rows, :columns]
+    return Page(cmyk=(printed[..., None] * np.array(ink)).astype(np.uint8), dpi=DPI, name="type", number=1)
+
+
+def displaced(page: Page, steps: NDArray[np.int64]) -> Page:
+    """The page with its planes so many raster pixels too far right and down; its border is bare."""
+    planes = [
+        np.roll(page.cmyk[..., ink], (down, right), axis=(0, 1)) for ink, (right, down) in enumerate(steps)
+    ]
+    return replace(page, cmyk=np.stack(planes, axis=-1))
+
+
+def landmarks_of(page: Page, press: Press) -> Landmarks:
+    prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    return prepare(page, prediction, sensors=press.sensors, geometry=press.geometry)
+
+
+def scan_of(page: Page, press: Press, placement: Placement) -> NDArray[np.uint16]:
+    seen = predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement, threads=1)
+    return ideal_scan(seen, press, np.random.default_rng(1))
+
+
+def by_fringes(
+    page: Page, press: Press, printed: Page, placement: Placement, *, good_mm: float = GOOD_MM
+) -> tuple[Registration, FringeRegister | None]:
+    landmarks = landmarks_of(page, press)
+    overlaps = overlaps_of(page, landmarks, good_mm=good_mm)
+    assert overlaps is not None
+    scan = scan_of(printed, press, placement)
+    found = register(landmarks, scan)
+    fringes = register_by_fringes(
+        overlaps, landmarks, scan, found.placement, found.planes_mm, found.plane_parts
+    )
+    return found, fringes
+
+
+def apart(planes_mm: NDArray[np.float64], page: Page) -> NDArray[np.int64]:
+    """(3, 2) how far C, M and Y lie off K: where all lie together is the page's place. [raster pixels]"""
+    steps = np.rint(planes_mm / page.pixel_mm).astype(np.int64)
+    return steps[:3] - steps[3]
+
+
+@pytest.mark.parametrize("name", INK_STEPS)
+def test_planes_of_type_in_four_inks_are_found_to_the_raster_pixel(
+    two_sensor_press: Press, name: str
+) -> None:
+    page, steps = set_in(FOUR_INKS), np.array(INK_STEPS[name])
+    placement = draw_placement(Amounts.stated().page, page, np.random.default_rng(5))
+    found, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), placement)
+    assert fringes is not None
+    np.testing.assert_array_equal(apart(fringes.planes_mm, page), steps[:3] - steps[3])
+    # Where tiles lie cannot tell planes apart whose edges lie together.
+    assert (apart(found.planes_mm, page) != steps[:3] - steps[3]).any()
+
+
+def test_what_is_predicted_then_lies_where_it_was_printed(two_sensor_press: Press) -> None:
+    """Placement and planes together: each plane to a tenth of a camera pixel, 0.011 mm, what registration errs by."""
+    page, steps = set_in(FOUR_INKS), np.array(INK_STEPS["all"])
+    found, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
+    assert fringes is not None
+    lie_mm = np.array(found.placement.shift_mm) + fringes.shift_mm + fringes.planes_mm
+    assert np.abs(lie_mm - steps * page.pixel_mm).max() < 0.011
+
+
+@pytest.mark.parametrize("ink", range(4))
+@pytest.mark.parametrize("away_mm", [0.32, 0.6])
+def test_a_plane_out_of_register_is_not_followed(two_sensor_press: Press, ink: int, away_mm: float) -> None:
+    page, steps = set_in(FOUR_INKS), np.zeros((4, 2), np.int64)
+    steps[ink, 0] = round(away_mm / page.pixel_mm)
+    _, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
+    assert fringes is None or not apart(fringes.planes_mm, page).any()
+
+
+def test_planes_of_a_press_that_varies_more_are_followed_further(two_sensor_press: Press) -> None:
+    """Cyan and black 0.32 mm apart: good where planes are off by up to 0.171 mm, a misprint where by 0.114."""
+    page, steps = set_in(FOUR_INKS), np.zeros((4, 2), np.int64)
+    steps[0, 0], steps[3, 0] = -3, 3
+    printed = displaced(page, steps)
+    _, fringes = by_fringes(page, two_sensor_press, printed, IN_PLACE, good_mm=1.5 * GOOD_MM)
+    assert fringes is not None
+    np.testing.assert_array_equal(apart(fringes.planes_mm, page), steps[:3] - steps[3])
+    _, fringes = by_fringes(page, two_sensor_press, printed, IN_PLACE)
+    assert fringes is None or not apart(fringes.planes_mm, page).any()
+
+
+def test_planes_in_register_stay(two_sensor_press: Press) -> None:
+    page = set_in(FOUR_INKS)
+    _, fringes = by_fringes(page, two_sensor_press, page, IN_PLACE)
+    assert fringes is not None
+    assert not fringes.planes_mm.any()
+
+
+def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:
+    page = set_in(BLACK)
+    assert overlaps_of(page, landmarks_of(page, two_sensor_press), good_mm=GOOD_MM) is None
+
+
+@pytest.mark.parametrize("ink", [BLACK, FOUR_INKS], ids=["one ink", "four inks"])
+@pytest.mark.parametrize("spread", [Spread(), Spread.none()], ids=["varies", "exact"])
+def test_a_look_without_fringes_is_what_it_was(
+    two_sensor_press: Press, ink: tuple[int, int, int, int], spread: Spread
+) -> None:
+    """Bit by bit; with them it differs only where planes share edges and prints vary."""
+    press, page = two_sensor_press, set_in(ink)
+    expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    scan = scan_of(displaced(page, np.array(INK_STEPS["all"])), press, IN_PLACE)
+    looks = []
+    for how in ({}, {"fringes": False}, {"fringes": True}):
+        known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, **how)
+        looks.append(look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread))
+    plain, off, on = looks
+    np.testing.assert_array_equal(off.sums.tiles, plain.sums.tiles)
+    np.testing.assert_array_equal(off.fit.surprise, plain.fit.surprise)
+    np.testing.assert_array_equal(on.found.planes_mm, plain.found.planes_mm)  # evidence stays registration's
+    followed = ink == FOUR_INKS and not spread.exact
+    assert np.array_equal(on.sums.tiles, plain.sums.tiles) != followed
+
+
+def test_fringes_followed_leave_less(two_sensor_press: Press) -> None:
+    """A good print's planes off by a raster pixel or two: its inks then need no gain to be explained."""
+    press, page = two_sensor_press, set_in(FOUR_INKS)
+    expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    scan = scan_of(displaced(page, np.array(INK_STEPS["all"])), press, IN_PLACE)
+    most = []
+    for fringes in (False, True):
+        known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=fringes)
+        looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
+        most.append(float(np.abs(looked.fit.surprise).max()))
+    assert most[1] < 0.7 * most[0]

@@ -24,7 +24,7 @@ from prooflight.spectra import WAVE_NM
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PATCHES = ROOT / ".." / "shared" / "oracle" / "isetcam_patches.json"
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -443,9 +443,8 @@ def test_nothing_is_half_written(
 
 @pytest.mark.parametrize("page", ["design-a-camera", "characterise-a-camera"])
 def test_every_command_of_the_how_to_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "src" / "prooflight").mkdir(parents=True)
-    for shipped in (ROOT / "src" / "prooflight").glob("*.toml"):
-        shutil.copy(shipped, tmp_path / "src" / "prooflight")
+    presets = Path("src", "prooflight", "press", "presets")
+    shutil.copytree(ROOT / presets, tmp_path / presets)
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```(sh|python)\n(.*?)```", text, re.DOTALL)

@@ -11,7 +11,7 @@ import pytest
 
 KERNEL = """
 from numba import njit
-from prooflight.kernel_cache import kept
+from prooflight.kernels.cache import kept
 
 @njit
 def twice(x):

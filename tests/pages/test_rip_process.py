@@ -202,7 +202,7 @@ BUSY = """
 import sys, threading
 from pathlib import Path
 from prooflight.pages import rip_process
-from prooflight.pages.rip import PdfJob
+from prooflight.pages.pdf.rip import PdfJob
 job = PdfJob(Path(sys.argv[1]))
 print(rip_process._running[0]._process.pid, flush=True)
 job.page(1, 72)

@@ -23,9 +23,9 @@ FIRST_VERDICT: Final = """
 import sys
 import numpy as np
 from pathlib import Path
-from prooflight.inspecting.inspector import Inspector
+from prooflight.inspection.inspector import Inspector
 from prooflight.pages.raster import Page
-from prooflight.press import Press
+from prooflight.press.artefact import Press
 
 folder = Path(sys.argv[1])
 press = Press.load(folder / "bench.press")

@@ -201,10 +201,10 @@ def test_daemons_and_forks_rip_too(write_pdf: WritePdf, method: str) -> None:
 BUSY = """
 import sys, threading
 from pathlib import Path
-from prooflight.pages import rip_process
+from prooflight.pages.pdf import process
 from prooflight.pages.pdf.rip import PdfJob
 job = PdfJob(Path(sys.argv[1]))
-print(rip_process._running[0]._process.pid, flush=True)
+print(process._running[0]._process.pid, flush=True)
 job.page(1, 72)
 """
 

@@ -18,6 +18,7 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
 from prooflight_studies.harness.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.harness.versions import ALGORITHMS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -275,3 +276,18 @@ def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
             assert str(kept) in caplog.text
             assert "is made again" in caplog.text
     assert damaged > 200
+
+
+def test_rows_are_kept_by_plan_press_pages_and_versions_alone(
+    press: Press, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    facts = PLAN.facts(press, "designs")
+    known = digest_of(facts)
+    assert digest_of(PLAN.facts(press, "designs")) == known
+    others = [replace(PLAN, seed=6).facts(press, "designs"), PLAN.facts(press, "others")]
+    others.append(PLAN.facts(replace(press, name="another"), "designs"))
+    for room in ALGORITHMS:
+        monkeypatch.setitem(ALGORITHMS, room, ALGORITHMS[room] + 1)
+        others.append(PLAN.facts(press, "designs"))
+    assert len({known, *map(digest_of, others)}) == 1 + len(others)
+    assert set(facts) - set(PLAN.__dataclass_fields__) == {"press", "worlds", "designs", "algorithms"}

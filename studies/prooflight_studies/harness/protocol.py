@@ -6,11 +6,8 @@ printed, scanned and measured. Rows depend on the plan and its seed alone, not o
 
 from __future__ import annotations
 
-import hashlib
 from collections import defaultdict
 from dataclasses import asdict, dataclass, replace
-from importlib import resources
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -22,6 +19,7 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
+from prooflight_studies.harness.versions import ALGORITHMS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
 
 SETS: Final = ("pilot", "learn", "tune", "test")
 """The pilot's good copies teach the variation model; the others are called by their use."""
-PROGRAM: Final = ("acquiring", "comparing", "deciding", "pages", "predicting", "simulating", "studies")
-"""Packages that decide what rows say; a change of their text makes kept results void. The press has its own digest."""
 OTHERS: Final = 3
 """Designs of the same day that a wrong page may come from."""
 FRAMES: Final[dict[World, tuple[str, ...]]] = {"ideal": ("raw",), "press": ("raw", "registered")}
@@ -79,16 +75,7 @@ class Plan:
     def facts(self, press: Press, source: str) -> dict[str, Any]:
         """All that rows depend on; source: which page designs."""
         of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}
-        return asdict(self) | of_press | {"program": program_digest()}
-
-
-def program_digest() -> str:
-    """SHA-256 of the program's own text, as far as rows depend on it."""
-    sha = hashlib.sha256()
-    root = Path(str(resources.files("prooflight")))
-    for path in sorted(path for package in PROGRAM for path in (root / package).rglob("*.py")):
-        sha.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return sha.hexdigest()
+        return asdict(self) | of_press | {"algorithms": dict(ALGORITHMS)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

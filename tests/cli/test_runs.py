@@ -16,7 +16,7 @@ import pytest
 
 from prooflight.cli import run, runs
 from prooflight.cli.show import people
-from prooflight.detectors.base import Region, Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.rejudging import kept_evidence
 from prooflight.journal.journal import Journal, PageRecord, RunEnd, RunFacts
@@ -79,7 +79,8 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
     with Journal.open(str(path)) as opened:
         first = opened.begin_run(facts)
         opened.record(
-            first, record(0, inspection.verdict, evidence=kept_evidence(inspection, prepared, inspector))
+            first,
+            record(0, inspection.verdict, evidence=kept_evidence(inspection, prepared.page, inspector.press)),
         )
         opened.record(first, record(1, bad, late=True, nuisance={"gain-C": 0.01}))
         passed = Verdict(

@@ -4,8 +4,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Judgement, Region, Verdict
 from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.verdict import Decision, Region, Verdict
 
 INFINITE = (np.nan, np.inf, -np.inf)
 
@@ -33,10 +33,10 @@ def test_a_verdict_does_not_change_after_it_was_given() -> None:
 @pytest.mark.parametrize("name", ["score", "threshold", "p_value", "probability"])
 @pytest.mark.parametrize("misprint", [True, False])
 def test_a_number_that_is_not_finite_decides_nothing(name: str, value: float, misprint: bool) -> None:
-    sound = Judgement(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
-    judgement = replace(sound, **{name: value})
-    assert judgement.word == "not-inspected"
-    verdict = Verdict.judged("p0001", judgement, costs=RunningCosts(), kind="streak", detector="ours")
+    sound = Decision(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
+    decision = replace(sound, **{name: value})
+    assert decision.word == "not-inspected"
+    verdict = Verdict.judged("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
     assert (verdict.verdict, verdict.action, verdict.detector) == ("not-inspected", "accept", "ours")
     assert name.replace("_", "-") in verdict.reason
     json.dumps(asdict(verdict), allow_nan=False)
@@ -52,11 +52,11 @@ def test_no_verdict_whoever_makes_it_is_good_by_such_a_number(value: float) -> N
 
 
 def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> None:
-    judgement = Judgement(misprint=True, score=2.0, threshold=1.0, p_value=None, probability=0.01)
+    decision = Decision(misprint=True, score=2.0, threshold=1.0, p_value=None, probability=0.01)
     dear = RunningCosts(false_alarm_cents=1.0, missed_misprint_cents=1.0)
     actions = [
-        Verdict.judged("p", judgement, costs=dear).action,
-        Verdict.judged("p", judgement, costs=dear, surely=True).action,
-        Verdict.judged("p", replace(judgement, probability=None)).action,
+        Verdict.judged("p", decision, costs=dear).action,
+        Verdict.judged("p", decision, costs=dear, surely=True).action,
+        Verdict.judged("p", replace(decision, probability=None)).action,
     ]
     assert actions == ["accept", "stop", "stop"]

@@ -20,7 +20,7 @@ from prooflight.commissioning.training.train import taught
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import judged_again, kept_evidence
+from prooflight.inspection.rejudging import decided_again, kept_evidence
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
@@ -183,12 +183,8 @@ def inspected(press: Press, detector: str, world: str, *kinds: str) -> Figures:
         if kind == "":
             kind = "good"
         done = inspector.inspect(prepared, scan, scan_name="scan")
-        kept = {
-            name: array
-            for name, array in kept_evidence(done, prepared, inspector).items()
-            if "cut" not in name
-        }
-        again = judged_again(kept, press, inspector.judge.name)
+        kept = {name: array for name, array in kept_evidence(done, page, press).items() if "cut" not in name}
+        again = decided_again(kept, press, inspector.detector.name)
         assert again.misprint == (done.verdict.verdict == "misprint")
         found[kind] = {
             "verdict": of_verdict(done.verdict),
@@ -363,7 +359,7 @@ def sample_job(folder: Path) -> Figures:
     """The job of the demonstration, ripped at a low resolution."""
     make_sample_job(folder / "job.pdf")
     with open_job(folder / "job.pdf", dpi=60) as job:
-        return {str(number): sha(job.page(number).cmyk) for number in range(1, len(job) + 1)}
+        return {str(number): digest(job.page(number).cmyk) for number in range(1, len(job) + 1)}
 
 
 def inks() -> Figures:
@@ -416,3 +412,8 @@ def figures_of(case: Callable[..., Figures], folder: Path) -> Figures:
 def needs_shared(case: Callable[..., Figures]) -> bool:
     """Whether a case reads documents that lie beside the repository."""
     return case is real_pages
+
+
+def learns(case: Callable[..., Figures]) -> bool:
+    """Whether a case asks what a detector says that was taught on this processor."""
+    return case in (press_taught, matched_filter_press, matched_filter_ideal)

@@ -9,39 +9,51 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.frozen.cases import CASES, SHARED, figures_of, needs_shared
+from tests.frozen.cases import CASES, SHARED, figures_of, learns, needs_shared
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 FIGURES = Path(__file__).with_name("figures.json")
-RELATIVE = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slack:
+    """How far numbers may go."""
+
+    relative: float
+    of_norm: float
+    """For sums with random signs, of their array's norm."""
+
+
+SUMMED = Slack(relative=1e-3, of_norm=1e-5)
 """Single precision in sums of a million terms, and fits that go on from them."""
-OF_NORM = 1e-5
-"""Sums with random signs, of the array's norm: about as far as its numbers' last bits go when all are off together."""
+LEARNED = Slack(relative=0.02, of_norm=0.01)
+"""What a detector says that was taught on this processor by two dozen pages, which makes more of last bits: processors
+with and without AVX-512 were 0.2 % apart in thresholds and scores, and 0.2 % of the norm in statistics."""
 
 
-def differences(found: Any, frozen: Any, where: str = "", norm: float = 0.0) -> Iterator[str]:
+def differences(found: Any, frozen: Any, slack: Slack, where: str = "", norm: float = 0.0) -> Iterator[str]:
     """Where figures are not those that were frozen."""
     if isinstance(frozen, dict):
         if not isinstance(found, dict) or set(found) != set(frozen):
             yield f"{where}: {found!r} instead of {frozen!r}"
             return
         for name, one in frozen.items():
-            yield from differences(found[name], one, f"{where}/{name}", frozen.get("norm", 0.0))
+            yield from differences(found[name], one, slack, f"{where}/{name}", frozen.get("norm", 0.0))
     elif isinstance(frozen, list):
         if not isinstance(found, list | tuple) or len(found) != len(frozen):
             yield f"{where}: {found!r} instead of {frozen!r}"
             return
         for at, (one, other) in enumerate(zip(found, frozen, strict=True)):
-            yield from differences(one, other, f"{where}[{at}]", norm)
+            yield from differences(one, other, slack, f"{where}[{at}]", norm)
     elif isinstance(frozen, float) and isinstance(found, float | int):
-        slack = OF_NORM * norm + 1e-9
-        if not math.isclose(found, frozen, rel_tol=RELATIVE, abs_tol=slack):
+        if not math.isclose(found, frozen, rel_tol=slack.relative, abs_tol=slack.of_norm * norm + 1e-9):
             yield f"{where}: {found!r} instead of {frozen!r}"
     elif found != frozen:
         yield f"{where}: {found!r} instead of {frozen!r}"
@@ -53,12 +65,12 @@ def test_nothing_has_changed(case: Callable[..., Any], tmp_path: Path) -> None:
         pytest.skip("needs the folder `shared` beside the repository")
     frozen = json.loads(FIGURES.read_text(encoding="utf-8"))[case.__name__]
     found = json.loads(json.dumps(figures_of(case, tmp_path)))
-    assert not list(differences(found, frozen))[:8]
+    assert not list(differences(found, frozen, LEARNED if learns(case) else SUMMED))[:8]
 
 
 def test_a_change_is_seen() -> None:
     frozen = {"norm": 10.0, "mean": 1.0, "words": ["good", 2]}
-    assert not list(differences({"norm": 10.0, "mean": 1.0000001, "words": ["good", 2]}, frozen))
+    assert not list(differences({"norm": 10.0, "mean": 1.0000001, "words": ["good", 2]}, frozen, SUMMED))
     for other in (
         {"norm": 10.02, "mean": 1.0, "words": ["good", 2]},
         {"norm": 10.0, "mean": 1.01, "words": ["good", 2]},
@@ -68,4 +80,4 @@ def test_a_change_is_seen() -> None:
         {"norm": 10.0, "mean": 1.0},
         {"norm": 10.0, "mean": None, "words": ["good", 2]},
     ):
-        assert list(differences(other, frozen))
+        assert list(differences(other, frozen, SUMMED))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from prooflight.detectors.base import Ink, Region, Verdict
+from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.journal import packs
 from prooflight.journal.exporting import page_facts, run_facts, write_csv
 from prooflight.journal.journal import (

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Judgement
 from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.paper.detector import PaperDetector
+from prooflight.detectors.verdict import Decision
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspection.inspector import DETECTORS, detector, inspect_page, not_inspected
+from prooflight.inspection.inspector import Inspector, not_inspected
+from prooflight.inspection.registry import BUILT_IN, detector
 from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, page_rng, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from prooflight.detectors.base import Inspection, KeptArrays
     from prooflight.detectors.paper.evidence import Evidence
-    from prooflight.inspection.inspection import Inspection
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
@@ -40,9 +42,7 @@ def printed(page: Page, press: Press, seed: int, request: MisprintRequest | None
 def inspected(
     page: Page, scan: np.ndarray, press: Press, *, name: str = "chi-square", seed: int = 0
 ) -> Inspection:
-    return inspect_page(
-        page, scan, press=press, judge=detector(name, press), scan_name="p0001.tif", seed=seed
-    )
+    return Inspector.of(press, name).inspect(page, scan, scan_name="p0001.tif", seed=seed)
 
 
 # --- good prints ---
@@ -156,10 +156,17 @@ class Fixed:
     misprint: bool
     probability: float
     name: str = "fixed"
+    promise: str = "none"
 
-    def judge(self, evidence: Evidence) -> Judgement:
+    def kept(self, evidence: Evidence) -> dict[str, np.ndarray]:
+        return {"block_z": evidence.block_z}
+
+    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+        raise NotImplementedError
+
+    def judge(self, evidence: Evidence) -> Decision:
         assert evidence.block_z.size
-        return Judgement(
+        return Decision(
             misprint=self.misprint, score=2.0, threshold=1.0, p_value=None, probability=self.probability
         )
 
@@ -177,13 +184,9 @@ def test_whether_an_alarm_stops_the_press_is_a_matter_of_cost(
 ) -> None:
     costs = RunningCosts(misprint_rate=0.01, false_alarm_cents=false_alarm_cents, missed_misprint_cents=1.0)
     scan = printed(page, press, 1).dn
-    verdict = inspect_page(
-        page,
-        scan,
-        press=replace(press, costs=costs),
-        judge=Fixed(misprint=misprint, probability=probability),
-        scan_name="p0001.tif",
-    ).verdict
+    priced = replace(press, costs=costs)
+    fixed = PaperDetector(station=priced.station(), test=Fixed(misprint=misprint, probability=probability))
+    verdict = Inspector(press=priced, detector=fixed).inspect(page, scan).verdict
     assert verdict.verdict == ("misprint" if misprint else "good")
     assert verdict.action == action
     assert verdict.probability == probability
@@ -230,7 +233,7 @@ def test_there_is_no_such_detector(press: Press) -> None:
     with pytest.raises(RequestError) as refusal:
         detector("oracle", press)
     assert "'oracle'" in str(refusal.value)
-    assert DETECTORS[0] in str(refusal.value)
+    assert all(name in str(refusal.value) for name in BUILT_IN)
 
 
 # --- verdicts ---
@@ -259,10 +262,8 @@ def test_an_inspection_holds_what_it_rests_on(press: Press, page: Page) -> None:
     inspection = inspected(page, scan, press)
     area = (slice(None), *press.geometry.on_page(page.width_mm, page.height_mm))
     np.testing.assert_array_equal(inspection.measured_dn, scan[area])
-    assert inspection.prediction is not None
-    assert inspection.evidence is not None
-    assert inspection.prediction.expected_dn.shape == inspection.measured_dn.shape
-    assert inspection.evidence.histogram.sum() == inspection.measured_dn.size
+    assert inspection.expect().expected_dn.shape == inspection.measured_dn.shape
+    assert inspection.kept["tile_histogram"].sum() == inspection.measured_dn.size
 
 
 def test_same_scan_same_verdict(press: Press, page: Page) -> None:

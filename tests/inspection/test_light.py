@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
     from prooflight.press.artefact import Press
 
     MakePage = Callable[..., Page]

@@ -16,8 +16,9 @@ import pytest
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.simulated_days import PressDay
-from prooflight.inspection.finding import inside
-from prooflight.inspection.inspector import detector, inspect_page, paper_evidence
+from prooflight.detectors.paper.detector import page_evidence
+from prooflight.detectors.placing import inside
+from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.misprints.kinds import draw_misprint
@@ -129,7 +130,7 @@ def test_lengths_do_not_change_the_papers_verdicts(press: Press, page: Page) -> 
     rows = judged(press, page, scan, "chi-square", [nominal, *lengths])
     assert {(row["verdict"], row["score"]) for row in rows} == {("good", rows[0]["score"])}
     evidence, of_longer = (
-        paper_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press) for more in (0, 7)
+        page_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press.station()) for more in (0, 7)
     )
     np.testing.assert_array_equal(evidence.block_z, of_longer.block_z)
 
@@ -140,12 +141,10 @@ def test_what_a_shorter_scan_lacks_is_not_judged(press: Press, page: Page) -> No
     seen = predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement)
     scan = ideal_scan(seen, press, np.random.default_rng(1))
     rows, _ = press.geometry.on_page(page.width_mm, page.height_mm)
-    judge = detector("chi-square", press)
-    done = inspect_page(page, scan[:, : rows.stop], press=press, judge=judge, scan_name="p0001.tif")
+    done = Inspector.of(press, "chi-square").inspect(page, scan[:, : rows.stop])
     assert done.verdict.shift_mm == pytest.approx((0.0, 1.0), abs=0.02)
     assert done.area[0].stop == rows.stop
-    assert done.prediction is not None
-    assert done.prediction.expected_dn.shape == done.measured_dn.shape
+    assert done.expect().expected_dn.shape == done.measured_dn.shape
 
 
 def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
@@ -174,10 +173,9 @@ def test_the_least_pages_are_judged(
     ruined[:, :, ::3] = 0
     for name in ("ours", "chi-square"):
         for one, words in ((scan, {"good", "misprint"}), (ruined, {"misprint", "not-inspected"})):
-            judge = detector(name, taught_press)
-            done = inspect_page(page, one, press=taught_press, judge=judge, scan_name="scan")
+            done = Inspector.of(taught_press, name).inspect(page, one)
             assert done.verdict.verdict in words
             assert done.verdict.verdict == "not-inspected" or np.isfinite(done.verdict.score or np.nan)
     beyond = Placement(shift_mm=(0.0, taught_press.geometry.lead_in_mm + page.height_mm - 0.3))
-    area = inside(page, taught_press, beyond, lines=scan.shape[1])
+    area = inside(page, taught_press.geometry, beyond, lines=scan.shape[1])
     assert area == taught_press.geometry.on_page(page.width_mm, page.height_mm)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sqlalchemy import event
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal import packs
 from prooflight.journal.journal import PageRecord, RunFacts
 

@@ -20,10 +20,10 @@ import pytest
 from tests.fuzz import journal_mutants
 from tests.journal.journals import facts, files_of, record
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import judged_again, kept_evidence
+from prooflight.inspection.rejudging import decided_again, kept_evidence
 from prooflight.journal import packs
 from prooflight.journal.journal import Journal, JournalError
 from prooflight.simulation.scans import page_rng, scan_page
@@ -302,7 +302,7 @@ def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict
     prepared = inspector.prepare(page)
     scan = scan_page(page, press=of_press, request=None, others=(), fetch=lambda _: page, rng=page_rng(1, 1))
     inspection = inspector.inspect(prepared, scan.dn, scan_name="scan")
-    return dict(kept_evidence(inspection, prepared, inspector)), of_press, request.param
+    return dict(kept_evidence(inspection, prepared.page, inspector.press)), of_press, request.param
 
 
 @pytest.mark.parametrize(
@@ -316,13 +316,13 @@ def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict
     ],
     ids=["shorter", "deeper", "text", "empty", "complex"],
 )
-def test_evidence_of_no_page_cannot_be_judged_again(
+def test_evidence_of_no_page_cannot_be_decided_again(
     kept: tuple[dict[str, Any], Press, str], spoil: Callable[[Any], Any]
 ) -> None:
     arrays, press, name = kept
     for of, array in arrays.items():
         with pytest.raises(RequestError, match="cannot be of its page"):
-            judged_again(arrays | {of: spoil(array)}, press, name)
+            decided_again(arrays | {of: spoil(array)}, press, name)
 
 
 def test_evidence_that_is_no_number_gives_no_verdict(kept: tuple[dict[str, Any], Press, str]) -> None:
@@ -330,7 +330,7 @@ def test_evidence_that_is_no_number_gives_no_verdict(kept: tuple[dict[str, Any],
     spoilt = {"portrait": np.nan} if name == "ours" else {"tile_histogram": 0}
     for of, value in spoilt.items():
         with pytest.raises(RequestError):
-            judged_again(arrays | {of: np.full_like(arrays[of], value)}, press, name)
+            decided_again(arrays | {of: np.full_like(arrays[of], value)}, press, name)
 
 
 def test_what_an_older_version_did_not_know_may_be_missing(path: Path) -> None:

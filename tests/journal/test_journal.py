@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.journal.journals import facts, files_of, limit, record
 
-from prooflight.detectors.base import Ink, Region, Verdict
+from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.journal import lock, packs
 from prooflight.journal.journal import (
     Journal,

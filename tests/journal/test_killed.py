@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal import packs
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.journal.unclaimed import unclaimed_folder

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Verdict
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import Figure, judged_again, kept_evidence, replayed
+from prooflight.inspection.rejudging import Figure, decided_again, kept_evidence, replayed
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.press.artefact import Press
 from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from prooflight.inspection.inspection import Inspection
+    from prooflight.detectors.base import Inspection
     from prooflight.pages.raster import Page
 
     MakePage = Callable[..., Page]
@@ -67,7 +67,7 @@ def looks(inspector: Inspector, make_page: MakePage) -> Looks:
         inspection = inspector.inspect(
             prepared, scanned(page, inspector.press, kind, other), scan_name="scan"
         )
-        found.append((inspection, dict(kept_evidence(inspection, prepared, inspector))))
+        found.append((inspection, dict(kept_evidence(inspection, prepared.page, inspector.press))))
     return found
 
 
@@ -118,10 +118,10 @@ def test_a_scan_of_another_page_keeps_its_score(looks: Looks, inspector: Inspect
     """Ours gives it one above that of any evidence; the paper's detectors give it none of its own."""
     kept = looks[0][1]
     good, wrong = (
-        judged_again(kept | {"wrong_page": np.array(word)}, inspector.press, inspector.judge.name)
+        decided_again(kept | {"wrong_page": np.array(word)}, inspector.press, inspector.detector.name)
         for word in (False, True)
     )
-    if inspector.judge.name == "ours":
+    if inspector.detector.name == "ours":
         assert good.score < wrong.score == WRONG_PAGE
         assert wrong.misprint
     else:
@@ -131,9 +131,9 @@ def test_a_scan_of_another_page_keeps_its_score(looks: Looks, inspector: Inspect
 def test_evidence_of_another_detector_is_refused(
     looks: Looks, bayes_press: Press, inspector: Inspector
 ) -> None:
-    other = "bayes" if inspector.judge.name == "chi-square" else "chi-square"
+    other = "bayes" if inspector.detector.name == "chi-square" else "chi-square"
     with pytest.raises(RequestError, match="does not hold"):
-        judged_again(looks[0][1], bayes_press, other)
+        decided_again(looks[0][1], bayes_press, other)
 
 
 def test_cuts_show_the_scan_at_the_places_of_a_misprint(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tests.journal.journals import facts, files_of, limit, record
 
-from prooflight.detectors.base import Region, Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.journal import packs, rows
 from prooflight.journal.aside import aside_file
 from prooflight.journal.journal import Journal, JournalError, PageRecord, RunEnd

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Verdict
 from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
 from prooflight.line.judging import Judged
 from prooflight.line.monitor.run import PageEvidence, RunLevel

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from prooflight.detectors.base import Region, Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.line.book import KnownThumbnails
 from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, followed

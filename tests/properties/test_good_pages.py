@@ -8,7 +8,8 @@ import numpy as np
 from scipy import stats
 
 from prooflight.detectors.paper.chi_square import ChiSquare
-from prooflight.inspection.inspector import inspect_page
+from prooflight.detectors.paper.detector import PaperDetector
+from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.simulation.scans import ideal_scan, page_rng
 
@@ -23,14 +24,15 @@ SCANS = 120
 
 def test_p_values_of_good_pages_are_uniform(two_sensor_press: Press, make_page: Callable[..., Page]) -> None:
     press = two_sensor_press
-    judge = ChiSquare(good_pages_per_false_alarm=1e5, misprint_rate=0.01, tiles=False)
+    test = ChiSquare(good_pages_per_false_alarm=1e5, misprint_rate=0.01, tiles=False)
+    of_pages = Inspector(press=press, detector=PaperDetector(station=press.station(), test=test))
     p_values = []
     for design in range(3):
         page = make_page(20 + design, width_mm=20.0, height_mm=20.0)
         good = predict(page, sensors=press.sensors, geometry=press.geometry)
         for copy in range(SCANS // 3):
             scan = ideal_scan(good, press, page_rng(design, copy))
-            verdict = inspect_page(page, scan, press=press, judge=judge, scan_name="scan", seed=copy).verdict
+            verdict = of_pages.inspect(page, scan, seed=copy).verdict
             assert verdict.p_value is not None
             p_values.append(verdict.p_value)
     # fixed seeds; a true uniform would fail once in a thousand

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
-from prooflight.detectors.base import Region
-from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.detectors.verdict import Region
+from prooflight.inspection.inspector import Inspector
 from prooflight.pages.raster import Page
 from prooflight.reporting import pictures
 from prooflight.reporting.pictures import Frame
@@ -23,7 +23,7 @@ from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.inspection.inspection import Inspection
+    from prooflight.detectors.base import Inspection
     from prooflight.press.artefact import Press
 
 A4 = Frame(x_mm=0.0, y_mm=0.0, width_mm=210.0, height_mm=297.0)
@@ -48,8 +48,7 @@ def inspected(page: Page, press: Press, kind: str | None = None) -> Inspection:
         fetch=lambda _number: page,
         rng=page_rng(5, page.number),
     )
-    judge = detector("chi-square", press)
-    return inspect_page(page, scan.dn, press=press, judge=judge, scan_name="scan")
+    return Inspector.of(press, "chi-square").inspect(page, scan.dn)
 
 
 @pytest.mark.parametrize("recipe", list(product((0, 255), repeat=4)))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
-from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.inspection.inspector import Inspector
 from prooflight.reporting.report import (
     PAGE_PICTURE_PX,
     PageEntry,
@@ -106,8 +106,7 @@ def entry_of(page: Page, press: Press, request: MisprintRequest | None, title: s
         fetch=lambda _number: page,
         rng=page_rng(3, page.number),
     )
-    judge = detector("chi-square", press)
-    inspection = inspect_page(page, scan.dn, press=press, judge=judge, scan_name="scan")
+    inspection = Inspector.of(press, "chi-square").inspect(page, scan.dn)
     return page_entry(page, inspection, press, truth=scan.misprint, title=title)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from prooflight.detectors.base import Region, Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.reporting import wording
 from prooflight.reporting.report import Counts, sentence
 from prooflight.simulation.worlds import worlds

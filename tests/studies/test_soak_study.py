@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import PageRecord
 from prooflight.simulation.drum import DrumFault, turns
 from prooflight_studies.soak.page import write_soak_page

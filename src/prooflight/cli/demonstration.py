@@ -10,11 +10,12 @@ import numpy as np
 
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
-from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
 from prooflight.press.press_file import PressFile
 from prooflight.reporting.report import PageEntry, page_entry
+from prooflight.scans.scan import Scan
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, SimulatedScan, page_rng, scan_page
 from prooflight.simulation.worlds import Gate
@@ -100,14 +101,8 @@ class PrintAndInspect:
         page = self._laid(sheet.page)
         page = replace(page, name=page.name + sheet.suffix)
         scan = self._scan(page, sheet)
-        inspection = inspect_page(
-            page,
-            scan.dn,
-            press=self.press,
-            judge=detector("chi-square", self.press),
-            scan_name=page.name,
-            seed=self.seed + sheet.index,
-        )
+        inspector = Inspector.of(self.press, "chi-square")
+        inspection = inspector.inspect(page, Scan(dn=scan.dn, name=page.name), seed=self.seed + sheet.index)
         title = self.titles[sheet.page - 1] if self.titles else ""
         return page_entry(page, inspection, self.press, truth=scan.misprint, title=title)
 

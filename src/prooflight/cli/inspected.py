@@ -17,7 +17,7 @@ from prooflight.reporting.wording import count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
 
 Item = TypeVar("Item")
 

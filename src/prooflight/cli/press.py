@@ -83,7 +83,6 @@ def build(
 
 def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
     from prooflight.commissioning.training.train import taught
-    from prooflight.inspection.inspector import paper_evidence
     from prooflight.simulation.corpus.corpus import Corpus
 
     return taught(
@@ -91,16 +90,16 @@ def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -
         Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,
         seed=seed,
-        compare=paper_evidence if full else None,
+        paper=full,
         shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
     )
 
 
 def _detectors(press: Press) -> dict[str, str]:
     """What each detector promises."""
-    from prooflight.inspection.inspector import DETECTORS, Inspector
+    from prooflight.inspection.inspector import Inspector
 
-    has = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
+    has = ["chi-square", *(name for name in ("ours", "bayes") if getattr(press, name) is not None)]
     return {name: Inspector.of(press, name).promise for name in has}
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
 
 Item = TypeVar("Item")
 

@@ -153,7 +153,7 @@ def watch(
         seed=seed,
     )
     console = Watching(
-        title=f"{name} on {loaded.name}, {source}, {inspector.judge.name}",
+        title=f"{name} on {loaded.name}, {source}, {inspector.detector.name}",
         recent=Recent.of([sensor.name for sensor in loaded.sensors]),
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
@@ -214,7 +214,7 @@ def _recorder(
         job_digest=content_digest(job),
         press=inspector.press.name,
         press_digest=inspector.press.digest,
-        detector=inspector.judge.name,
+        detector=inspector.detector.name,
         source=source,
         started_s=time.time(),
         sheets=sheets,

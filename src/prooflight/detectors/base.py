@@ -1,150 +1,216 @@
-"""What a detector says of one page.
+"""What a detector is: it prepares a page, and what it prepared inspects scans of that page.
 
-A number that is not finite lies neither above nor below a threshold: nothing is decided by it, and nobody calls such a
-page good (``Verdict.judged``).
+Whoever meets ``Detector`` and ``PreparedPage`` is used by `inspect`, `watch`, the journal and the studies like those
+that come with Prooflight. ``StationDetector`` and ``PreparedOnly`` leave ``prepare`` and ``inspect`` to write.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping  # the journal reads verdicts by their annotations
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+
+import numpy as np
+
+from prooflight.errors import RequestError
+from prooflight.prediction.predict import cut, predict
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from prooflight.detectors.cost import RunningCosts
+    from prooflight.detectors.verdict import Decision, Verdict
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+    from prooflight.scans.scan import Scan
 
-Word = Literal["good", "misprint", "not-inspected"]
-Action = Literal["accept", "reprint", "stop"]
-NUMBERS: Final = {
-    "score": "score",
-    "threshold": "threshold",
-    "p_value": "p-value",
-    "probability": "probability",
-}
-"""On which a verdict rests, and what people call them."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """A place on the page that differs from what was expected."""
-
-    x_mm: float
-    y_mm: float
-    width_mm: float
-    height_mm: float
-    score: float
-    """How far this place is off, in standard deviations: of an 8 x 8 pixel mean, or of the statistic that found it."""
-    kind: str
+Area = tuple[slice, slice]
+"""Lines and columns of a scan."""
+LAMP_WAVES: Final = 6
+"""Of the lamp over the field: cosines of so many half waves."""
+INK_NAMES: Final = ("cyan", "magenta", "yellow", "black")
+BLOCK_PIXELS: Final = 8
+"""Side of the squares whose means pictures show."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ink:
-    """What one print was found to do with one ink."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Station:
+    """What a detector needs to know of the press that it looks at."""
 
-    gain_percent: float
-    """How much more of it there is than planned, as a share of it."""
-    dot_gain_percent: float
-    """Ink area added at 50 %."""
-    register_mm: tuple[float, float]
-    """How far its plane lies too far right and down of the print."""
+    name: str
+    sensors: tuple[SensorModel, ...]
+    geometry: ScanGeometry
+    costs: RunningCosts
+    fringes: bool = False
+    """Whether planes that share edges are followed where their fringes show them."""
+    threads: int | None = None
+    """That one page may take; None: one a core."""
+
+    def predict(self, page: Page, placement: Placement | None = None) -> Prediction:
+        """The lines that the camera must see of a page in its place, or where it lies."""
+        where = {} if placement is None else {"placement": placement}
+        return predict(page, sensors=self.sensors, geometry=self.geometry, threads=self.threads, **where)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judgement:
-    """What a detector alone can say: evidence and threshold, without place or kind."""
+class PlannedPage:
+    """A page as it is to enter the press."""
 
-    misprint: bool
-    score: float
-    """Evidence for a misprint; higher is worse. The statistic itself: p-values underflow."""
-    threshold: float
-    p_value: float | None
-    probability: float | None
-    """Of a misprint, given the score [-]; None: this detector knows none."""
+    def __init__(self, page: Page, station: Station) -> None:
+        self.page, self.station = page, station
+
+    @cached_property
+    def expected(self) -> Prediction:
+        """The lines that the camera must see of it in its place; made when first asked for."""
+        return self.station.predict(self.page)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PrintState:
+    """What one print did as good ones do, for the run's control charts."""
+
+    amounts: Mapping[str, float] = field(default_factory=dict)
+    """By channel of ``line.monitor.channels``."""
+    excess: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))
+    """(parts, columns) light of narrow columns over what was expected, in parts of the page's height."""
+    light: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))
+    """(parts, columns) light that was expected there."""
+    pitch_mm: float = 1.0
+    """Of the columns."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inspection:
+    """A verdict and what it rests on; arrays cover the page's area of the scan."""
+
+    verdict: Verdict
+    placement: Placement
+    """Where the page lies."""
+    area: Area
+    """Lines and columns of the scan that were judged."""
+    measured_dn: NDArray[np.uint16]
+    """(sensors, lines, columns) [DN]"""
+    block_z: NDArray[np.float32]
+    """(sensors or 1, block rows, block columns) how far squares of 8 x 8 pixels are lighter than they should be, in
+    standard deviations of good prints."""
+    expect: Callable[[], Prediction]
+    """Of the area of the page as it lies; made when asked for, where the detector itself did without."""
+    kept: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """By which ``Detector.decided_again`` comes to the same decision."""
+    state: Callable[[], PrintState] = PrintState
+    """What the run's control charts take from it."""
+
+
+class PreparedPage(Protocol):
+    """A page, with all that its detector can know of it ahead of its scans."""
+
+    def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
+        """Find the page in a scan, compare, decide.
+
+        The scan is of the press's camera and holds no more lines than its page's (``inspection.inspector``). seed: of
+        whatever is drawn at random. Called from several threads at once.
+        """
+        ...
+
+    def under(self, station: Station) -> PreparedPage | None:
+        """The same where only the light of the press has changed a little; None: it has to be prepared again."""
+        ...
+
+
+class Detector(Protocol):
+    """Says of pages whether they are misprints; small and picklable."""
 
     @property
-    def word(self) -> Word:
-        """What it comes to."""
-        if unsound(self):
-            return "not-inspected"
-        return "misprint" if self.misprint else "good"
+    def name(self) -> str:
+        """By which users ask for it."""
+        ...
+
+    @property
+    def promise(self) -> str:
+        """How rarely a good page alarms, and on what that rests, in words."""
+        ...
+
+    @property
+    def station(self) -> Station:
+        """The press that it looks at."""
+        ...
+
+    def prepare(self, planned: PlannedPage) -> PreparedPage:
+        """All that needs no scan."""
+        ...
+
+    def at(self, station: Station) -> Self:
+        """The same detector where the press, or the number of threads, has changed a little."""
+        ...
+
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """The decision that ``Inspection.kept`` led to; RequestError: it is none of this detector's."""
+        ...
+
+
+class PreparedOnly:
+    """A prepared page that cannot follow the light: it is prepared again."""
+
+    def under(self, station: Station) -> PreparedPage | None:
+        """See ``PreparedPage``."""
+        return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """One page's verdict, with everything a person or a program asks of it."""
+class StationDetector:
+    """What detectors have in common that know their press by its station alone."""
 
-    page: str
-    verdict: Word
-    action: Action
-    probability: float | None = None
-    score: float | None = None
-    threshold: float | None = None
-    p_value: float | None = None
-    kind: str | None = None
-    regions: tuple[Region, ...] = ()
-    shift_mm: tuple[float, float] | None = None
-    """Where the page lies minus where it should (x, y); None: this detector takes the page to lie where it should."""
-    milliseconds: float = 0.0
-    detector: str = ""
-    """Who says so; empty: nobody looked."""
-    family: str | None = None
-    """Which family of evidence says most; None: the detector has but one number."""
-    reason: str = ""
-    """Why, in the user's words; empty: there is nothing to explain."""
-    inks: Mapping[str, Ink] = field(default_factory=dict)
-    """What was found of each ink that the page has, by its letter; empty: this detector does not look."""
-    expected_cost: Mapping[str, float] = field(default_factory=dict)
-    """Of letting pass (``accept``) and of stopping (``stop``), at this probability. [cent]"""
+    station: Station
 
-    def __post_init__(self) -> None:
-        """Whoever makes or reads it: nothing is good by a number that is not finite."""
-        if self.verdict == "good" and (why := unsound(self)):
-            changed = dict.fromkeys(NUMBERS) | {"verdict": "not-inspected", "action": "accept", "reason": why}
-            for name, value in changed.items():
-                object.__setattr__(self, name, value)
+    def at(self, station: Station) -> Self:
+        """See ``Detector``."""
+        return replace(self, station=station)
 
-    @classmethod
-    def judged(
-        cls,
-        page: str,
-        judgement: Judgement,
-        *,
-        costs: RunningCosts | None = None,
-        surely: bool = False,
-        **told: Any,
-    ) -> Self:
-        """The verdict that a judgement comes to, ``not-inspected`` if a number of it is not finite.
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """See ``Detector``; a detector that keeps nothing decides nothing again."""
+        raise kept.refusal("holds nothing to decide by")
 
-        costs: None, every misprint stops the press. surely: a misprint stops whatever it costs. told: all else.
-        """
-        if why := unsound(judgement):
-            return cls.passed(page, why, detector=told.get("detector", ""))
-        chance, pays = judgement.probability, True
-        if costs is not None and chance is not None:
-            pays = costs.stopping_pays(chance)
-            told["expected_cost"] = costs.expected_cents(chance)
-        return cls(
-            page=page,
-            verdict=judgement.word,
-            action="stop" if judgement.misprint and (surely or pays) else "accept",
-            probability=chance,
-            score=judgement.score,
-            threshold=judgement.threshold,
-            p_value=judgement.p_value,
-            **told,
+
+@dataclass(frozen=True, slots=True)
+class KeptArrays:
+    """Kept evidence, of which every array is checked before a detector sees it."""
+
+    kept: Mapping[str, NDArray[Any]]
+    detector: str
+
+    @property
+    def wrong_page(self) -> bool:
+        """Whether the scan showed another page."""
+        return bool(self.array("wrong_page", "b", ()))
+
+    def array(
+        self, name: str, kinds: str, shape: tuple[int | None, ...], *, finite: bool = False
+    ) -> NDArray[Any]:
+        """One array; kinds of its numbers, its shape, None where any size above 0 will do. RequestError."""
+        if name not in self.kept:
+            raise self.refusal(f"does not hold {name!r}")
+        array = np.asarray(self.kept[name])
+        fits = len(array.shape) == len(shape) and all(
+            size == wanted or (wanted is None and size)
+            for size, wanted in zip(array.shape, shape, strict=True)
         )
+        if not fits or array.dtype.kind not in kinds or (finite and not np.isfinite(array).all()):
+            raise self.refusal(f"holds {name!r} of {array.dtype} {array.shape} that cannot be of its page")
+        return array
 
-    @classmethod
-    def passed(cls, page: str, reason: str = "", *, detector: str = "") -> Self:
-        """Of a page that nobody judged: it is passed on, and said so."""
-        return cls(page=page, verdict="not-inspected", action="accept", reason=reason, detector=detector)
+    def refusal(self, what: str) -> RequestError:
+        """Says why the evidence cannot be judged."""
+        what = f"{what}, which {self.detector} looks at"
+        return RequestError("evidence", what, remedy="only what the run kept can be replayed")
 
 
-def unsound(numbers: Judgement | Verdict) -> str:
-    """Why nothing can be decided by these numbers; empty: something can."""
-    for name, word in NUMBERS.items():
-        value = getattr(numbers, name)
-        if value is not None and not math.isfinite(value):
-            return f"the page's {word} is not a finite number ({value}), so that nothing was decided"
-    return ""
+def expecting(page: Page, station: Station, placement: Placement, area: Area) -> Callable[[], Prediction]:
+    """For ``Inspection.expect``: the page as it lies is predicted when somebody asks."""
+    return partial(_expected, page, station, placement, area)
+
+
+def _expected(page: Page, station: Station, placement: Placement, area: Area) -> Prediction:
+    return cut(station.predict(page, placement), area)

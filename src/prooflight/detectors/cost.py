@@ -1,4 +1,4 @@
-"""What errors of judgement cost (paper, section 5, equations 6 and 7)."""
+"""What errors of decision cost (paper, section 5, equations 6 and 7)."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -98,3 +99,16 @@ class GoodScores:
         begin = float(known[-inside - 1])
         excess = float((known[-inside:] - begin).mean()) * (1 + UNSURE / np.sqrt(inside))
         return begin, max(excess, 1e-3), (inside + 1) / (self.worst.size + 1)
+
+
+def posterior_bound(p_value: float, misprint_rate: float) -> float:
+    """Greatest probability of a misprint that a p-value can support, given the rate of misprints.
+
+    Odds are multiplied by at most 1 / (-e p ln p) for p < 1/e (Sellke, Bayarri, Berger 2001, equation 3).
+    """
+    if p_value >= 1 / math.e:
+        return misprint_rate
+    if p_value <= 0:
+        return 1.0
+    against = (1 - misprint_rate) / misprint_rate * (-math.e * p_value * math.log(p_value))
+    return 1 / (1 + against)

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Self
 
-import numpy as np
-
-from prooflight.detectors.base import Judgement, Region, Verdict
-from prooflight.detectors.golden.differences import compare
-from prooflight.detectors.golden.place import TILE_PIXELS
-from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
+from prooflight.detectors.golden.detector import GoldenSheet, evened
 from prooflight.errors import ScanError
 from prooflight.inspection.inspector import not_inspected
 from prooflight.inspection.job import scan_missing
@@ -21,28 +16,15 @@ from prooflight.pages.files import page_name
 from prooflight.pages.parallel import KILLED
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.scans.pictures import PictureFile, picture_files
+from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from prooflight.detectors.verdict import Verdict
     from prooflight.press.artefact import Press
     from prooflight.scans.pictures import Picture
-
-DETECTOR: Final = "golden"
-MOST_REGIONS: Final = 12
-MARGIN_PIXELS: Final = 2
-"""Around a region: as far as edges may lie off, so much of it may be hidden."""
-CROPPED: Final = 0.05
-"""A scan may be longer or shorter than its golden by this share; what both show is compared."""
-STREAK_WIDTH_MM: Final = 5.0
-STREAK_RATIO: Final = 4.0
-SPOT_MM: Final = 6.0
-"""The greatest spot of worlds.toml."""
-WRONG_SHIFT_MM: Final = 1.8
-"""worlds.toml: a page this far off is a misprint; two good prints lie at most 1.6 mm apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,46 +122,29 @@ class GoldenInspector:
 
     def __call__(self, page: GoldenPage) -> Verdict:
         """The verdict on one page; ScanError if its scan is no scan of the golden's kind."""
-        scan, golden = page.scan, page.golden
-        if scan is None:
+        if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:
             return not_inspected(page.name, page.trouble)
         started = time.perf_counter()
-        good = _read(golden)
-        expected, seen = _alike(scan, self._evened(good.light, golden), self._evened(scan.read().light, scan))
-        for light, file in ((expected, golden), (seen, scan)):
-            if not np.isfinite(light).all():
-                why = f"{file.path.name} holds values that are not finite numbers"
-                return Verdict.passed(page.name, why, detector=DETECTOR)
-        difference = compare(expected, seen)
-        places = marks(difference)
-        where = difference.place
-        pitch_mm = self._pitch_mm(golden, good)
-        shift_mm = tuple(
-            round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, pitch_mm, strict=True)
+        golden, scan = _read(page.golden), page.scan.read()
+        sensors = () if self.press is None else self.press.sensors
+        for picture, file in ((golden, page.golden), (scan, page.scan)):
+            self._of_camera(picture, file)
+        sheet = GoldenSheet(
+            page=page.name,
+            golden=page.golden.path.name,
+            light=evened(golden.light, sensors),
+            pitch_mm=self._pitch_mm(page.golden, golden),
+            left_mm=page.left_mm,
+            lead_in_mm=0.0 if self.press is None else self.press.geometry.lead_in_mm,
+            sensors=sensors,
         )
-        off_place = max(map(abs, shift_mm)) >= WRONG_SHIFT_MM
-        wrong_page = not where.found or off_place
-        regions = tuple(self._region(mark, pitch_mm, page.left_mm) for mark in places[:MOST_REGIONS])
-        kind = "wrong-page" if wrong_page else regions[0].kind if regions else None
-        judgement = Judgement(
-            misprint=wrong_page or bool(places),
-            score=round(places[0].volume, 1) if places else 0.0,
-            threshold=LEAST_VOLUME,
-            p_value=None,
-            probability=None,
-        )
-        return Verdict.judged(
-            page.name,
-            judgement,
-            kind=kind,
-            regions=regions,
-            shift_mm=(shift_mm[0], shift_mm[1]) if where.found else None,
-            milliseconds=round((time.perf_counter() - started) * 1e3, 1),
-            detector=DETECTOR,
-            reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
-        )
+        try:
+            done = sheet.inspect(Scan(dn=scan.light, name=page.scan.path.name))
+        except ScanError as error:
+            raise ScanError(page.scan.path, error.what, remedy=error.remedy) from error
+        return replace(done.verdict, milliseconds=round((time.perf_counter() - started) * 1e3, 1))
 
     def _pitch_mm(self, golden: PictureFile, picture: Picture) -> tuple[float, float]:
         if self.press is not None:
@@ -191,78 +156,19 @@ class GoldenInspector:
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
 
-    def _evened(self, light: NDArray[np.float32], file: PictureFile) -> NDArray[np.float32]:
-        """Columns' offsets and gains taken out, where the press knows them; ScanError if it is another camera's."""
+    def _of_camera(self, picture: Picture, file: PictureFile) -> None:
+        """ScanError if it is of another camera than the press's."""
         if self.press is None:
-            return light
-        sensors = self.press.sensors
-        if light.shape[0] != len(sensors) or light.shape[2] != self.press.geometry.pixels:
-            what = f"is of {light.shape[0]} sensors x {light.shape[2]} pixels"
-            remedy = (
-                f"press {self.press.name} has {len(sensors)} sensors x {self.press.geometry.pixels} pixels"
+            return
+        sensors, pixels = len(self.press.sensors), self.press.geometry.pixels
+        channels, _, columns = picture.light.shape
+        if channels != sensors or columns != pixels:
+            what = f"is of {channels} sensors x {columns} pixels"
+            raise ScanError(
+                file.path, what, remedy=f"press {self.press.name} has {sensors} sensors x {pixels} pixels"
             )
-            raise ScanError(file.path, what, remedy=remedy)
-        return np.stack(
-            [
-                (sheet - one.column_offset_dn) / one.column_gain
-                for sheet, one in zip(light, sensors, strict=True)
-            ]
-        )
-
-    def _region(self, mark: Mark, pitch_mm: tuple[float, float], left_mm: float) -> Region:
-        left, top, right, bottom = mark.grown(MARGIN_PIXELS)
-        width_mm, height_mm = (right - left) * pitch_mm[0], (bottom - top) * pitch_mm[1]
-        lead_in_mm = 0.0 if self.press is None else self.press.geometry.lead_in_mm
-        return Region(
-            x_mm=round(left * pitch_mm[0] - left_mm, 2),
-            y_mm=round(top * pitch_mm[1] - lead_in_mm, 2),
-            width_mm=round(width_mm, 2),
-            height_mm=round(height_mm, 2),
-            score=round(mark.volume, 1),
-            kind=_kind(width_mm, height_mm, lighter=mark.lighter),
-        )
 
 
 @lru_cache(maxsize=2)
 def _read(golden: PictureFile) -> Picture:
     return golden.read()
-
-
-def _alike(
-    scan: PictureFile, golden: NDArray[np.float32], seen: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Both cut to what both show, grey if either is; ScanError if their sizes are too different, or too small."""
-    if len(golden) != len(seen):
-        golden, seen = (image.mean(axis=0, keepdims=True) for image in (golden, seen))
-    sizes = np.array([golden.shape[1:], seen.shape[1:]])
-    if sizes.min() < TILE_PIXELS:
-        small = "its golden is" if sizes[0].min() < TILE_PIXELS else "is"
-        lines, pixels = sizes[sizes.min(axis=1).argmin()]
-        what = f"{small} of {lines} lines x {pixels} pixels"
-        raise ScanError(
-            scan.path, what, remedy=f"{TILE_PIXELS} x {TILE_PIXELS} are the least that can be compared"
-        )
-    if (np.abs(sizes[1] / sizes[0] - 1) > CROPPED).any():
-        what = f"is of {seen.shape[1]} lines x {seen.shape[2]} pixels"
-        raise ScanError(scan.path, what, remedy=f"its golden has {golden.shape[1]} x {golden.shape[2]}")
-    lines, pixels = sizes.min(axis=0)
-    return golden[:, :lines, :pixels], seen[:, :lines, :pixels]
-
-
-def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
-    """What one place looks like."""
-    if width_mm <= STREAK_WIDTH_MM and height_mm > max(STREAK_RATIO * width_mm, SPOT_MM):
-        return "streak"
-    if max(width_mm, height_mm) <= SPOT_MM:
-        return "spots-voids"
-    return "missing-content" if lighter else "unknown"
-
-
-def _reason(likeness: float, *, off_place: bool, found: bool, places: int) -> str:
-    if not found:
-        return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
-    if off_place:
-        return f"the page lies {WRONG_SHIFT_MM} mm or more from where the golden lies"
-    if places:
-        return f"{places} place{'s differ' if places > 1 else ' differs'} from the golden by more than good prints do"
-    return ""

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar
 import numpy as np
 
 from prooflight.errors import ProoflightError, ScanError
-from prooflight.inspection.inspection import pictured
 from prooflight.inspection.inspector import Inspector, not_inspected
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import KILLED
 from prooflight.scans.recorded import recorded_scans
+from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Verdict
-    from prooflight.inspection.inspection import Inspection
+    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
     from prooflight.scans.recorded import RecordedScan
@@ -143,12 +143,11 @@ class InspectPage:
 
     def inspection(self, number: int, scan: RecordedScan) -> Inspection:
         """The verdict on one page and all that it rests on, with what pictures need."""
-        page = self.page(number)
-        return pictured(self._inspection(page, scan), page, self.inspector.press)
+        return self._inspection(self.page(number), scan)
 
     def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
         dn = self.read(scan, page)
-        return self.inspector.inspect(self.inspector.prepare(page), dn, scan_name=str(scan.path))
+        return self.inspector.inspect(page, Scan(dn=dn, name=str(scan.path)))
 
     def read(self, scan: RecordedScan, page: Page) -> NDArray[np.uint16]:
         """The page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
@@ -178,7 +177,7 @@ class ScoredPage:
         assert scan is not None
         page, inspector = self.work.page(number), self.work.inspector
         dn = self.work.read(scan, page)
-        inspection = inspector.inspect(inspector.prepare(page), dn, scan_name=str(scan.path))
+        inspection = inspector.inspect(page, Scan(dn=dn, name=str(scan.path)))
         score = inspection.verdict.score
         if score is None:
             remedy = "give scans of good pages, made by the press as it was calibrated"

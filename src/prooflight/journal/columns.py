@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError, model_validator
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal.records import Ending
 from prooflight.journal.schema import MOST_TEXT
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
 
 Ending = Literal["finished", "stopped", "fault"]
 State = Literal["running", "interrupted", "finished", "stopped", "fault"]

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.nuisance import LAMP_WAVES, Tolerance
+from prooflight.detectors.base import LAMP_WAVES
+from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,17 +12,14 @@ from prooflight.inspection.rejudging import kept_evidence
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.sheets.thumbnails import thumbnail_of
-from prooflight.prediction.predict import predict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Verdict
-    from prooflight.inspection.inspection import Prepared
-    from prooflight.inspection.inspector import Inspector
+    from prooflight.detectors.verdict import Verdict
+    from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
     from prooflight.press.artefact import Press
 
 Ready = TypeVar("Ready")
@@ -88,22 +85,20 @@ class PressJudge:
 
     def prepare(self, page: Page) -> Known:
         """See ``Judge``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
-        prepared = replace(self.inspector, threads=1).prepare(page)
-        expected = self._expected(prepared)
-        return Known(prepared=prepared, thumbnail=thumbnail_of(prepared.page, expected, self.inspector.press))
+        planned = self.inspector.planned(page, threads=1)
+        prepared = self.inspector.prepare(planned)
+        return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
     def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
         """See ``Judge``; ScanError: the scan does not fit press or page."""
         prepared, press = ready.prepared, self.inspector.press
         inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
-        evidence = run_evidence(
-            inspection, press, page_width_mm=prepared.page.width_mm, threads=self.inspector.threads or 1
-        )
+        evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
         return Judged(
             verdict=inspection.verdict,
             evidence=evidence,
-            kept=kept_evidence(inspection, prepared, self.inspector) if kept else None,
+            kept=kept_evidence(inspection, prepared.page, press) if kept else None,
         )
 
     def thumbnail(self, ready: Known) -> Thumbnail:
@@ -112,7 +107,8 @@ class PressJudge:
 
     def rehearse(self, ready: Known) -> None:
         """See ``Judge``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
-        expected = np.rint(self._expected(ready.prepared).expected_dn).clip(0).astype(np.uint16)
+        seen = self.inspector.planned(ready.prepared.page).expected
+        expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
         for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
             scan = np.roll(expected, off, axis=(1, 2))
@@ -122,18 +118,12 @@ class PressJudge:
 
     def following(self, press: Press) -> Self:
         """See ``Judge``."""
-        return replace(self, inspector=replace(self.inspector, press=press))
+        return replace(self, inspector=self.inspector.under(press))
 
     def renewed(self, ready: Known) -> Known:
-        """See ``Judge``; next to no work, where no detector has learned more of it."""
-        sought = ready.prepared.sought
-        if sought is None:
+        """See ``Judge``; next to no work, where the detector can follow the light."""
+        station = self.inspector.detector.station
+        known = ready.prepared.known.under(station)
+        if known is None:
             return self.prepare(ready.prepared.page)
-        return replace(ready, prepared=replace(ready.prepared, sought=sought.relit(self.inspector.press)))
-
-    def _expected(self, ready: Prepared) -> Prediction:
-        if ready.sought is not None:
-            return ready.sought.nominal
-        press = self.inspector.press
-        threads = self.inspector.threads
-        return predict(ready.page, sensors=press.sensors, geometry=press.geometry, threads=threads)
+        return replace(ready, prepared=replace(ready.prepared, known=known))

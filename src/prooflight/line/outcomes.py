@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.base import Verdict
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.pages.files import page_name

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.line.following import Adapting
@@ -59,7 +58,7 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        judge=PressJudge(inspector=replace(inspector, threads=threads_a_sheet(settings)), keep=keep),
+        judge=PressJudge(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
         watch=RunWatch(
             level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
         ),

@@ -21,6 +21,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
+from prooflight.detectors.base import Station
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import BayesDetector
@@ -96,6 +97,17 @@ class Press:
     def dpi(self) -> float:
         """Resolution at which this press wants PDF pages ripped. [pixels/inch]"""
         return self.geometry.raster_dpi(self.supersampling)
+
+    def station(self, threads: int | None = None) -> Station:
+        """What a detector needs to know of it. threads: that one page may take; None: one a core."""
+        return Station(
+            name=self.name,
+            sensors=self.sensors,
+            geometry=self.geometry,
+            costs=self.costs,
+            fringes=self.fringes,
+            threads=threads,
+        )
 
     @property
     def digest(self) -> str:

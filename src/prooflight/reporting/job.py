@@ -12,8 +12,8 @@ from prooflight.inspection.reasons import reason_of
 from prooflight.reporting.report import PageEntry, page_entry, unpictured_entry
 
 if TYPE_CHECKING:
-    from prooflight.detectors.base import Verdict
-    from prooflight.inspection.inspection import Inspection
+    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.job import InspectPage, Pair
 
 UNUSABLE = (ProoflightError, OSError, MemoryError)

@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from prooflight.detectors.paper.evidence import BLOCK_PIXELS
+from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Region
-    from prooflight.inspection.inspection import Inspection
+    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.verdict import Region
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.placement import Placement
@@ -133,11 +133,10 @@ def _frame(page: Page, press: Press, area: tuple[slice, slice], placement: Place
 
 def signals(inspection: Inspection, press: Press) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Expected and measured signal of the first sensor (lines, pixels), columns evened out; bare paper is 1. [-]"""
-    assert inspection.prediction is not None  # ``inspect_page`` and ``pictured`` see to it
     sensor, (_, columns) = press.sensors[0], inspection.area
     offset = sensor.column_offset_dn[columns]
     scale = (1 / (sensor.column_gain[columns] * sensor.white_dn)).astype(np.float32)
-    expected = (inspection.prediction.expected_dn[0] - offset) * scale
+    expected = (inspection.expect().expected_dn[0] - offset) * scale
     measured = (inspection.measured_dn[0].astype(np.float32) - offset) * scale
     return expected, measured
 

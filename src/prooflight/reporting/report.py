@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight.detectors.base import Region, Verdict
+from prooflight.detectors.base import Inspection
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
-from prooflight.inspection.inspection import Inspection
 from prooflight.inspection.inspector import not_inspected
 from prooflight.inspection.job import lacks_scan
 from prooflight.reporting import pictures, wording

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from prooflight.detectors.base import Action, Region, Verdict
+    from prooflight.detectors.verdict import Action, Region, Verdict
 
 KINDS = {
     "missing-plane": "An ink is missing or faded",

@@ -14,7 +14,7 @@ from prooflight.camera.sensor import FixedPattern, read_out
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.errors import RequestError
-from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import open_job
 from prooflight.prediction.tables import node_fractions
 from prooflight.reporting import paper_pictures
@@ -165,13 +165,8 @@ def error_map(press: Press, exhibit: Exhibit, *, seed: int) -> ErrorMap:
         scan = scan_page(page, press=press, request=exhibit.misprint, others=others, fetch=fetch, rng=rng)
     if scan.misprint is None:
         raise RequestError("misprint", "none was drawn", remedy="ask for a kind of misprint")
-    inspection = inspect_page(
-        page,
-        scan.dn,
-        press=press,
-        judge=detector("chi-square", press),
-        scan_name="the simulated scan",
-        seed=seed,
+    inspection = Inspector.of(press, "chi-square").inspect(
+        page, scan.dn, scan_name="the simulated scan", seed=seed
     )
     _, measured = signals(inspection, press)
     return ErrorMap(

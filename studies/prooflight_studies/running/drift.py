@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.base import INK_NAMES
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.print_state import fitted_amounts, known_shares
 from prooflight.line.following import Adapting
-from prooflight.line.monitor.channels import INKS
-from prooflight.line.monitor.evidence import columns, columns_mm, fitted_amounts, known_shares
+from prooflight.line.monitor.evidence import columns, columns_mm
 from prooflight.line.monitor.run import PageEvidence, RunLevel
 from prooflight.prediction.predict import predict
 from prooflight.simulation.fast import fast_scan
@@ -166,7 +167,7 @@ def drift_row(
     run: CreepRun, *, ink: int, seeds: range, good_pages: int, progress: Callable[[str], None]
 ) -> dict[str, Any]:
     """How soon a drift of one ink is announced, beside the first print that is out of tolerance."""
-    rows, name = [], INKS[ink]
+    rows, name = [], INK_NAMES[ink]
     for seed in seeds:
         creep = Creep(gain=DRIFT_A_PAGE, ink=ink, good_pages=good_pages)
         row = run.run(creep, good_pages + 160, seed=seed, stop=lambda one: one.channel == f"gain-{name}")

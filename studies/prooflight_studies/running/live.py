@@ -108,7 +108,7 @@ def live_row(
     verdict = status.stages["verdict"]
     return {
         "name": name,
-        "detector": inspector.judge.name,
+        "detector": inspector.detector.name,
         "promise": inspector.promise,
         "sensors": len(press.sensors),
         "designs": len(ring.pages) if ring.repeated else ring.sheets,
@@ -188,7 +188,7 @@ def soak_row(
     ]
     came = [one for one in watcher.outcomes if one[3]]
     return {
-        "detector": inspector.judge.name,
+        "detector": inspector.detector.name,
         "sheets": status.pages_seen,
         "expected_sheets": len(shown),
         "seconds": round(time.perf_counter() - begun_s, 1),

@@ -65,7 +65,7 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
     def tell(outcome: Outcome) -> None:
         recent.add(outcome)
         if outcome.record.sheet == SHOWN:
-            title = f"six pages on {press.name}, drum, {inspector.judge.name}"
+            title = f"six pages on {press.name}, drum, {inspector.detector.name}"
             views.append(live_view(running.status(), recent, title=title, deadline_s=None))
 
     running = watched(inspector, source=drum, book=_Book(pages), settings=settings, tell=tell)

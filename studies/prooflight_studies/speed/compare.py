@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.detectors.paper.error_map import normalised_error
-from prooflight.detectors.paper.evidence import BLOCK_PIXELS, gather, interval_edges
+from prooflight.detectors.paper.evidence import gather, interval_edges
 from prooflight.kernels.compiled import kernel
 
 if TYPE_CHECKING:

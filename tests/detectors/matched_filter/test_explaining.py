@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from prooflight.detectors.base import Ink, Region
 from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
 from prooflight.detectors.matched_filter.statistics.families import NOWHERE, Said
+from prooflight.detectors.verdict import Ink, Region
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
 

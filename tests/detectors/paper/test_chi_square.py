@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from prooflight.detectors.paper.chi_square import ChiSquare, pearson, posterior_bound, tile_statistics
+from prooflight.detectors.false_alarm_rate import posterior_bound
+from prooflight.detectors.paper.chi_square import ChiSquare, pearson, tile_statistics
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence, interval_shares
 
 FLAT_TILE = 256
@@ -90,13 +91,13 @@ def test_as_in_the_paper_it_alarms_beyond_what_one_good_page_in_so_many_exceeds(
         tiles = flat(sensors, 1, 1, 10_000)
         tiles[0, ..., 4] += moved
         tiles[0, ..., 9] -= moved
-        judgement = judge.judge(evidence(tiles))
+        decision = judge.judge(evidence(tiles))
         statistic = MOVED_FROM_4_TO_9 * moved**2 / 10_000
-        assert judgement.misprint is alarm
-        assert (judgement.score > judgement.threshold) is alarm
-        assert judgement.score / judgement.threshold == pytest.approx(statistic / threshold, rel=1e-9)
-        assert judgement.p_value == pytest.approx(stats.chi2.sf(statistic, 15 * sensors), rel=1e-9)
-        assert judgement.probability == posterior_bound(judgement.p_value or 0.0, 0.01)
+        assert decision.misprint is alarm
+        assert (decision.score > decision.threshold) is alarm
+        assert decision.score / decision.threshold == pytest.approx(statistic / threshold, rel=1e-9)
+        assert decision.p_value == pytest.approx(stats.chi2.sf(statistic, 15 * sensors), rel=1e-9)
+        assert decision.probability == posterior_bound(decision.p_value or 0.0, 0.01)
 
 
 def test_in_the_papers_form_a_page_is_its_histogram_however_it_is_cut() -> None:
@@ -139,10 +140,10 @@ def test_the_p_value_tells_the_same_as_the_alarm(seed: int, off: float, promise:
     share[: INTERVALS // 2] *= 1 + off * rng.random()
     counts = rng.multinomial(4096, share / share.sum(), (1, 3, 4))
     judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=tiles)
-    judgement = judge.judge(evidence(counts))
-    assert judgement.p_value is not None
-    assert 0 <= judgement.p_value <= 1
-    assert judgement.misprint is (judgement.p_value < 1 / promise)
+    decision = judge.judge(evidence(counts))
+    assert decision.p_value is not None
+    assert 0 <= decision.p_value <= 1
+    assert decision.misprint is (decision.p_value < 1 / promise)
 
 
 @pytest.mark.parametrize("tiles", [True, False])
@@ -162,9 +163,9 @@ def test_good_pages_alarm_as_often_as_promised(tiles: bool) -> None:
 
 def test_a_good_page_seems_no_worse_than_the_misprint_rate() -> None:
     judge = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.02)
-    judgement = judge.judge(evidence(flat()))
-    assert not judgement.misprint
-    assert judgement.probability == 0.02
+    decision = judge.judge(evidence(flat()))
+    assert not decision.misprint
+    assert decision.probability == 0.02
 
 
 # Sellke, Bayarri, Berger 2001, table 1: P(H0 | data) at least so much for even prior odds
@@ -205,9 +206,9 @@ def test_posterior_bound_holds_down_to_the_smallest_p_value(p_value: float, rate
 def test_evidence_of_any_strength_gives_a_probability() -> None:
     judge = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.01)
     for moved in range(2000, 3200, 4):  # statistics from 800 to 2048: p from 1e-148 through 1e-309 to 0
-        judgement = judge.judge(off_by(moved))
-        assert judgement.misprint
-        assert judgement.probability == pytest.approx(1.0)
+        decision = judge.judge(off_by(moved))
+        assert decision.misprint
+        assert decision.probability == pytest.approx(1.0)
 
 
 def test_tiles_without_pixels_are_no_good_page() -> None:
@@ -215,7 +216,7 @@ def test_tiles_without_pixels_are_no_good_page() -> None:
     empty = flat()
     empty[0, 2, 3] = 0
     with np.errstate(invalid="ignore"):
-        judgement = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).judge(evidence(empty))
-    assert judgement.word == "not-inspected"
+        decision = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).judge(evidence(empty))
+    assert decision.word == "not-inspected"
     unpromised = ChiSquare(good_pages_per_false_alarm=np.nan, misprint_rate=0.01)
     assert unpromised.judge(evidence(flat())).word == "not-inspected"

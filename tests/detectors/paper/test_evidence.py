@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
 
+from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.detectors.paper.chi_square import pearson, tile_statistics
 from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import (
-    BLOCK_PIXELS,
     CODE_STEPS,
     INTERVALS,
     TILE_PIXELS,

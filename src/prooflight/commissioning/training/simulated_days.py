@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
-from prooflight.detectors.matched_filter.calibrated import shows_another
 from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
 from prooflight.detectors.matched_filter.statistics.families import all_said, samples
 from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.paper.windows import window_statistics
+from prooflight.detectors.placing import shows_another
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import Amounts, amounts_of
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.detectors.matched_filter.statistics.statistic import Said
-    from prooflight.detectors.paper.evidence import Evidence
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
@@ -206,7 +206,7 @@ class SaidWork:
     """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page);
-    with ``compare`` also windows (3 sensors,), the paper's statistics.
+    with ``windows`` also windows (3 sensors,), the paper's statistics.
     """
 
     press: Press
@@ -214,7 +214,7 @@ class SaidWork:
     seed: int
     scatter: Scatter
     misprints: bool
-    compare: Callable[[Page, NDArray[np.uint16], Press], Evidence] | None = None
+    windows: bool = False
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
         """Rows in the order of designs; ``names`` of the statistics beside them."""
@@ -240,8 +240,8 @@ class SaidWork:
                     "portrait": known.portrait,
                     "another": another,
                 }
-                if self.compare is not None:
-                    evidence = self.compare(good.page, scan, self.press)
+                if self.windows:
+                    evidence = page_evidence(good.page, scan, self.press.station())
                     row["windows"] = window_statistics(evidence.block_z).ravel()
                 for name, value in row.items():
                     columns[name].append(value)

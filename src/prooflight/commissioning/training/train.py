@@ -30,16 +30,11 @@ from prooflight.pages.parallel import in_order
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from numpy.typing import NDArray
-
     from prooflight.commissioning.training.simulated_days import Designs, Rows
     from prooflight.detectors.matched_filter.model import TolerancePress
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.detectors.paper.evidence import Evidence
-    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-    Compare = Callable[[Page, NDArray[np.uint16], Press], Evidence]
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
 LEAST_RANKED: Final = 200
@@ -77,15 +72,15 @@ def taught(
     *,
     designs: int,
     seed: int,
-    compare: Compare | None = None,
+    paper: bool = False,
     processes: int | None = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Press:
-    """The press with our detector; with ``compare``, which gives the paper's evidence, also with the paper's.
+    """The press with our detector; paper: also with the learned one of the paper.
 
     designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
-    half and half all else and the threshold. compare: misprints of half of the designs are then printed as well, and
-    teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
+    half and half all else and the threshold. With the latter, misprints of half of the designs are printed as
+    well, and teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
     """
     plan = Plan.of(designs)
     work = ScatterWork(press=press, pages=pages, seed=seed)
@@ -94,21 +89,21 @@ def taught(
     )
     scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
-    def said(which: range, what: str, *, wrong: Compare | None) -> Rows:
+    def said(which: range, what: str, *, wrong: bool) -> Rows:
         of_pages = SaidWork(
             press=press,
             pages=pages,
             seed=seed,
             scatter=scatter,
-            misprints=wrong is not None,
-            compare=wrong,
+            misprints=wrong,
+            windows=wrong,
         )
         return _gathered(shown(in_order(of_pages, _days(which), processes=processes), *_named(which, what)))
 
-    learn = said(plan.learn, "good prints" if compare is None else "good prints and misprints", wrong=compare)
-    tune = said(plan.tune, "false alarms", wrong=None)
+    learn = said(plan.learn, "good prints and misprints" if paper else "good prints", wrong=paper)
+    tune = said(plan.tune, "false alarms", wrong=False)
     ours = _ours(press, learn, tune, scatter, np.random.default_rng([seed, 13]))
-    return replace(press, ours=ours, bayes=None if compare is None else _bayes(press, learn))
+    return replace(press, ours=ours, bayes=_bayes(press, learn) if paper else None)
 
 
 def _ours(

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.base import Judgement
-from prooflight.detectors.false_alarm_rate import GoodScores, Promise
+from prooflight.detectors.false_alarm_rate import GoodScores, Promise, posterior_bound
 from prooflight.detectors.matched_filter.model import TolerancePress
 from prooflight.detectors.matched_filter.statistics.statistic import stated
 from prooflight.detectors.operating import least_promise
-from prooflight.detectors.paper.chi_square import posterior_bound
+from prooflight.detectors.placing import shows_another
+from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError
 from prooflight.files.schema import Block, Chance, Kept, Misfit, check_arrays, checked, part_of, rising
 
@@ -87,10 +87,10 @@ class CalibratedDetector:
             misprint_rate=misprint_rate,
         )
 
-    def judge(self, score: float) -> Judgement:
+    def judge(self, score: float) -> Decision:
         """Weigh one page's score."""
         p_value = _basis(self.simulated, self.real, self.promise.asked).p_value(score)
-        return Judgement(
+        return Decision(
             misprint=bool(score > self.threshold),
             score=float(score),
             threshold=self.threshold,
@@ -153,11 +153,6 @@ TABLE: Final = {
     "simulated": Kept(dtype="float64", shape=("designs",), rule=rising()),
     "real": Kept(dtype="float64", shape=("pages",), rule=rising(), empty=True),
 }
-
-
-def shows_another(found: Registration) -> bool:
-    """Whether a scan shows another page, or its own where no good print lies."""
-    return found.off_place or found.foreign
 
 
 def check_version(tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating]) -> None:

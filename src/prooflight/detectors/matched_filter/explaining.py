@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import Ink, Region
+from prooflight.detectors.placing import place_reason
+from prooflight.detectors.verdict import Ink, Region
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -124,18 +125,6 @@ def reason_for(
         "scum": "ink where there should be paper",
     }.get(kind, "difference all over the page" if region is None else "difference")
     return f"{what}{_in(ink)}{_around(region)}"
-
-
-def place_reason(found: Registration) -> str:
-    """Why a scan shows another page, or its own where no good print lies."""
-    if found.turned:
-        return "the page is turned by 180 degrees"
-    if found.foreign:
-        return "the scan shows another page: what is printed on it is not foretold by this one"
-    if not found.found:
-        return f"the scan does not show this page: {found.reason or 'its tiles show something else'}"
-    x, y = found.placement.shift_mm
-    return f"the page lies {x:+.1f}, {y:+.1f} mm and {found.placement.skew_deg:+.2f} degrees off its place"
 
 
 def _of_register(ink: str, inks: dict[str, Ink]) -> str:

@@ -13,8 +13,9 @@ import numpy as np
 from pydantic import Field
 from scipy import special
 
-from prooflight.detectors.base import Judgement
+from prooflight.detectors.paper.evidence import only
 from prooflight.detectors.paper.windows import STATISTICS, Reading, window_statistics
+from prooflight.detectors.verdict import Decision
 from prooflight.files.schema import Block, Chance, Kept, Misfit, Name, check_arrays, checked, rising
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import KeptArrays
     from prooflight.detectors.paper.evidence import Evidence
 
 Binning = Literal["quantile", "equal-width"]
@@ -130,12 +132,25 @@ class BayesDetector:
     reading: Reading = "signed"
     name: str = "bayes"
 
-    def judge(self, evidence: Evidence) -> Judgement:
+    @property
+    def promise(self) -> str:
+        """See ``EvidenceDetector``."""
+        return "none: a page alarms where stopping costs less than letting pass"
+
+    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+        """See ``EvidenceDetector``."""
+        return {"block_z": evidence.block_z}
+
+    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+        """See ``EvidenceDetector``."""
+        return only(block_z=kept.array("block_z", "f", (sensors, None, None), finite=True))
+
+    def judge(self, evidence: Evidence) -> Decision:
         """Weigh one page: score and threshold are probabilities' log odds, which do not saturate."""
         statistics = window_statistics(evidence.block_z, reading=self.reading, unit=self.unit).ravel()
         score = float(self.network.log_ratio(statistics) + special.logit(self.network.misprint_rate))
         threshold = float(special.logit(self.threshold))
-        return Judgement(
+        return Decision(
             misprint=score > threshold,
             score=score,
             threshold=threshold,

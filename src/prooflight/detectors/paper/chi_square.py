@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from scipy import special
 
-from prooflight.detectors.base import Judgement
-from prooflight.detectors.paper.evidence import interval_shares
+from prooflight.detectors.false_alarm_rate import posterior_bound
+from prooflight.detectors.paper.evidence import interval_shares, only
+from prooflight.detectors.verdict import Decision
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import KeptArrays
     from prooflight.detectors.paper.evidence import Evidence
+
+MOST_COUNT: Final = 2**40
+"""Pixels of one tile, far beyond any."""
 
 
 def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -25,19 +29,6 @@ def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArra
     """
     expected = histogram.sum(axis=-1, keepdims=True) * shares
     return np.asarray(((histogram - expected) ** 2 / expected).sum(axis=-1))
-
-
-def posterior_bound(p_value: float, misprint_rate: float) -> float:
-    """Greatest probability of a misprint that a p-value can support, given the rate of misprints.
-
-    Odds are multiplied by at most 1 / (-e p ln p) for p < 1/e (Sellke, Bayarri, Berger 2001, equation 3).
-    """
-    if p_value >= 1 / math.e:
-        return misprint_rate
-    if p_value <= 0:
-        return 1.0
-    against = (1 - misprint_rate) / misprint_rate * (-math.e * p_value * math.log(p_value))
-    return 1 / (1 + against)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +51,25 @@ class ChiSquare:
     """False: the page alone, as in the paper."""
     name: str = "chi-square"
 
-    def judge(self, evidence: Evidence) -> Judgement:
+    @property
+    def promise(self) -> str:
+        """See ``EvidenceDetector``."""
+        odds = f"{self.good_pages_per_false_alarm:,.0f}"
+        return f"at most one good page in {odds} alarms, if it differs by sensor noise alone"
+
+    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+        """See ``EvidenceDetector``."""
+        counts = evidence.tile_histogram
+        return {"tile_histogram": counts.astype(np.min_scalar_type(int(counts.max(initial=0))))}
+
+    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+        """See ``EvidenceDetector``."""
+        counts = kept.array("tile_histogram", "ui", (sensors, None, None, interval_shares().size))
+        if int(counts.min()) < 0 or float(counts.max()) >= MOST_COUNT or not counts.any(axis=3).all():
+            raise kept.refusal("'tile_histogram' holds what are no counts of pixels")
+        return only(tile_histogram=counts.astype(np.int64))
+
+    def judge(self, evidence: Evidence) -> Decision:
         """Weigh one page; the p-value is for people, the decision compares statistics."""
         of_page = float(pearson(evidence.histogram, interval_shares()).sum())
         # Not scipy.stats, which takes longer to import than a page to judge.
@@ -77,8 +86,8 @@ class ChiSquare:
         p_value = 2 * float(np.minimum(p_of_page, special.chdtrc(freedom, worst) * of_tiles.size))
         return self._judgement(score, float(np.minimum(p_value, 1.0)))
 
-    def _judgement(self, score: float, p_value: float) -> Judgement:
-        return Judgement(
+    def _judgement(self, score: float, p_value: float) -> Decision:
+        return Decision(
             misprint=bool(score > 1),
             score=float(score),
             threshold=1.0,

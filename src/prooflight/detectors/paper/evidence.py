@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from scipy import special
 
+from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.kernels.comparison.dither import CODE_STEPS, ROUNDING_VARIANCE_DN2, TILE
 from prooflight.kernels.comparison.one_pass import LINES, Z_STEPS, compare_lines
 from prooflight.pages.parallel import shared_out
@@ -21,11 +22,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Judgement
+    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.verdict import Decision
 
 INTERVALS = 16
 """Nearly equally likely intervals of the error's distribution (15 degrees of freedom a sensor)."""
-BLOCK_PIXELS = LINES
 TILE_PIXELS = TILE
 """Side of the tiles that are tested by themselves: 6.7 mm, about a word, and 256 pixels expected an interval."""
 PART_PIXELS = 1 << 20
@@ -289,13 +290,36 @@ def gather(
 
 
 class EvidenceDetector(Protocol):
-    """Evidence in, judgement out; what a good page may do stands in the detector, what errors cost in the costs."""
+    """Evidence in, decision out; what a good page may do stands in the test, what errors cost in the costs."""
 
     @property
     def name(self) -> str:
         """Name by which users ask for it."""
         ...
 
-    def judge(self, evidence: Evidence) -> Judgement:
+    @property
+    def promise(self) -> str:
+        """How rarely a good page alarms, in words."""
+        ...
+
+    def judge(self, evidence: Evidence) -> Decision:
         """Weigh one page's evidence. Does not change it."""
         ...
+
+    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+        """The arrays that it looks at."""
+        ...
+
+    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+        """Them again, as far as it looks at them; RequestError: they are no page's."""
+        ...
+
+
+def only(**given: NDArray[Any]) -> Evidence:
+    """Evidence of which a detector is given but a part."""
+    nothing: dict[str, NDArray[Any]] = {
+        "tile_histogram": np.zeros((0,) * 4, np.int64),
+        "naive_histogram": np.zeros((0, 0), np.int64),
+        "block_z": np.zeros((0,) * 3, np.float32),
+    }
+    return Evidence(**nothing | given)

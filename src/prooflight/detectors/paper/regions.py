@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from prooflight.detectors.base import Region
+from prooflight.detectors.verdict import Region
 
 if TYPE_CHECKING:
     from collections.abc import Callable

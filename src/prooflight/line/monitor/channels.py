@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.matched_filter.fit.nuisance import LAMP_WAVES
+from prooflight.detectors.base import INK_NAMES, LAMP_WAVES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-INKS: Final = ("cyan", "magenta", "yellow", "black")
 STREAK_TOLERANCE: Final = 0.012
 """Of the light: worlds.toml's gate, below which a streak is no misprint."""
 
@@ -38,7 +37,7 @@ def drift_channels(sensors: Sequence[str]) -> tuple[Channel, ...]:
     """Channels of any press; tolerances are where worlds.toml's misprints begin."""
     gains = [
         Channel(name=f"gain-{ink}", what=f"density of {ink}", unit="%", scale=100, tolerance=0.07)
-        for ink in INKS
+        for ink in INK_NAMES
     ]
     planes = [
         Channel(
@@ -48,7 +47,7 @@ def drift_channels(sensors: Sequence[str]) -> tuple[Channel, ...]:
             scale=1,
             tolerance=0.20,
         )
-        for ink in INKS
+        for ink in INK_NAMES
         for axis, way in (("x", "across"), ("y", "along"))
     ]
     shifts = [

@@ -12,8 +12,8 @@ from scipy import special
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Action
     from prooflight.detectors.cost import RunningCosts
+    from prooflight.detectors.verdict import Action
 
 SLOPE_SDS: Final = 2.0
 """A slope less sure than this counts as a step."""

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Action
     from prooflight.detectors.cost import RunningCosts
+    from prooflight.detectors.verdict import Action
 
 AnnouncementKind = Literal["drift", "step", "streak", "excursion"]
 

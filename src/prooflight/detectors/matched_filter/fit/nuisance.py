@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 BLOCK: Final = 8
 """Pixels in a side of the blocks whose means are fitted."""
-LAMP_WAVES: Final = 6
 COLOURS: Final = SHAPES
 """Of a page's recipes, between which tables are taken to err smoothly."""
 COLOUR_LENGTH: Final = 0.5

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.nuisance import LAMP_WAVES
+from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.residuals.residuals import residuals, slope_sums, take_slopes, variances
 from prooflight.pages.planes import displaced
 

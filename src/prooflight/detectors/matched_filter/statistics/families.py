@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.nuisance import INKS, LAMP_WAVES
+from prooflight.detectors.base import LAMP_WAVES
+from prooflight.detectors.matched_filter.fit.nuisance import INKS
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, echoes
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,

@@ -12,8 +12,8 @@ import pytest
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspection.inspection import pictured
-from prooflight.inspection.inspector import Inspector, detector, inspect_page
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.registry import detector
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.misprints.kinds import draw_misprint
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
@@ -125,9 +125,7 @@ def test_a_prepared_page_serves_all_its_scans(bench: Bench) -> None:
     )
     assert replace(first.verdict, milliseconds=0) == replace(again.verdict, milliseconds=0)
     assert first.verdict.score != other.verdict.score
-    whole = inspect_page(
-        page, scans[0], press=bench.inspector.press, judge=bench.inspector.judge, scan_name="scan"
-    )
+    whole = bench.inspector.inspect(page, scans[0])
     assert whole.verdict.score == first.verdict.score
 
 
@@ -136,10 +134,7 @@ def test_what_people_look_at_is_there_when_asked_for(bench: Bench) -> None:
     scan = bench.scan(page, rng)
     scan[0, 150:200, 150:200] = 60  # a dark square 5 mm wide
     done = bench.inspector.inspect(bench.inspector.prepare(page), scan, scan_name="scan")
-    assert done.prediction is None
-    shown = pictured(done, page, bench.inspector.press)
-    assert shown.prediction is not None
-    assert shown.prediction.expected_dn.shape == shown.measured_dn.shape
+    assert done.expect().expected_dn.shape == done.measured_dn.shape
     lines, columns = done.area
     row, column = (175 - lines.start) // 8, (175 - columns.start) // 8
     z = done.block_z[0]
@@ -169,7 +164,6 @@ def test_teaching_and_inspecting_follow_fringes_where_the_press_does(
 ) -> None:
     bench = Bench(replace(taught_press, fringes=fringes), make_page)
     _, taught_with = bench.day.design(0)
-    used = bench.inspector.prepare(bench.page(0)).known
-    assert used is not None
+    used = bench.inspector.prepare(bench.page(0)).known.known
     assert (taught_with.overlaps is not None) == (used.overlaps is not None) == fringes
     assert bench.verdict(0).verdict == "good"

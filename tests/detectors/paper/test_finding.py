@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.inspection.finding import SoughtPage, find, find_page
-from prooflight.inspection.inspector import detector, inspect_page
+from prooflight.detectors.base import PlannedPage
+from prooflight.detectors.paper.finding import FoundPage, SoughtPage, find
+from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.scans import ideal_scan
@@ -17,7 +18,7 @@ from prooflight.simulation.scans import ideal_scan
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.detectors.base import Verdict
+    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
@@ -29,8 +30,11 @@ def scanned(page: Page, press: Press, placement: Placement = IN_PLACE, *, seed: 
 
 
 def verdict(page: Page, scan: np.ndarray, press: Press) -> Verdict:
-    judge = detector("chi-square", press)
-    return inspect_page(page, scan, press=press, judge=judge, scan_name="p0001.tif").verdict
+    return Inspector.of(press, "chi-square").inspect(page, scan).verdict
+
+
+def find_page(page: Page, scan: np.ndarray, press: Press) -> FoundPage:
+    return find(SoughtPage.of(PlannedPage(page, press.station())), scan, press.station())
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -52,9 +56,9 @@ def test_a_page_in_its_place_is_predicted_under_the_light_of_now(
         )
         for times in (bright, bright * 0.98)
     )
-    sought = SoughtPage.of(page, brighter).relit(now)
+    sought = SoughtPage.of(PlannedPage(page, brighter.station())).relit(now.station())
     expected = predict(page, sensors=now.sensors, geometry=press.geometry)
-    found = find(sought, ideal_scan(expected, now, np.random.default_rng(1)), now)
+    found = find(sought, ideal_scan(expected, now, np.random.default_rng(1)), now.station())
     assert found.placement is IN_PLACE
     # relighting rounds once more than predicting
     assert found.prediction.expected_dn == pytest.approx(expected.expected_dn, rel=1e-5)

@@ -1,0 +1,231 @@
+"""The golden detector: scans against one that was taken for good, where no raster says what was to be printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.golden.differences import compare
+from prooflight.detectors.golden.place import TILE_PIXELS
+from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
+from prooflight.detectors.placing import WRONG_PAGE_KIND
+from prooflight.detectors.verdict import Decision, Region, Verdict
+from prooflight.errors import RequestError, ScanError
+from prooflight.prediction.predict import Prediction
+from prooflight.scans.placement import Placement
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import KeptArrays, PlannedPage
+    from prooflight.detectors.golden.differences import GoldenDifference
+    from prooflight.prediction.tables import SensorModel
+    from prooflight.scans.scan import Scan
+
+NAME: Final = "golden"
+MOST_REGIONS: Final = 12
+MARGIN_PIXELS: Final = 2
+"""Around a region: as far as edges may lie off, so much of it may be hidden."""
+CROPPED: Final = 0.05
+"""A scan may be longer or shorter than its golden by this share; what both show is compared."""
+STREAK_WIDTH_MM: Final = 5.0
+STREAK_RATIO: Final = 4.0
+SPOT_MM: Final = 6.0
+"""The greatest spot of worlds.toml."""
+WRONG_SHIFT_MM: Final = 1.8
+"""worlds.toml: a page this far off is a misprint; two good prints lie at most 1.6 mm apart."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenDetector(StationDetector):
+    """Knows a good scan of each page, or one of all."""
+
+    goldens: Mapping[str, Scan]
+    """By the page's name; under the empty name: of every page that has none of its own."""
+    name: str = NAME
+    promise: str = (
+        "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
+    )
+
+    def prepare(self, planned: PlannedPage) -> GoldenSheet:
+        """See ``Detector``; RequestError: there is no golden scan of this page."""
+        page, geometry = planned.page, self.station.geometry
+        golden = self.goldens.get(page.name) or self.goldens.get("")
+        if golden is None:
+            raise RequestError(
+                page.name, "has no golden scan", remedy="give one for all pages, or one for each"
+            )
+        return GoldenSheet(
+            page=page.name,
+            golden=golden.name,
+            light=evened(golden.dn.astype(np.float32), self.station.sensors),
+            pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
+            left_mm=geometry.left_mm(page.width_mm),
+            lead_in_mm=geometry.lead_in_mm,
+            sensors=self.station.sensors,
+        )
+
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """See ``Detector``."""
+        volume = float(kept.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=kept.wrong_page)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenSheet(PreparedOnly):
+    """The golden scan of one page, and where on the page its pixels lie."""
+
+    page: str
+    golden: str
+    """Its name, for errors."""
+    light: NDArray[np.float32]
+    """(channels, lines, pixels) columns evened out where a press knows them."""
+    pitch_mm: tuple[float, float]
+    """Of pixels, across and along."""
+    left_mm: float = 0.0
+    """From the scan's left end to the page's left edge."""
+    lead_in_mm: float = 0.0
+    """From the scan's first line to the page's upper edge."""
+    sensors: Sequence[SensorModel] = field(default=())
+    """Of the press whose raw numbers scans are; empty: scans are pictures, even as they are."""
+
+    def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
+        """See ``PreparedPage``; ScanError: the scan is none of the golden's kind."""
+        measured = evened(scan.dn.astype(np.float32), self.sensors)
+        expected, seen = _alike(scan.name, self.light, measured)
+        for light, name in ((expected, self.golden), (seen, scan.name)):
+            if not np.isfinite(light).all():
+                why = f"{name} holds values that are not finite numbers"
+                return self._inspection(Verdict.passed(self.page, why, detector=NAME), scan, expected)
+        return self._inspection(*self._compared(expected, seen, scan))
+
+    def _compared(
+        self, expected: NDArray[np.float32], seen: NDArray[np.float32], scan: Scan
+    ) -> tuple[Verdict, Scan, NDArray[np.float32], GoldenDifference]:
+        difference = compare(expected, seen)
+        places, where = marks(difference), difference.place
+        across, along = (
+            round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
+        )
+        off_place = max(abs(across), abs(along)) >= WRONG_SHIFT_MM
+        another = not where.found or off_place
+        regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
+        kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
+        verdict = Verdict.judged(
+            self.page,
+            decision_of(places[0].volume if places else 0.0, another=another),
+            kind=kind,
+            regions=regions,
+            shift_mm=(across, along) if where.found else None,
+            detector=NAME,
+            reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
+        )
+        return verdict, scan, expected, difference
+
+    def _inspection(
+        self,
+        verdict: Verdict,
+        scan: Scan,
+        expected: NDArray[np.float32],
+        difference: GoldenDifference | None = None,
+    ) -> Inspection:
+        lines, pixels = expected.shape[1:]
+        area = (slice(0, lines), slice(0, pixels))
+        excess = np.zeros((lines, pixels), np.float32) if difference is None else difference.excess
+        blocks = cv2.resize(
+            excess,
+            (max(pixels // BLOCK_PIXELS, 1), max(lines // BLOCK_PIXELS, 1)),
+            interpolation=cv2.INTER_AREA,
+        )
+        return Inspection(
+            verdict=verdict,
+            placement=Placement(shift_mm=verdict.shift_mm or (0.0, 0.0)),
+            area=area,
+            measured_dn=scan.dn[(slice(None), *area)],
+            block_z=np.asarray(blocks, np.float32)[None],
+            expect=lambda: Prediction(expected_dn=expected, variance_dn2=np.ones_like(expected)),
+            kept={
+                "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
+                "volume": np.array(verdict.score or 0.0),
+            },
+        )
+
+    def _region(self, mark: Mark) -> Region:
+        left, top, right, bottom = mark.grown(MARGIN_PIXELS)
+        pitch_x_mm, pitch_y_mm = self.pitch_mm
+        width_mm, height_mm = (right - left) * pitch_x_mm, (bottom - top) * pitch_y_mm
+        return Region(
+            x_mm=round(left * pitch_x_mm - self.left_mm, 2),
+            y_mm=round(top * pitch_y_mm - self.lead_in_mm, 2),
+            width_mm=round(width_mm, 2),
+            height_mm=round(height_mm, 2),
+            score=round(mark.volume, 1),
+            kind=_kind(width_mm, height_mm, lighter=mark.lighter),
+        )
+
+
+def decision_of(volume: float, *, another: bool) -> Decision:
+    """What the greatest place that differs comes to; volume: 0 where none does."""
+    return Decision(
+        misprint=another or volume > 0,
+        score=round(volume, 1),
+        threshold=LEAST_VOLUME,
+        p_value=None,
+        probability=None,
+    )
+
+
+def evened(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
+    """Columns' offsets and gains taken out of (sensors, lines, pixels); no sensors: as it is."""
+    if not sensors:
+        return light
+    return np.stack(
+        [(sheet - one.column_offset_dn) / one.column_gain for sheet, one in zip(light, sensors, strict=True)]
+    )
+
+
+def _alike(
+    name: str, golden: NDArray[np.float32], seen: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Both cut to what both show, grey if either is; ScanError if their sizes are too different, or too small."""
+    if len(golden) != len(seen):
+        golden, seen = (image.mean(axis=0, keepdims=True) for image in (golden, seen))
+    sizes = np.array([golden.shape[1:], seen.shape[1:]])
+    if sizes.min() < TILE_PIXELS:
+        small = "its golden is" if sizes[0].min() < TILE_PIXELS else "is"
+        lines, pixels = sizes[sizes.min(axis=1).argmin()]
+        what = f"{small} of {lines} lines x {pixels} pixels"
+        raise ScanError(
+            name, what, remedy=f"{TILE_PIXELS} x {TILE_PIXELS} are the least that can be compared"
+        )
+    if (np.abs(sizes[1] / sizes[0] - 1) > CROPPED).any():
+        what = f"is of {seen.shape[1]} lines x {seen.shape[2]} pixels"
+        raise ScanError(name, what, remedy=f"its golden has {golden.shape[1]} x {golden.shape[2]}")
+    lines, pixels = sizes.min(axis=0)
+    return golden[:, :lines, :pixels], seen[:, :lines, :pixels]
+
+
+def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
+    """What one place looks like."""
+    if width_mm <= STREAK_WIDTH_MM and height_mm > max(STREAK_RATIO * width_mm, SPOT_MM):
+        return "streak"
+    if max(width_mm, height_mm) <= SPOT_MM:
+        return "spots-voids"
+    return "missing-content" if lighter else "unknown"
+
+
+def _reason(likeness: float, *, off_place: bool, found: bool, places: int) -> str:
+    if not found:
+        return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
+    if off_place:
+        return f"the page lies {WRONG_SHIFT_MM} mm or more from where the golden lies"
+    if places:
+        return f"{places} place{'s differ' if places > 1 else ' differs'} from the golden by more than good prints do"
+    return ""

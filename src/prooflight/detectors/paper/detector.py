@@ -1,0 +1,158 @@
+"""The paper's detectors on a press: a page found, predicted where it lies, compared pixel by pixel, decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PlannedPage, StationDetector
+from prooflight.detectors.paper.chi_square import tile_statistics
+from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
+from prooflight.detectors.paper.finding import SoughtPage, find
+from prooflight.detectors.paper.print_state import print_state
+from prooflight.detectors.paper.regions import BlockGrid, Findings, findings
+from prooflight.detectors.placing import WRONG_PAGE_KIND
+from prooflight.detectors.verdict import Verdict
+from prooflight.kernels.blocks import INKS, block_inks
+from prooflight.prediction.predict import cut
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import KeptArrays, Station
+    from prooflight.detectors.paper.evidence import Evidence, EvidenceDetector
+    from prooflight.detectors.paper.finding import FoundPage
+    from prooflight.detectors.verdict import Decision
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.scan import Scan
+
+PIXELS_A_BLOCK: Final = 4
+"""Of the raster, either way, that say how much ink is in a block."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperDetector(StationDetector):
+    """Weighs the error's histograms or block means by one of the paper's tests."""
+
+    test: EvidenceDetector
+
+    @property
+    def name(self) -> str:
+        """See ``Detector``."""
+        return self.test.name
+
+    @property
+    def promise(self) -> str:
+        """See ``Detector``."""
+        return self.test.promise
+
+    def prepare(self, planned: PlannedPage) -> PaperPage:
+        """See ``Detector``."""
+        return PaperPage(detector=self, sought=SoughtPage.of(planned))
+
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """See ``Detector``."""
+        with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
+            return self.test.judge(self.test.evidence_of(kept, sensors=len(self.station.sensors)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PaperPage:
+    """A page predicted in its place, with what of its design tells where it lies."""
+
+    detector: PaperDetector
+    sought: SoughtPage
+
+    def under(self, station: Station) -> PaperPage:
+        """See ``PreparedPage``; next to no work: landmarks stay."""
+        return PaperPage(detector=self.detector.at(station), sought=self.sought.relit(station))
+
+    def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
+        """See ``PreparedPage``; seed: of the randomised integral transform."""
+        page, station, test = self.sought.page, self.detector.station, self.detector.test
+        found_page = find(self.sought, scan.dn, station)
+        seen, measured = cut(found_page.prediction, found_page.area), scan.dn[(slice(None), *found_page.area)]
+        evidence = _gathered(measured, seen, station, seed=seed + page.number)
+        decision, wrong = test.judge(evidence), found_page.wrong_page
+        decision = replace(decision, misprint=decision.misprint or wrong)
+        found = Findings(regions=(), kind=None)
+        if decision.misprint:
+            found = findings(_grid(page, station.geometry, evidence, found_page))
+        verdict = Verdict.judged(
+            page.name,
+            decision,
+            costs=station.costs,
+            surely=wrong,
+            kind=WRONG_PAGE_KIND if wrong else found.kind,
+            regions=found.regions,
+            shift_mm=found_page.shift_mm,
+            detector=test.name,
+            reason=found_page.reason,
+        )
+        return Inspection(
+            verdict=verdict,
+            placement=found_page.placement,
+            area=found_page.area,
+            measured_dn=measured,
+            block_z=evidence.block_z,
+            expect=lambda: seen,
+            kept={"wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND), **test.kept(evidence)},
+            state=partial(print_state, measured, seen.expected_dn, found_page.area[1], station),
+        )
+
+
+def page_evidence(page: Page, scan_dn: NDArray[np.uint16], station: Station) -> Evidence:
+    """What the paper's detectors look at in one scan (sensors, lines, pixels) of a page."""
+    found = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
+    seen, measured = cut(found.prediction, found.area), scan_dn[(slice(None), *found.area)]
+    return _gathered(measured, seen, station, seed=page.number)
+
+
+def _gathered(measured: NDArray[np.uint16], seen: Prediction, station: Station, *, seed: int) -> Evidence:
+    return gather(
+        measured,
+        seen.expected_dn,
+        seen.variance_dn2,
+        top_codes_dn=[sensor.top_code_dn for sensor in station.sensors],
+        seed=seed,
+        threads=station.threads,
+    )
+
+
+def _grid(page: Page, geometry: ScanGeometry, evidence: Evidence, found: FoundPage) -> BlockGrid:
+    """Blocks in millimetres on the page as printed, its shift taken off."""
+    lines, columns = found.area
+    shift_x_mm, shift_y_mm = found.placement.shift_mm
+    _, rows, across = evidence.block_z.shape
+    width_mm = BLOCK_PIXELS * geometry.pixel_pitch_mm
+    height_mm = BLOCK_PIXELS * geometry.line_pitch_mm
+    return BlockGrid(
+        z=evidence.block_z,
+        tiles=tile_statistics(evidence),
+        blocks_per_tile=TILE_PIXELS // BLOCK_PIXELS,
+        ink=cache(partial(_ink, page, rows, across)),
+        left_mm=columns.start * geometry.pixel_pitch_mm - geometry.left_mm(page.width_mm) - shift_x_mm,
+        top_mm=lines.start * geometry.line_pitch_mm - geometry.lead_in_mm - shift_y_mm,
+        width_mm=width_mm,
+        height_mm=height_mm,
+    )
+
+
+def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
+    """Mean ink fractions of (rows, across) blocks that share the page evenly, (rows, across, 4).
+
+    A few pixels of each block do: to read all would take as long as the rest of the inspection.
+    """
+    words = page.words
+    lines, columns = (
+        np.arange(PIXELS_A_BLOCK * blocks) * size // (PIXELS_A_BLOCK * blocks)
+        for blocks, size in zip((rows, across), words.shape, strict=True)
+    )
+    ink = np.zeros((rows, across, INKS), np.float32)
+    block_inks(words, lines.reshape(rows, -1), columns.reshape(across, -1), ink)
+    return ink

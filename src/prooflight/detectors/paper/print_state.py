@@ -1,0 +1,71 @@
+"""What a print did as good ones do, from the light of its columns: lamp and streaks."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.base import LAMP_WAVES, PrintState
+from prooflight.kernels.columns import column_sums
+from prooflight.pages.parallel import shared_out
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Station
+
+PARTS: Final = 8
+"""Of a page's height: the median of them is the column's, so that no local misprint makes a streak."""
+
+
+def print_state(
+    measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], part: slice, station: Station
+) -> PrintState:
+    """Of what was measured and expected (sensors, lines, columns) in a part of the field's columns [DN]."""
+    of_sensors = light_sums(measured_dn, expected_dn, part, station)
+    pixels = station.geometry.pixels
+    amounts = lamp_waves(of_sensors.sum(axis=0), part, pixels)
+    for sensor, (over, whole) in zip(station.sensors, of_sensors, strict=True):
+        amounts[f"light-{sensor.name}"] = float(np.median(over.sum(axis=0) / whole.sum(axis=0)))
+    excess, light = (np.zeros((PARTS, pixels)) for _ in "el")
+    excess[:, part], light[:, part] = of_sensors.sum(axis=0)
+    return PrintState(amounts=amounts, excess=excess, light=light, pitch_mm=station.geometry.pixel_pitch_mm)
+
+
+def light_sums(
+    measured: NDArray[np.uint16], expected: NDArray[np.float32], part: slice, station: Station
+) -> NDArray[np.float64]:
+    """Light over what was expected, and light expected, down the columns of an area.
+
+    (sensors, 2, PARTS, columns of the area) [DN]
+    """
+    bounds = np.arange(PARTS + 1) * measured.shape[1] // PARTS
+    found = np.empty((len(station.sensors), 2, PARTS, measured.shape[2]))
+
+    def add(index: int, share: int, first: int, last: int) -> None:
+        offset = station.sensors[index].column_offset_dn[part]
+        seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
+        column_sums(measured[index], expected[index], first, last, seen, due)
+        found[index, 0, share] = seen - due
+        found[index, 1, share] = due - (last - first) * offset
+
+    tasks = [
+        partial(add, index, share, first, last)
+        for index in range(len(station.sensors))
+        for share, (first, last) in enumerate(pairwise(bounds))
+    ]
+    shared_out(tasks, threads=station.threads or 1)
+    return found
+
+
+def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str, float]:
+    """Amplitudes of the lamp's waves cos(k pi x / W) over the field, from (2, parts, columns of ``part``)."""
+    ratio = sums[0].sum(axis=0) / sums[1].sum(axis=0)
+    x = (np.arange(pixels)[part] + 0.5) / pixels
+    waves = np.cos(np.pi * np.multiply.outer(x, np.arange(LAMP_WAVES + 1)))
+    # By normal equations: BLAS would fit the long way round, in threads that fight with those that inspect.
+    found = np.linalg.solve(waves.T @ waves, waves.T @ ratio)
+    return {f"lamp-{k}": float(found[k]) for k in range(1, LAMP_WAVES + 1)}

@@ -1,0 +1,65 @@
+"""What it means where a page lies: which part of its scan is judged, and whether it is another page."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.base import BLOCK_PIXELS
+
+if TYPE_CHECKING:
+    from prooflight.detectors.base import Area
+    from prooflight.pages.raster import Page
+    from prooflight.registration.register import Registration
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+WRONG_PAGE_KIND: Final = "wrong-page"
+EDGE_PIXELS: Final = 1.0
+"""What is left out inside the edges of a page that was moved: sheet and print do not move as one. [camera pixels]"""
+
+
+def inside(page: Page, geometry: ScanGeometry, placement: Placement, *, lines: int) -> Area:
+    """Of so many lines, those whose pixels all lie on the page as it lies, one away from its edges; and columns.
+
+    Where fewer are left than a block has, those of the page in its place.
+    """
+    across_mm = geometry.centres_x_mm(page.width_mm)
+    down_mm = geometry.centres_y_mm(lines)
+    seen = partial(placement.seen_mm, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
+    margin_x, margin_y = EDGE_PIXELS * geometry.pixel_pitch_mm, EDGE_PIXELS * geometry.line_pitch_mm
+    on_columns, on_lines = np.ones(across_mm.size, bool), np.ones(down_mm.size, bool)
+    for part in (0.0, 0.5, 1.0):
+        x_mm, _ = seen(across_mm, np.full_like(across_mm, part * page.height_mm))
+        on_columns &= (x_mm >= margin_x) & (x_mm <= page.width_mm - margin_x)
+        _, y_mm = seen(np.full_like(down_mm, part * page.width_mm), down_mm)
+        on_lines &= (y_mm >= margin_y) & (y_mm <= page.height_mm - margin_y)
+    columns, rows = np.flatnonzero(on_columns), np.flatnonzero(on_lines)
+    if min(columns.size, rows.size) < BLOCK_PIXELS:
+        return geometry.on_page(page.width_mm, page.height_mm)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def shift_of(found: Registration) -> tuple[float, float] | None:
+    """Where a page lies minus where it should, x and y [mm]; None: it could not be found."""
+    x, y = found.placement.shift_mm
+    return (round(x, 4), round(y, 4)) if found.found else None
+
+
+def shows_another(found: Registration) -> bool:
+    """Whether a scan shows another page, or its own where no good print lies."""
+    return found.off_place or found.foreign
+
+
+def place_reason(found: Registration) -> str:
+    """Why a scan shows another page, or its own where no good print lies."""
+    if found.turned:
+        return "the page is turned by 180 degrees"
+    if found.foreign:
+        return "the scan shows another page: what is printed on it is not foretold by this one"
+    if not found.found:
+        return f"the scan does not show this page: {found.reason or 'its tiles show something else'}"
+    x, y = found.placement.shift_mm
+    return f"the page lies {x:+.1f}, {y:+.1f} mm and {found.placement.skew_deg:+.2f} degrees off its place"

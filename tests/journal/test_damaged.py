@@ -297,7 +297,7 @@ def test_what_is_kept_is_read_as_numpy_reads_it(tmp_path: Path, dtype: str, shap
 
 @pytest.fixture(scope="module", params=["chi-square", "ours"])
 def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict[str, Any], Press, str]:
-    of_press = request.getfixturevalue("taught_press") if request.param == "ours" else press
+    of_press = request.getfixturevalue("trained_press") if request.param == "ours" else press
     inspector = Inspector.of(of_press, request.param)
     prepared = inspector.prepare(page)
     scan = scan_page(page, press=of_press, request=None, others=(), fetch=lambda _: page, rng=page_rng(1, 1))

@@ -53,8 +53,8 @@ def bayes_press(press: Press) -> Press:
 @pytest.fixture(scope="module", params=["chi-square", "ours", "bayes"])
 def inspector(request: pytest.FixtureRequest, press: Press, bayes_press: Press) -> Inspector:
     of_name = {"chi-square": press, "bayes": bayes_press}
-    taught = of_name.get(request.param) or request.getfixturevalue("taught_press")
-    return Inspector.of(taught, request.param)
+    trained = of_name.get(request.param) or request.getfixturevalue("trained_press")
+    return Inspector.of(trained, request.param)
 
 
 @pytest.fixture(scope="module")

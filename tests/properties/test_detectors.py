@@ -73,8 +73,8 @@ def test_permuting_pages_permutes_verdicts_and_changes_no_input(
     detector: EvidenceDetector, seed: int, order: list[int]
 ) -> None:
     evidence = [evidence_of(page) for page in pages(seed)]
-    told = [detector.judge(one) for one in evidence]
-    assert [detector.judge(evidence[place]) for place in order] == [told[place] for place in order]
+    told = [detector.decide(one) for one in evidence]
+    assert [detector.decide(evidence[place]) for place in order] == [told[place] for place in order]
 
 
 @settings(max_examples=8)

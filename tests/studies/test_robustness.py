@@ -147,8 +147,8 @@ def test_equation_5_has_its_degrees_of_freedom_where_sigma_is_right() -> None:
 def rows(two_sensor_press: Press, make_page: Callable[..., Page]) -> Rows:
     pages = SmallPages(make_page)
     (day,) = PLAN.days("pilot")
-    taught = learned(LearnGood(press=two_sensor_press, pages=pages, plan=PLAN)(day))
-    work = WatchWrong(press=two_sensor_press, pages=pages, plan=PLAN, learned=taught)
+    trained = learned(LearnGood(press=two_sensor_press, pages=pages, plan=PLAN)(day))
+    work = WatchWrong(press=two_sensor_press, pages=pages, plan=PLAN, learned=trained)
     made = [work(day) for day in PLAN.days("learn", "tune", "test")]
     return {name: np.concatenate([one[name] for one in made]) for name in made[0]}
 

@@ -63,7 +63,7 @@ def build(
     press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
     accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
     if detector != "none":
-        press = _taught(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
+        press = _trained(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
@@ -81,11 +81,11 @@ def build(
         show.people.print(f"detector {name}: {promise}")
 
 
-def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.training.train import taught
+def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
+    from prooflight.commissioning.training.train import trained
     from prooflight.simulation.corpus.corpus import Corpus
 
-    return taught(
+    return trained(
         press,
         Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
 from prooflight.inspection.light import light_tolerance, wrong_light
@@ -110,7 +110,7 @@ class Inspector:
         wrong = wrong_light(
             light_levels(prepared.lit, dn, sensors),
             sensors,
-            tolerance=light_tolerance(Tolerance() if ours is None else ours.tolerance.prior),
+            tolerance=light_tolerance(PrintPrior() if ours is None else ours.model.prior),
         )
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
@@ -147,4 +147,4 @@ def judged_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) 
 
 def not_inspected(page_name: str, reason: str = "") -> Verdict:
     """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
-    return Verdict.passed(page_name, reason)
+    return Verdict.skipped(page_name, reason)

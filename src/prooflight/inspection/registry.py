@@ -45,7 +45,7 @@ def matched_filter(press: Press) -> Detector:
     """Ours; RequestError: this press was not taught it."""
     if press.ours is None:
         raise _untaught(press, "ours", "`prooflight press build --detector quick`")
-    return MatchedFilterDetector(station=press.station(), model=press.ours)
+    return MatchedFilterDetector(station=press.station(), calibrated=press.ours)
 
 
 BUILT_IN: Final[dict[str, Factory]] = {

@@ -15,7 +15,7 @@ from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means, windo
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
-from prooflight.simulation.captures import Room
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.baselines import (
     VariationModel,
@@ -62,7 +62,7 @@ class Learned:
 class Stage:
     """A press day: prints are made on it, and seen through right and wrong tables."""
 
-    room: Room
+    day: SimulatedDay
     pages: Designs
     disturbances: tuple[Disturbance, ...]
 
@@ -71,7 +71,9 @@ class Stage:
         """Enter a press day."""
         # Days are seeded by their set and first design, so that no day is in two sets.
         rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
-        return cls(room=Room.enter(plan.world, press, rng), pages=pages, disturbances=all_disturbances())
+        return cls(
+            day=SimulatedDay.begin(plan.world, press, rng), pages=pages, disturbances=all_disturbances()
+        )
 
     def printed(
         self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
@@ -79,9 +81,9 @@ class Stage:
         """The good print, or one with a misprint; None if none reaches the gate."""
         if not kind:
             return good
-        press = self.room.press
+        press = self.day.press
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.room.wrong(
+        return self.day.wrong(
             good,
             kind,
             others=others,
@@ -91,7 +93,7 @@ class Stage:
 
     def good(self, index: int) -> Printed:
         """A design's good print."""
-        return self.room.good(self.room.press.geometry.lay(self.pages.page(index)))
+        return self.day.good(self.day.press.geometry.lay(self.pages.page(index)))
 
     def believed(
         self, good: Printed, printed: Printed, rng: np.random.Generator
@@ -100,10 +102,10 @@ class Stage:
 
         The page is found in its scan with the right tables, so that one thing is wrong at a time.
         """
-        press = self.room.press
-        scan = self.room.recorded(self.room.seen(printed, rng), rng)
+        press = self.day.press
+        scan = self.day.recorded(self.day.seen(printed, rng), rng)
         placement = self._found(good, scan)
-        seen = good.expected if placement is IN_PLACE else self.room.expected(good.page, placement)
+        seen = good.expected if placement is IN_PLACE else self.day.expected(good.page, placement)
         area = (slice(None), *press.geometry.on_page(good.page.width_mm, good.page.height_mm))
         measured = np.ascontiguousarray(scan[area])
         for disturbance in self.disturbances:
@@ -117,9 +119,9 @@ class Stage:
             )
 
     def _found(self, good: Printed, scan: NDArray[np.uint16]) -> Placement:
-        if self.room.session is None:
+        if self.day.session is None:
             return IN_PLACE
-        press = self.room.press
+        press = self.day.press
         found = register(
             prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry), scan
         )
@@ -166,7 +168,7 @@ class WatchWrong:
     """Good copies and misprints of a day's designs -> a row for each scan.
 
     Columns: design, kind ("" where good), pixels; and, disturbances as their first axis, ``numbers`` (sides, sensors,
-    7), ``chi_squares`` (2) and ``peers`` (4).
+    7), ``chi_squares`` (2) and ``baselines`` (4).
     """
 
     press: Press
@@ -198,7 +200,7 @@ class WatchWrong:
     def _row(
         self, stage: Stage, good: Printed, printed: Printed, index: int, rng: np.random.Generator
     ) -> dict[str, Any]:
-        numbers, chi_squares, peers, pixels = [], [], [], 0
+        numbers, chi_squares, baselines, pixels = [], [], [], 0
         first: NDArray[np.float64] | None = None
         seen_first = good.expected
         for place, (measured, seen) in enumerate(stage.believed(good, printed, rng)):
@@ -210,9 +212,9 @@ class WatchWrong:
             same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
             found = self._peers(measured, seen, place, first if same_mean else None)
             first = found if first is None else first
-            peers.append(found)
+            baselines.append(found)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
-        measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": peers}
+        measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": baselines}
         return facts | {name: np.array(values) for name, values in measured_as.items()}
 
     def _chi_squares(self, measured: NDArray[np.uint16], seen: Prediction, seed: int) -> tuple[float, float]:

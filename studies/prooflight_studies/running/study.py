@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import taught
+from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
@@ -253,7 +253,7 @@ class Study:
             rarely = replace(press, good_pages_per_false_alarm=self.plan.taught_pages / 4)
             designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
             self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
-            taught(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+            trained(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
         return Press.load(path)
 
     def _small(self) -> Press:
@@ -264,7 +264,7 @@ class Study:
             rarely = replace(press, good_pages_per_false_alarm=min(100.0, self.plan.taught_designs / 4))
             designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
             self.progress(f"teaching a small press by {self.plan.taught_designs} designs")
-            taught(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
+            trained(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
         return Press.load(path)
 
     def _counted(self, what: str, total: int) -> Callable[[int], None]:

@@ -22,7 +22,7 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_waves,
     waves_of,
 )
-from prooflight.detectors.matched_filter.statistics.page_scale import exchanged, extremes_of, flat_part
+from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of, flat_part, swapped_planes
 
 ROWS, COLUMNS, TILE_MM = 96, 64, 0.5
 PIXELS = 2 * COLUMNS
@@ -147,6 +147,6 @@ def test_exchanged_inks_show_in_their_pair_alone() -> None:
     for ink, sign in ((0, 1), (1, -1)):
         for mode in (1 + ink, 5 + ink):
             sums.tiles[0, mode] += sign * 0.1 * step * POWER
-    t = np.abs(exchanged(sums))
+    t = np.abs(swapped_planes(sums))
     assert t[0] > 5
     assert t[0] > 2 * t[5]  # yellow and black

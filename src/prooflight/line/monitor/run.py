@@ -94,7 +94,7 @@ class Announcement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunLevel:
+class RunMonitor:
     """Evidence of one run so far; ``see`` every page in the order of the run. Its size does not grow."""
 
     channels: tuple[Channel, ...]

@@ -29,7 +29,7 @@ def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
     "out (R - 1, C - 1, 3 * lags)",
     where="H + lags - 1 <= D",
 )
-def echo_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
+def ghost_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
     """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
 
     own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;

@@ -17,7 +17,7 @@ NAMES = ["box/add-C+/8", "box/add-C-/8", "streak/void/1/full", "ghost/C/0", "pla
 
 
 def drawn(designs: int, seed: int, *, copies: int = 2) -> Pages:
-    """Statistics that grow with the first number of a page's portrait; misprints add to one of them."""
+    """Statistics that grow with the first number of a page's features; misprints add to one of them."""
     rng = np.random.default_rng(seed)
     design = np.repeat(np.arange(designs), copies)
     page_features = np.repeat(rng.standard_normal((designs, 3)), copies, axis=0)

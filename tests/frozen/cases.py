@@ -20,7 +20,7 @@ from prooflight.commissioning.training.train import trained
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, kept_evidence
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     MakePage = Callable[..., Page]
 
-SCRIPT = Path(__file__).with_name("judge_lengths.py")
+SCRIPT = Path(__file__).with_name("inspect_lengths.py")
 SAME = 1e-4
 """Of the score: sums in single precision are added up in another order by other processors and numbers of threads;
 2.6e-6 was seen. Lines of another scan (what this guards against) moved it by 2e-3 and more."""
@@ -44,7 +44,7 @@ NEAR = 0.05
 
 
 def _loaded() -> Any:
-    spec = util.spec_from_file_location("judge_lengths", SCRIPT)
+    spec = util.spec_from_file_location("inspect_lengths", SCRIPT)
     assert spec is not None
     assert spec.loader is not None
     module = util.module_from_spec(spec)
@@ -52,7 +52,7 @@ def _loaded() -> Any:
     return module
 
 
-judged = _loaded().judged
+inspected = _loaded().inspected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,21 +103,21 @@ def test_a_scans_length_does_not_change_its_verdict(
     trained_press.save(tmp_path / "x.press")
     (tmp_path / "scan.pickle").write_bytes(pickle.dumps((page, scan)))
     command = [sys.executable, str(SCRIPT), str(tmp_path / "x.press"), str(tmp_path / "scan.pickle"), "ours"]
-    rows = judged(trained_press, page, scan, "ours", [nominal])
+    rows = inspected(trained_press, page, scan, "ours", [nominal])
     for part in (lengths[:10], lengths[10:]):
         done = subprocess.run([*command, *map(str, part)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-500:]
         rows += [json.loads(line) for line in done.stdout.splitlines()]
     assert len(rows) == 21
     assert_alike(rows, nominal=nominal)
-    for here, there in zip(judged(trained_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
+    for here, there in zip(inspected(trained_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
         assert here == there | {"score": pytest.approx(there["score"], rel=SAME)}
 
 
 def test_a_misprint_is_one_at_any_length(trained_press: Press, make_page: MakePage) -> None:
     page, scan = press_scan(trained_press, make_page, "streak")
     nominal, lengths = lengths_about(trained_press, page, seed=5)
-    rows = judged(trained_press, page, scan, "ours", [nominal, *lengths[:5]])
+    rows = inspected(trained_press, page, scan, "ours", [nominal, *lengths[:5]])
     assert rows[0]["verdict"] == "misprint"
     assert_alike(rows, nominal=nominal)
 
@@ -127,7 +127,7 @@ def test_lengths_do_not_change_the_papers_verdicts(press: Press, page: Page) -> 
     seen = predict(page, sensors=press.sensors, geometry=press.geometry)
     scan = ideal_scan(seen, press, np.random.default_rng(2))
     nominal, lengths = lengths_about(press, page, seed=4)
-    rows = judged(press, page, scan, "chi-square", [nominal, *lengths])
+    rows = inspected(press, page, scan, "chi-square", [nominal, *lengths])
     assert {(row["verdict"], row["score"]) for row in rows} == {("good", rows[0]["score"])}
     evidence, of_longer = (
         page_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press.station()) for more in (0, 7)
@@ -155,7 +155,7 @@ def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
         press = replace(other, ours=trained_press.ours)
         page, scan = press_scan(press, make_page)
         nominal, lengths = lengths_about(press, page, seed=6)
-        assert_alike(judged(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
+        assert_alike(inspected(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
 
 
 @pytest.mark.parametrize("size_mm", [(5.0, 5.0), (5.0, 30.0), (30.0, 5.0)])

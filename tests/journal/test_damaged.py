@@ -23,7 +23,7 @@ from tests.journal.journals import facts, files_of, record
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, kept_evidence
 from prooflight.journal import packs
 from prooflight.journal.journal import Journal, JournalError
 from prooflight.simulation.scans import page_rng, scan_page

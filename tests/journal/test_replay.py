@@ -13,7 +13,7 @@ from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import Figure, decided_again, kept_evidence, replayed
+from prooflight.inspection.redeciding import Figure, decided_again, kept_evidence, replayed
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.press.artefact import Press
 from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SINGLE_PRECISION_DN = 3e-3
 """A few hundred additions of up to 4000 DN in single precision, each good to 2e-4 DN, rounded at random."""
 NEAREST_PHASE_DN = 1.2
-"""Weights of the nearest phase err by up to 0.012 % of a step, and several may meet, 4500 DN in quantised of random
+"""Weights of the nearest phase err by up to 0.012 % of a step, and several may meet, 4500 DN in tables of random
 tables (``sampling_grid.PHASES``)."""
 
 
@@ -77,7 +77,7 @@ def flat_page(recipe: tuple[int, int, int, int], *, width_mm: float = 20.0, heig
 
 
 def sixteen_corners(table: np.ndarray, cmyk: np.ndarray) -> np.ndarray:
-    """What the table's quantised say of each recipe, in whole numbers but for the last step."""
+    """What the quantised table says of each recipe, in whole numbers but for the last step."""
     quantised = quantised_table(table)
     bits = quantised.bits.astype(np.int64)
     cell, fraction = np.divmod(cmyk.astype(np.int64), 256 >> bits)

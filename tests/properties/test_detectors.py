@@ -79,7 +79,7 @@ def test_permuting_pages_permutes_verdicts_and_changes_no_input(
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
-def test_permuting_pages_permutes_the_scores_of_peers_and_changes_no_input(
+def test_permuting_pages_permutes_the_scores_of_baselines_and_changes_no_input(
     seed: int, order: list[int]
 ) -> None:
     model = VariationModel(floor=0.01, edge=0.1, signal=0.01)

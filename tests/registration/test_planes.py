@@ -146,7 +146,9 @@ def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:
 
 
 @pytest.mark.parametrize("ink", [BLACK, FOUR_INKS], ids=["one ink", "four inks"])
-@pytest.mark.parametrize("spread", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"])
+@pytest.mark.parametrize(
+    "residual_variance", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"]
+)
 def test_a_look_without_fringes_is_what_it_was(
     two_sensor_press: Press, ink: tuple[int, int, int, int], residual_variance: ResidualVariance
 ) -> None:

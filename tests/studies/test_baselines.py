@@ -138,7 +138,7 @@ def test_every_peer_finds_a_missing_block_and_none_changes_its_inputs() -> None:
 
 
 @given(turns=st.integers(0, 3))
-def test_peers_do_not_care_how_the_page_is_turned(turns: int) -> None:
+def test_baselines_do_not_care_how_the_page_is_turned(turns: int) -> None:
     measured, expected, variance = page(side=48)
     upright = all_scores(measured, expected, variance, variation=NOISE_ALONE, white_dn=WHITE)
     turned = [

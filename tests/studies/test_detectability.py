@@ -54,10 +54,10 @@ def spot_mm(wanted: float, power: float) -> float:
 
 def told(of: Sums, *, noise: float = 1.0) -> Telling:
     """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
-    said = [Statistic(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
+    statistics = [Statistic(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
     gain = np.zeros((4, 3))
     gain[:, 0] = PrintPrior().gain
-    return Telling.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), said, scattered(noise))  # type: ignore[arg-type]
+    return Telling.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), statistics, scattered(noise))  # type: ignore[arg-type]
 
 
 def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:

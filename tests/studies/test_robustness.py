@@ -176,7 +176,7 @@ def test_the_learned_detector_is_unmoved_by_any_factor_of_sigma_and_chi_square_i
     assert len(relearned) == 1
 
 
-def test_peers_that_do_not_know_sigma_are_unmoved_by_it(rows: Rows) -> None:
+def test_baselines_that_do_not_know_sigma_are_unmoved_by_it(rows: Rows) -> None:
     for place, disturbance in enumerate(all_disturbances()):
         if disturbance.belief in ("sigma factor", "sigma offset", "swing, calibrated"):
             np.testing.assert_array_equal(rows["peers"][:, place, :2], rows["peers"][:, 0, :2])

@@ -98,7 +98,7 @@ class Inspector:
         prepared = page if isinstance(page, Prepared) else self.prepare(page)
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
-        scan = Scan(dn=judged_lines(scan.name, scan.dn, prepared.page, self.press), name=scan.name)
+        scan = Scan(dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press), name=scan.name)
         done = prepared.known.inspect(scan, seed=seed)
         verdict = self._under_its_light(done.verdict, prepared, scan.dn)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
@@ -127,7 +127,7 @@ def _sound(press: Press) -> None:
     press.check()
 
 
-def judged_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
+def inspected_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
     """The lines of a scan (sensors, lines, pixels) that are looked at: no more than scans of such a page have.
 
     It may have fewer if it holds the page in its place; what it lacks is unknown to all that follows. ScanError: it is

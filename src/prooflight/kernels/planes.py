@@ -9,7 +9,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def compose_row(packed, row, planes, out):  # type: ignore[no-untyped-def]
-    """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane of packed displaced.
+    """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane displaced.
 
     planes (4, 2): how many pixels each lies too far right and too far down.
     """

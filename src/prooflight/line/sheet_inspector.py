@@ -1,4 +1,4 @@
-"""What the running inspection asks of whoever judges: make a design ready, look at one scan of it."""
+"""What the running inspection asks of an inspector of sheets: make a design ready, inspect one scan of it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
-from prooflight.inspection.rejudging import kept_evidence
+from prooflight.inspection.redeciding import kept_evidence
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.sheets.thumbnails import thumbnail_of
@@ -40,14 +40,14 @@ class SheetResult:
 
 
 class SheetInspector(Protocol[Ready]):
-    """Judges sheets; called from several threads at once."""
+    """Inspects sheets; called from several threads at once."""
 
     def prepare(self, page: Page) -> Ready:
         """All that can be known of a design ahead of its sheets."""
         ...
 
     def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
-        """Look at one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
+        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
         ...
 
     def thumbnail(self, ready: Ready) -> Thumbnail:
@@ -59,11 +59,11 @@ class SheetInspector(Protocol[Ready]):
         ...
 
     def following(self, press: Press) -> SheetInspector[Ready]:
-        """The same judge on a press whose light has changed a little."""
+        """The same on a press whose light has changed a little."""
         ...
 
     def renewed(self, ready: Ready) -> Ready:
-        """A design that the judge made ready before, once it follows the press as it is now."""
+        """A design that the inspector made ready before, once it follows the press as it is now."""
         ...
 
 
@@ -77,7 +77,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressSheetInspector:
-    """An ``Inspector`` as a judge."""
+    """An ``Inspector`` as an inspector of sheets."""
 
     inspector: Inspector
     keep: Keep = "none"

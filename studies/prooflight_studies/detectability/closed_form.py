@@ -203,7 +203,7 @@ def _inks(fit: Fit, statistics: Sequence[Statistic]) -> dict[str, float]:
     of, prior = {one.name: one.value for one in statistics}, fit.prior.gain
     found = {}
     for ink, letter in enumerate(INKS):
-        surprise, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
-        if surprise >= 1e-6 and gain >= 1e-6:
-            found[letter] = min(gain / surprise, 1.0) / prior  # sqrt(1 - what stays unknown)
+        pull, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
+        if pull >= 1e-6 and gain >= 1e-6:
+            found[letter] = min(gain / pull, 1.0) / prior  # sqrt(1 - what stays unknown)
     return found

@@ -207,7 +207,7 @@ def all_scores(
     variation: VariationModel,
     white_dn: Sequence[float],
 ) -> NDArray[np.float64]:
-    """Every peer's score of one scan, in the order of ``BASELINES``. (6,)"""
+    """Every baseline's score of one scan, in the order of ``BASELINES``. (6,)"""
     difference = absolute_difference(measured_dn, expected_dn, white_dn=white_dn)
     unlike = dissimilarity(measured_dn, expected_dn, white_dn=white_dn)
     far = variation.score(measured_dn, expected_dn, variance_dn2, white_dn=white_dn)

@@ -74,7 +74,7 @@ def measure(
     variation: VariationModel | None,
     seed: int,
 ) -> Rows:
-    """The row of one scan; arrays cover the page's area. variation: None leaves the peers unknown, NaN."""
+    """The row of one scan; arrays cover the page's area. variation: None leaves the baselines unknown, NaN."""
     evidence = gather(
         measured_dn,
         seen.expected_dn,

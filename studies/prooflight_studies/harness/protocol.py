@@ -55,7 +55,7 @@ class Plan:
     """Copies of each design with a misprint; kinds take turns."""
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
-    """Temporal sigmas at which every print is scanned, over the camera's; peers see the first alone."""
+    """Temporal sigmas at which every print is scanned, over the camera's; baselines see the first alone."""
 
     def designs(self, of: str) -> range:
         """Numbers of the designs of a set; no design is in two."""
@@ -131,8 +131,8 @@ class WatchWork:
     """Good copies and misprints of a day's designs -> a row for each scan.
 
     Columns: design, kind ("" where good), severity, draws, noise, and ``measures.measure``'s with frames as their
-    first axis; peers at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws did
-    not bring over the gate.
+    first axis; baselines at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws
+    did not bring over the gate.
     """
 
     press: Press

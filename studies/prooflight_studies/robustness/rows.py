@@ -44,7 +44,7 @@ MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, SHARE_AS_PRINTED, SHARE_KEPT
 """Numbers of a set of windows. Shares lie below 0.675, below 0.675 of the unit learned from the right tables' good
 pages, and below that of the wrong tables' own."""
 DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
-"""Peers' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
+"""Baselines' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
 OTHERS: Final = 3
 """Designs of the same day that a wrong page may come from."""
 
@@ -210,7 +210,7 @@ class WatchWrong:
             if first is None:
                 seen_first, pixels = seen, measured[0].size
             same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
-            found = self._peers(measured, seen, place, first if same_mean else None)
+            found = self._baselines(measured, seen, place, first if same_mean else None)
             first = found if first is None else first
             baselines.append(found)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
@@ -226,10 +226,12 @@ class WatchWrong:
         page, tiles = pearson(evidence.histogram, shares), pearson(evidence.tile_histogram, shares)
         return float(page.sum()), float(tiles.sum(axis=0).max())
 
-    def _peers(
+    def _baselines(
         self, measured: NDArray[np.uint16], seen: Prediction, place: int, same: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Peers' scores; ``same``: those of a scan with the same expected signal, which is all that two of them see."""
+        """Baselines' scores; ``same``: those of a scan with the same expected signal, which is all that two of them
+        see.
+        """
         white = [sensor.white_dn for sensor in self.press.sensors]
         if same is None:
             difference = absolute_difference(measured, seen.expected_dn, white_dn=white).local

@@ -1,4 +1,4 @@
-"""How fast pages are predicted, compared and judged, as ratios to peers measured in the same run."""
+"""How fast pages are predicted, compared and judged, as ratios to baselines measured in the same run."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 
 
 def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
-    """Prediction in place and moved, whole inspections, and comparison beside its peers; ratios: to the first."""
+    """Prediction in place and moved, whole inspections, and comparison beside its baselines; ratios: to the first."""
     prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     scan = ideal_scan(prediction, press, np.random.default_rng(2))
     size = scan.size / 1e6

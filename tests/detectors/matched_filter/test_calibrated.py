@@ -63,7 +63,7 @@ def test_a_few_real_pages_raise_the_threshold_and_promise_nothing_by_themselves(
     assert better.threshold >= 0.9 * first.threshold
 
 
-def test_a_judgement_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
+def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
     ours = calibrated(model)
     low, high = ours.decide(ours.threshold), ours.decide(ours.threshold + 1)
     assert not low.misprint

@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 NAMES = ["box/add-C+/8", "box/add-C-/8", "flat/void+/4", "streak/void/1/full", "ghost/C/0", "place/skew"]
 
 
-def learned(page_features: int) -> DetectorModel:
-    """From made-up statistics of three kinds of misprints, and portraits of so many numbers; seed 1."""
+def learned(count: int) -> DetectorModel:
+    """From made-up statistics of three kinds of misprints, and page features of so many numbers; seed 1."""
     rng = np.random.default_rng(1)
     values = np.exp(0.3 * rng.standard_normal((400, len(NAMES)))).astype(np.float32)
     bad = np.arange(400) % 2 == 1
     kind = np.where(bad, np.array(KINDS)[np.arange(400) // 2 % 3], "")
     for place, one in enumerate(KINDS[:3]):
         values[kind == one, place] *= 8
-    page_features = rng.standard_normal((400, page_features))
+    page_features = rng.standard_normal((400, count))
     pages = Pages(values=values, page_features=page_features, design=np.arange(400) // 2, bad=bad, kind=kind)
     return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
 
@@ -53,19 +53,21 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
     rows, columns = cmyk.shape[:2]
     spot = (slice(rows // 2, rows // 2 + 24), slice(columns // 2, columns // 2 + 24))
     cmyk[spot] = 255 - cmyk[spot]
-    said = []
+    statistics = []
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
-        said.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
-    good, bad = (compressed(values_of(one)) for one in said)
-    assert [one.name for one in said[0]] == [one.name for one in said[1]]
+        statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
+    good, bad = (compressed(values_of(one)) for one in statistics)
+    assert [one.name for one in statistics[0]] == [one.name for one in statistics[1]]
     assert np.isfinite(good).all()
     assert (bad - good).max() > 1.0
 
 
-@pytest.mark.parametrize("spread", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"])
+@pytest.mark.parametrize(
+    "residual_variance", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"]
+)
 def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
     press: Press, page: Page, residual_variance: ResidualVariance
 ) -> None:
@@ -87,8 +89,8 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
         analysis = analyse(
             known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
         )
-        said = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
-        most.append(max(one.value for one in said if one.name.startswith("box/")))
+        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
+        most.append(max(one.value for one in statistics if one.name.startswith("box/")))
     good, bad = most
     assert good < 6
     assert (bad > 8) == residual_variance.exact

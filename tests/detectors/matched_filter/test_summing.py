@@ -275,7 +275,7 @@ def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> Non
 
 @few
 @given(seeds)
-def test_exchanges_are_summed_by_blocks(seed: int) -> None:
+def test_swaps_are_summed_by_blocks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     tiles = np.abs(rng.normal(0, 50, (4, 9, 11, 14))).astype(np.float32)
     tiles[2] = 0.5 * np.sqrt(tiles[1] * tiles[1, :1])

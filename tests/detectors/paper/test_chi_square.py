@@ -79,7 +79,7 @@ def test_a_tiles_statistic_adds_the_sensors_up() -> None:
     assert got[2, 1] == pytest.approx(want, rel=1e-12)
 
 
-@pytest.mark.parametrize("promise", [20.0, 1000.0, 1e5, 1e9])
+@pytest.mark.parametrize("good_pages", [20.0, 1000.0, 1e5, 1e9])
 @pytest.mark.parametrize("sensors", [1, 2])
 def test_as_in_the_paper_it_alarms_beyond_what_one_good_page_in_so_many_exceeds(
     good_pages: float, sensors: int
@@ -111,7 +111,7 @@ def test_in_the_papers_form_a_page_is_its_histogram_however_it_is_cut() -> None:
 def test_page_and_tiles_share_the_allowed_false_alarms(rows: int) -> None:
     good_pages = 1000.0
     detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01)
-    # one tile off among flat ones: about 2 moved^2 / 256 against the quantile of 1 / (2 promise tiles)
+    # one tile off among flat ones: about 2 moved^2 / 256 against the quantile of 1 / (2 good_pages tiles)
     of_tile = stats.chi2.isf(1 / good_pages / 2 / (rows * 5), 15)
     just_below = int(np.sqrt(of_tile * FLAT_TILE / MOVED_FROM_4_TO_9))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):

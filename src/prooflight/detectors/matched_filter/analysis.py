@@ -1,6 +1,6 @@
-"""Our detector's look at a scan: what good prints of a press do is taken out, and what is left is summed up.
+"""Our detector's analysis of a scan: what good prints of a press do is taken out, and what is left is summed up.
 
-``families`` makes statistics of that, and ``taught`` weighs them.
+``families`` makes statistics of that, and ``model`` decides by them.
 """
 
 from __future__ import annotations

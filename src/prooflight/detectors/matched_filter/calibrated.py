@@ -88,7 +88,7 @@ class CalibratedDetector:
         )
 
     def decide(self, score: float) -> Decision:
-        """Weigh one page's score."""
+        """Decide by one page's score."""
         p_value = _basis(self.simulated, self.real, self.promise.asked).p_value(score)
         return Decision(
             misprint=bool(score > self.threshold),

@@ -1,4 +1,6 @@
-"""The matched-filter detector on a press: what good prints do taken out of a scan, the rest weighed and explained."""
+"""The matched-filter detector on a press: what good prints do taken out of a scan, the rest decided on and
+explained.
+"""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore
 
 @inner_kernel()
 def look_up_packed(packed, quantised, backing, few, light):  # type: ignore[no-untyped-def]
-    """``look_up_light`` of a row of packed (columns,), however many; few (2, 8): working space; light (columns,)."""
+    """``look_up_light`` of a packed row (columns,), however many; few (2, 8): working space; light (columns,)."""
     whole = packed.size // AT_ONCE * AT_ONCE
     if whole:
         look_up_light(packed[:whole], quantised, backing, light[:whole])
@@ -141,8 +141,8 @@ def filter_lines(  # type: ignore[no-untyped-def]
     (lines, pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from
     one camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1):
     where columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as
-    there are taps, and are dealt out and told from the row above once for all tables. Other arguments as in ``Course``
-    and ``Footprint``. ``correct_light`` comes next.
+    there are taps, and are dealt out and told from the row above once for all tables. Other arguments as in
+    ``SamplingGrid`` and ``Footprint``. ``correct_light`` comes next.
     """
     rows, columns = packed.shape
     pixels = lights[0].shape[1]

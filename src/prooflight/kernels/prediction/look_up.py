@@ -83,7 +83,7 @@ def _extracting(
 def _eight_sums(
     builder: Any, tables: Any, packed: Any, first: Any, split: Any, *, one_instruction: bool
 ) -> Any:
-    """65536 times the interpolated codes of eight packed from ``first`` on."""
+    """65536 times the interpolated codes of eight recipes from ``first`` on."""
     codes, inner, outer = tables
     widths, masks, inner_bits, inner_mask = split
     parts = []
@@ -125,7 +125,7 @@ def eight_at_once(*, one_instruction: bool) -> Any:
 
     @intrinsic
     def look_up_eight(context, codes, inner, outer, packed, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
-        """out[first:first + 8] = unit sum^2 - level for packed there; bits: four of cells, then of inner fractions."""
+        """out[first:first + 8] = unit sum^2 - level for recipes there; bits: four of cells, then of inner fractions."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             def data(place: int) -> Any:
@@ -154,7 +154,7 @@ look_up_eight = eight_at_once(one_instruction=has_extraction())
 
 @intrinsic
 def eight_alike(context, packed, first, word):  # type: ignore[no-untyped-def]
-    """Whether eight packed from ``first`` on are all ``word``."""
+    """Whether eight recipes from ``first`` on are all ``word``."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = make_array(signature.args[0])(context, builder, args[0]).data
@@ -182,7 +182,7 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
 def look_up_light(packed, table, level, out):  # type: ignore[no-untyped-def]
     """Values less ``level`` of recipes, packed (n,) uint32 with cyan lowest, in ``QuantisedTable``; n a multiple of 8.
 
-    Eight packed like the one before, half of every page, are not looked up.
+    Eight recipes like the one before, half of every page, are not looked up.
     """
     b = table.bits
     inner_bits = np.uint32(np.uint32(16) - b[0] - b[1])

@@ -65,10 +65,10 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
 ):
     """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
 
-    Arguments as in ``filter_lines``, ``Course`` and ``Footprint``; bits: a raster pixel has 2^bits phases; crossed:
-    raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
-    sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
-    behind the last. Rows and columns count from ``taps`` before the page on.
+    Arguments as in ``filter_lines``, ``SamplingGrid`` and ``Footprint``; bits: a raster pixel has 2^bits phases;
+    crossed: raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera
+    pixel sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once
+    more behind the last. Rows and columns count from ``taps`` before the page on.
     """
     rows, columns = packed.shape
     pixels = light.shape[1]

@@ -60,7 +60,9 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def laid(packed, margin, right, down, seen):  # type: ignore[no-untyped-def]
-    """Planes of packed (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height, width)."""
+    """Planes of a packed raster (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height,
+    width).
+    """
     for row in range(seen.shape[0]):
         line = seen[row]
         y = row + margin

@@ -61,8 +61,8 @@ def running_means(image, out):  # type: ignore[no-untyped-def]
 
 @kernel("packed (H, W), bins, out (-(-H // bins), -(-W // bins))")
 def take_turns(packed, bins, out):  # type: ignore[no-untyped-def]
-    """One of each bins x bins packed, out (rows, columns): further right from row to row of squares and from square to
-    square, further down from row to row and column to column; the last go on beyond packed (h, w).
+    """One of each bins x bins recipes, out (rows, columns): further right from row to row of squares and from square to
+    square, further down from row to row and column to column; the last go on beyond the raster (h, w).
     """
     height, width = packed.shape
     for i in range(out.shape[0]):

@@ -112,7 +112,7 @@ def run_press_study(
         unfinished.write_text(text + "\n", encoding="utf-8")
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
-        _taught(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
+        _trained(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
     progress(
         f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
         f"{sum(bench.minutes):.0f} minutes of one process"
@@ -228,7 +228,7 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
     )
 
 
-def _taught(
+def _trained(
     press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
 ) -> Press:
     """The press with what all judged designs teach, promising ``FALSE_ALARM_RATE``; nothing published here was judged

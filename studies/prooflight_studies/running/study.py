@@ -134,7 +134,7 @@ class Study:
         prints = self._ring(
             press, f"1-{self.plan.prints}", designs, designs, repeated=True
         )  # those that all differ
-        press = self._taught_a4()
+        press = self._trained_a4()
         fast = self._row("repeated designs", press, prints, None, sheets // 20)
         rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
         return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
@@ -175,7 +175,7 @@ class Study:
 
     def _drift(self) -> list[dict[str, Any]]:
         rows, days = [], range(self.seed, self.seed + self.plan.days)
-        for press, ink in ((self._untaught("prototype.toml"), 3), (self._untaught("rgb-line.toml"), 1)):
+        for press, ink in ((self._untrained("prototype.toml"), 3), (self._untrained("rgb-line.toml"), 1)):
             pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
             run = CreepRun.of(press, (press.geometry.lay(pieces.page(i)) for i in range(120)), ink=ink)
             for good_pages in (0, 100):
@@ -185,7 +185,7 @@ class Study:
         return rows
 
     def _streak(self) -> dict[str, Any]:
-        press = self._untaught("prototype.toml")
+        press = self._untrained("prototype.toml")
         pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
         run = CreepRun.of(press, (press.geometry.lay(pieces.page(index)) for index in range(6)))
         days = range(self.seed + 100, self.seed + 100 + self.plan.days)
@@ -201,7 +201,7 @@ class Study:
 
     # --- what they need ---
 
-    def _untaught(self, preset: str) -> Press:
+    def _untrained(self, preset: str) -> Press:
         """A preset with a line of 400 pixels."""
         return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
 
@@ -243,7 +243,7 @@ class Study:
             build_press(PressFile.preset(preset), seed=1).save(path)
         return Press.load(path)
 
-    def _taught_a4(self) -> Press:
+    def _trained_a4(self) -> Press:
         """The press with one sensor, taught by A4 designs of its own, once, unless it came taught."""
         press = self._press("one", self.one, "prototype.toml")
         if press.ours is not None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.fuzz.press_mutants import mutants, press_of, taken_apart
 
-from prooflight.commissioning.training.ranking import forested
+from prooflight.commissioning.training.ranking import fitted_forest
 from prooflight.detectors.matched_filter.ranking import FOREST, Forest
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import PressError
@@ -250,7 +250,7 @@ def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
 
 def grown(rng: np.random.Generator) -> Forest:
     columns = rng.standard_normal((60, 5))
-    return forested(columns, columns[:, 0] > 0, np.ones(60), rng=rng, trees=3)
+    return fitted_forest(columns, columns[:, 0] > 0, np.ones(60), rng=rng, trees=3)
 
 
 @pytest.mark.parametrize(

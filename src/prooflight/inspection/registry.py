@@ -62,11 +62,16 @@ def detector(name: str | None, press: Press) -> Detector:
     RequestError: there is no such detector, or this press was not taught it.
     """
     if name is None:
-        name = "chi-square" if press.ours is None else "ours"
+        return default_detector(press)
     known = BUILT_IN | _registered()
     if name not in known:
         raise RequestError("detector", f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
     return known[name](press)
+
+
+def default_detector(press: Press) -> Detector:
+    """Ours if this press was taught it, else the paper's statistical one."""
+    return chi_square(press) if press.ours is None else matched_filter(press)
 
 
 @cache

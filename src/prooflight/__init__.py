@@ -99,7 +99,7 @@ _HOMES = {
 }
 """The module of each public name."""
 
-__all__ = [*_HOMES, "__version__"]  # noqa: PLE0604 (names, all of them)
+__all__ = [*_HOMES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -38,7 +38,7 @@ DIGEST_DIGITS = 16
 """Of a scan's SHA-256: enough to tell a press's scans apart."""
 MISSING: Final = "its scan is missing"
 NAMED: Final = 5
-"""Scans that belong to no page and are named; the rest is counted."""
+"""Of pages or scans that an error is about; the rest is counted."""
 
 
 def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
@@ -54,9 +54,8 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
     if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
         strange = sorted(set(by_name) - {page_name(number) for number in numbers})
         if strange:
-            named = ", ".join(by_name[name].path.name for name in strange[:NAMED])
-            more = f" and {len(strange) - NAMED} more" if len(strange) > NAMED else ""
-            what = f"{named}{more} {'is' if len(strange) == 1 else 'are'} no page of the job"
+            named = _some([by_name[name].path.name for name in strange])
+            what = f"{named} {'is' if len(strange) == 1 else 'are'} no page of the job"
             raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
         return [(number, by_name.get(page_name(number))) for number in numbers]
     by_number = {_last_number(scan.name): scan for scan in recorded}
@@ -72,17 +71,14 @@ def pair(job: PressJob, scans: str | Path, *, partly: bool = False) -> Iterator[
     """Every page of a job, as it enters the press, with its scan; both are read when their turn comes.
 
     scans: a folder of TIFF files, or one file, paired as `inspect` does (``paired``). partly: pages without a scan are
-    left out. ScanError: the scans are not those of the job, or, unless ``partly``, pages have none and are named; later,
-    a scan that cannot be used. JobError, later: a page that cannot.
+    left out. ScanError: the scans are not those of the job, or, unless ``partly``, pages have none and are named;
+    later, a scan that cannot be used. JobError, later: a page that cannot.
     """
     where = Path(scans)
     pairs = paired(job, where, sensors=len(job.press.sensors))
     lacking = [page_name(number) for number, scan in pairs if scan is None]
     if lacking and not partly:
-        named = ", ".join(lacking[:NAMED]) + (
-            f" and {len(lacking) - NAMED} more" if len(lacking) > NAMED else ""
-        )
-        what = f"holds no scan of {named}"
+        what = f"holds no scan of {_some(lacking)}"
         raise ScanError(where, what, remedy="add them, or give partly=True to leave such pages out")
     there = ((number, scan) for number, scan in pairs if scan is not None)
     return ((page := job.page(number), read_scan(scan, page, job.press)) for number, scan in there)
@@ -92,6 +88,11 @@ def read_scan(scan: RecordedScan, page: Page, press: Press) -> Scan:
     """A page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
     lines_max = LONGEST * press.geometry.lines(page.height_mm)
     return Scan(dn=scan.read(pixels=press.geometry.pixels, lines_max=lines_max), name=str(scan.path))
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
 
 
 def _last_number(name: str) -> int | None:

@@ -74,6 +74,13 @@ def default_detector(press: Press) -> Detector:
     return chi_square(press) if press.ours is None else matched_filter(press)
 
 
+def promises(press: Press) -> dict[str, str]:
+    """What each of Prooflight's own detectors that this press has promises, by name."""
+    taught = {"ours": press.ours, "bayes": press.bayes}
+    has = ["chi-square", *(name for name, model in taught.items() if model is not None)]
+    return {name: detector(name, press).promise for name in has}
+
+
 @cache
 def _registered() -> dict[str, Factory]:
     return {entry.name: entry.load() for entry in entry_points(group=GROUP)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from prooflight.pages.job import Job, JobSource
 
@@ -21,7 +21,7 @@ class PressJob(Job):
         super().__init__(source)
         self.press = press
 
-    def __reduce__(self) -> tuple[type[PressJob], tuple[JobSource, Press]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return PressJob, (self.source, self.press)
 
     def page(self, number: int) -> Page:
@@ -36,9 +36,7 @@ def open_job(path: str | Path, press: Press, *, profile: str | Path | None = Non
     that are not CMYK; None: the PDF's output intent. JobError: a file cannot be used, or a folder holds none.
     ProfileError: the profile cannot be used.
     """
-    source = JobSource(
-        path=Path(path), dpi=press.dpi, profile=None if profile is None else Path(profile)
-    )
+    source = JobSource(path=Path(path), dpi=press.dpi, profile=None if profile is None else Path(profile))
     return PressJob(source, press)
 
 

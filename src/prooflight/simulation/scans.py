@@ -147,10 +147,10 @@ def simulate(
 ) -> Scan:
     """Print a page on the simulated press and scan it; the scan that `prooflight simulate` writes.
 
-    misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal", where a good
-    scan is the predicted one plus the sensor's noise; "press", where prints also move and drift. others: the job's other
-    pages, one of which a wrong page may show. JobError: the page does not fit this press. RequestError: there is no such
-    kind or world, or the misprint changes nothing that could be seen.
+    misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal", where a
+    good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift. others: the job's
+    other pages, one of which a wrong page may show. JobError: the page does not fit this press. RequestError: there is
+    no such kind or world, or the misprint changes nothing that could be seen.
     """
     known_world(world)
     laid = {other.number: press.geometry.lay(other) for other in others if other.number != page.number}

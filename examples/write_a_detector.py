@@ -1,11 +1,11 @@
 """# Write a detector
 
-A detector is two things: what it prepares of a page before the page is printed, and what that says of a scan. Here is a
-plain one: squares of 8 x 8 pixels that are lighter or darker than predicted by more than a limit. It follows no page
-that moves, so it is of use where pages lie still.
+A detector is two things: what it prepares of a page before the page is printed, and what that says of a scan. Here is
+a plain one: squares of 8 x 8 pixels that are lighter or darker than predicted by more than a limit. It follows no
+page that moves, so it is of use where pages lie still.
 
-A package of yours registers it by an entry point, and `prooflight inspect --detector squares`, `watch`, the journal and
-the studies use it like their own:
+A package of yours registers it by an entry point, and `prooflight inspect --detector squares`, `watch`, the journal
+and the studies use it like their own:
 
     [project.entry-points."prooflight.detectors"]
     squares = "my_package:detector"
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import prooflight as pf
+from prooflight.detectors.verdict import Region
 from prooflight.simulation.corpus.corpus import Corpus
 
 if TYPE_CHECKING:
@@ -69,10 +70,26 @@ class PreparedSquares(pf.PreparedOnly):
         noise = np.sqrt(self.expected.variance_dn2[part])
         white = np.array([sensor.white_dn for sensor in station.sensors])[:, None, None]
         off = squares(measured - expected)
-        worst = float(np.abs(off / white).max())
+        share = np.abs(off / white).max(axis=0)
+        worst = float(share.max())
+        decision = self.detector.decision(worst)
+        row, column = np.unravel_index(share.argmax(), share.shape)
+        pitch_mm = station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm
+        place = Region(
+            x_mm=8 * column * pitch_mm[0],
+            y_mm=8 * row * pitch_mm[1],
+            width_mm=8 * pitch_mm[0],
+            height_mm=8 * pitch_mm[1],
+            score=worst,
+            kind="spots-voids",
+        )
         return pf.Inspection(
             verdict=pf.Verdict.judged(
-                self.page.name, self.detector.decision(worst), detector=self.detector.name
+                self.page.name,
+                decision,
+                kind=place.kind if decision.misprint else None,
+                regions=(place,) if decision.misprint else (),
+                detector=self.detector.name,
             ),
             placement=pf.IN_PLACE,
             area=area,

@@ -17,6 +17,7 @@ from prooflight.detectors.golden.detector import GoldenDetector
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.inspection import registry
+from prooflight.inspection.rejudging import Figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -131,7 +132,8 @@ def test_kept_evidence_is_decided_again_alike(bench: Bench) -> None:
         again = bench.detector.decided_again(kept)
         assert again.misprint == (found.verdict.verdict == "misprint")
         for name in ("score", "threshold", "p_value", "probability"):
-            assert getattr(again, name) == pytest.approx(getattr(found.verdict, name), rel=1e-9), name
+            figure = Figure(name=name, recorded=getattr(found.verdict, name), again=getattr(again, name))
+            assert figure.same, figure
 
 
 def test_evidence_of_nothing_is_refused(bench: Bench) -> None:

@@ -22,7 +22,7 @@ import prooflight as pf
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.simulation.corpus.corpus import Corpus
 
-PRINTS = {"good": None, "spots": "spots-voids:0.9", "missing": "missing-content:0.9"}
+PRINTS = {"good": None, "spots": "spots-voids:0.9", "missing": "missing-content:0.3"}
 
 
 def scan_to_file(path: Path, page: pf.Page, press: pf.Press, misprint: str | None, *, day: int) -> None:

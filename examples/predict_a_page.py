@@ -39,7 +39,7 @@ def main(out: Path) -> None:
     off = (scan.dn - seen.expected_dn) / noise_dn
     print(f"a good print is off by {off.std():.3f} standard deviations, {np.abs(off).max():.1f} at most")
 
-    figure = Figure(figsize=(12, 5), layout="constrained")
+    figure = Figure(figsize=(12, 5.4), layout="constrained")
     designed, expected, noise, difference = figure.subplots(1, 4)
     rows, columns = page.cmyk.shape[:2]
     designed.imshow(Image.open(io.BytesIO(page._repr_png_())).resize((columns, rows)))

@@ -81,7 +81,7 @@ def main(out: Path) -> None:
         ylabel="difference [sigma of one pixel]",
         ylim=(0, None),
     )
-    worth.legend(fontsize=8)
+    worth.legend(fontsize=8, loc="center right", bbox_to_anchor=(1, 0.72))
     for sensor, style in zip(with_second(camera, float(PEAKS_NM[best])).sensors, ("-", "--"), strict=True):
         light.plot(WAVE_NM, sensor.quantum_efficiency, style, color="black", label=sensor.name)
     spectra = pf.built_in_inks().reflectance(np.eye(4))

@@ -48,7 +48,7 @@ def main(out: Path) -> None:
     for name, found, colour in (("oracle", row.oracle, "#0b4f9e"), ("honest", row.honest, "#c0271d")):
         axes.plot(ALPHAS, [one.value for one in found], color=colour, label=name)
         low, high = ([getattr(one, end) for one in found] for end in ("low", "high"))
-        axes.fill_between(ALPHAS, np.maximum(low, 1e-6), high, color=colour, alpha=0.15, lw=0)
+        axes.fill_between(ALPHAS, np.maximum(low, 1e-5), high, color=colour, alpha=0.15, lw=0)
     axes.plot(ALPHAS, np.minimum(1, ALPHAS), ":", color="0.5", label="never or always stopping")
     axes.set(
         title=f"One sensor, {PLAN.test} test designs, {PITCH_MM} mm a pixel",
@@ -56,7 +56,7 @@ def main(out: Path) -> None:
         ylabel="c [-]",
         xscale="log",
         yscale="log",
-        ylim=(1e-6, 10),
+        ylim=(1e-5, 10),
     )
     axes.legend(fontsize=8)
     figure.savefig(out / "table-1.png", dpi=110)

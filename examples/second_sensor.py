@@ -5,7 +5,7 @@ look where the first is blind. Which light should it see?
 
 Candidates see a band of 60 nm each, around another wavelength. For each, the example asks how far 10 % too much of an
 ink stands out of the noise of one pixel, with both sensors together, and takes the ink that stands out least. The
-picture: that figure over the candidates, and what the best of them answers beside the first sensor.
+picture: that figure over the candidates; and what light the best of them sees, beside the first sensor and the inks.
 """
 
 from __future__ import annotations

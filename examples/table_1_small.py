@@ -2,11 +2,10 @@
 
 Table 1 says what the paper's learned detector costs with one sensor: c = F + alpha M, where F is the share of good
 pages that alarm, M that of misprints that pass, and alpha how much dearer a missed misprint is than a false alarm.
-This is the study of `prooflight study paper` with a coarse camera and a tenth of the page designs, so its intervals
-are wide.
+This is the study of `prooflight study paper` with a coarse camera and few page designs, so its intervals are wide.
 
-The paper chose each threshold on the pages that it then reported (here: the oracle). Honest is: on other pages. The
-picture: both beside the paper's own digits, with 95 % intervals over page designs.
+The paper chose each threshold on the pages that it then reported: the oracle. Honest thresholds are chosen on other
+pages. The picture: both beside the paper's own digits, with 95 % intervals over page designs.
 """
 
 from __future__ import annotations

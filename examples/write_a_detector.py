@@ -74,15 +74,11 @@ class PreparedSquares(pf.PreparedOnly):
         worst = float(share.max())
         decision = self.detector.decision(worst)
         row, column = np.unravel_index(share.argmax(), share.shape)
-        pitch_mm = station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm
-        place = Region(
-            x_mm=8 * column * pitch_mm[0],
-            y_mm=8 * row * pitch_mm[1],
-            width_mm=8 * pitch_mm[0],
-            height_mm=8 * pitch_mm[1],
-            score=worst,
-            kind="spots-voids",
+        wide_mm, high_mm = (
+            8 * one for one in (station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm)
         )
+        corner = {"x_mm": column * wide_mm, "y_mm": row * high_mm}
+        place = Region(**corner, width_mm=wide_mm, height_mm=high_mm, score=worst, kind="spots-voids")
         return pf.Inspection(
             verdict=pf.Verdict.judged(
                 self.page.name,

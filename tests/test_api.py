@@ -8,6 +8,7 @@ import io
 import pickle
 import subprocess
 import sys
+import textwrap
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from PIL import Image
+from reportlab.lib.units import mm
+from reportlab.pdfgen import canvas
 from tests import usage
 
 import prooflight as pf
@@ -102,6 +105,31 @@ def test_a_job_is_inspected_as_documented(folder: Path, capsys: pytest.CaptureFi
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(" ")[0] for line in lines] == ["p0001", "p0002", "p0003"]
     assert "misprint: A streak" in lines[1]
+
+
+def test_the_five_lines_of_the_package_s_own_words_work_on_a_pdf(
+    press: pf.Press, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    drawn = canvas.Canvas("job.pdf", pagesize=(36 * mm, 30 * mm))
+    for word in ("one", "two"):
+        drawn.setFillColorCMYK(0, 0, 0, 1)
+        drawn.drawString(5 * mm, 15 * mm, f"page {word}")
+        drawn.showPage()
+    drawn.save()
+    press.save("my.press")
+    with pf.open_job("job.pdf", press) as job:
+        for page in job:
+            scan = pf.simulate(page, press, misprint="streak:1" if page.number == 2 else None)
+            write_scan(tmp_path / "scans" / f"{page.name}.tif", scan.dn, facts={})
+    assert pf.__doc__ is not None
+    _, _, rest = pf.__doc__.partition("::\n\n")
+    lines, _, _ = rest.partition("\n\n")
+    assert lines.strip().startswith("import prooflight as pf")
+    exec(textwrap.dedent(lines), {})
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "p0001 is good."
+    assert said[1].startswith("p0002 is a misprint: ")
 
 
 def test_a_page_is_inspected_as_documented(page: pf.Page, press: pf.Press) -> None:

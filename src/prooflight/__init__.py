@@ -30,6 +30,15 @@ Decision           evidence and threshold: what a detector makes a verdict of
 IN_PLACE           where a page lies that lies where it should
 =================  ====================================================================================
 
+A job against its scans::
+
+    import prooflight as pf
+    press = pf.Press.load("my.press")
+    with pf.open_job("job.pdf", press) as job:
+        for page, scan in pf.pair(job, "scans/"):
+            found = pf.Inspector(press).inspect(page, scan)
+            found.verdict, found.regions, found.show()      # a picture in a notebook
+
 Everything else is imported from its room: docs/ARCHITECTURE.md is the map.
 """
 

@@ -36,7 +36,7 @@ def test_an_example_begins_with_its_title_and_can_be_read_in_one_sitting(script:
     title, _, shown = said.partition("\n\n")
     assert title.startswith("# ")
     assert len(shown) > 100
-    assert 40 <= len(text.splitlines()) <= 130
+    assert 40 <= len(text.splitlines()) <= 125
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)

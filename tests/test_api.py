@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import inspect
 import io
 import pickle
@@ -290,9 +289,11 @@ def test_show_says_a_line_at_a_prompt_and_displays_in_a_notebook(
     found.show()
     assert capsys.readouterr().out.startswith("p0001 is a misprint: ")
     shown: list[object] = []
-    display = SimpleNamespace(display=shown.append)
-    fake = SimpleNamespace(get_ipython=builtins.object, display=display)
-    monkeypatch.setitem(sys.modules, "IPython", fake)
-    found.show()
-    assert shown == [found]
-    assert capsys.readouterr().out == ""
+    for shell, displayed in ((None, []), (SimpleNamespace(), []), (SimpleNamespace(kernel=1), [found])):
+        fake = SimpleNamespace(
+            get_ipython=lambda shell=shell: shell, display=SimpleNamespace(display=shown.append)
+        )
+        monkeypatch.setitem(sys.modules, "IPython", fake)
+        found.show()
+        assert shown == displayed
+        assert (capsys.readouterr().out == "") == bool(displayed)

@@ -90,8 +90,8 @@ def test_every_public_name_is_documented_and_is_the_one_of_its_room() -> None:
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'Presss'"):
-        _ = pf.Presss
+    with pytest.raises(AttributeError, match="no attribute 'Printer'"):
+        _ = pf.Printer
 
 
 # --- the documented usage ---

@@ -16,7 +16,8 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.rejudging import Figure, decided_again, kept_evidence, replayed
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.press.artefact import Press
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import MisprintRequest, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +36,7 @@ def scanned(page: Page, press: Press, kind: str, other: Page) -> np.ndarray:
     """A scan in the ideal world."""
     request = MisprintRequest(kind=kind, severity=0.9) if kind == "streak" else None
     shown = other if kind == "wrong-page" else page
-    rng = page_rng(4, page.number)
+    rng = stream(4, "print", page.number)
     return scan_page(shown, press=press, request=request, others=(), fetch=lambda _: other, rng=rng).dn
 
 

@@ -46,13 +46,12 @@ def build(
     json: Json = False,
 ) -> None:
     """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
-    import numpy as np
-
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.train import Plan
     from prooflight.inspection.registry import promises
     from prooflight.press.press_file import PressFile
+    from prooflight.rng import stream
 
     if detector not in TEACHING:
         what = f"there is no {detector!r}"
@@ -62,7 +61,9 @@ def build(
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
-    accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
+    accuracy = table_accuracy(
+        settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
+    )
     if detector != "none":
         press = _taught(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)

@@ -16,6 +16,7 @@ from prooflight.detectors.operating import (
     bill,
     least_cost,
 )
+from prooflight.rng import stream
 from prooflight_studies.harness.baselines import PEERS
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
@@ -100,7 +101,7 @@ def judged(
     found = at_threshold(pages, threshold)
     good = int((~pages.bad).sum())
     return Judged(
-        resampled=resampled_costs(pages, threshold, costs.alpha, designs, np.random.default_rng([seed, 2])),
+        resampled=resampled_costs(pages, threshold, costs.alpha, designs, stream(seed, "bootstrap")),
         cost=found.cost(costs.alpha),
         false_alarms=round(found.false_alarms * good),
         good=good,

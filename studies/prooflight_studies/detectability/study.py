@@ -17,6 +17,7 @@ from prooflight.detectors.matched_filter.statistics.families import all_said
 from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.pages.job import opened
+from prooflight.rng import stream
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import DRAWN
 from prooflight_studies.detectability.findings import DEFECTS, NAMES, PRINTS, Caught, JobReach, PageReach
@@ -79,7 +80,7 @@ def run_detectability_study(
     def bench(number: int) -> _Bench:
         day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
         day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
-        return _Bench(ours, day, number, np.random.default_rng([seed, number, 0]))
+        return _Bench(ours, day, number, stream(seed, "detectability-telling", number))
 
     alarming: list[str] = []
     telling: list[int] = []
@@ -93,7 +94,7 @@ def run_detectability_study(
             continue
         prints = left // (len(numbers) - turn)
         progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
-        wanted = one.learned(wanted, prints, np.random.default_rng([seed, number, 1]))
+        wanted = one.learned(wanted, prints, stream(seed, "detectability-learning", number))
         left -= prints
         telling.append(number)
     if not telling:
@@ -109,7 +110,7 @@ def run_detectability_study(
         reach, verified = Reach.of(one.telling, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
-            rng = np.random.default_rng([seed, number, 2 + index])
+            rng = stream(seed, "detectability-trials", number, index)
             verified[defect] = one.verified(reach, defect, trials, rng)
         page = PageReach(
             name=one.page.name,

@@ -14,6 +14,7 @@ import numpy as np
 
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
+from prooflight.rng import stream
 from prooflight.simulation.captures import Printed, Room, World, noisier_tables
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import known_world, worlds_digest
@@ -109,7 +110,7 @@ class PilotWork:
         white = bench.white_dn
         moments = []
         for index in day.designs:
-            rng = np.random.default_rng([self.plan.seed, index, 0])
+            rng = stream(self.plan.seed, "pilot-print", index)
             design = bench.design(index)
             scan = bench.room.recorded(bench.room.seen(design.good, rng), rng)
             moments.append(
@@ -148,7 +149,7 @@ class WatchWork:
         for index in day.designs:
             design = bench.design(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self._kind(index, copy)
                 printed = bench.wrong(design, kind, day.designs, index, rng) if kind else design.good
                 if printed is None:
@@ -207,7 +208,7 @@ class _Bench:
     @classmethod
     def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> _Bench:
         # Days are seeded by their set and first design, so that no day is in two sets.
-        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
+        rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
         return cls(room=Room.enter(plan.world, press, rng), pages=pages)
 
     @property

@@ -14,6 +14,7 @@ from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import window_means, window_statistics
 from prooflight.pages.job import open_job
+from prooflight.rng import stream
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, types_of
@@ -71,7 +72,7 @@ def page_samples(
         def fetch(index: int) -> Page:
             return press.geometry.lay(opened.page(index))
 
-        room = Room.enter("ideal", press, np.random.default_rng([seed, number]))
+        room = Room.enter("ideal", press, stream(seed, "sample-session", number))
         right = room.good(fetch(number))
         others = [index for index in range(1, len(opened) + 1) if index != number]
         kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
@@ -79,7 +80,7 @@ def page_samples(
         for copy, kind in enumerate(kinds):
             if copy % len(KINDS) == 0:
                 progress(f"printing page {number} again, {copy} of {len(kinds)}")
-            rng = np.random.default_rng([seed, number, copy])
+            rng = stream(seed, "sample-print", number, copy)
             printed = room.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
             if printed is None:
                 continue

@@ -19,6 +19,7 @@ from prooflight.detectors.operating import (
     least_cost,
     roc,
 )
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.baselines import PEERS
 from prooflight_studies.harness.paper_detectors import (
@@ -194,7 +195,7 @@ class _Judge:
         test_score: NDArray[np.float64],
     ) -> Judged:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
-        rng = np.random.default_rng([self.plan.seed, 2])  # the same designs are drawn for every detector
+        rng = stream(self.plan.seed, "bootstrap")  # the same designs are drawn for every detector
         chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
         found = [at_threshold(test, threshold) for threshold in chosen]
         missed = ~(test.score > chosen[ALPHAS.index(1.0)])

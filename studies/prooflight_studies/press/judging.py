@@ -18,6 +18,7 @@ from prooflight.detectors.operating import (
     least_cost,
 )
 from prooflight.pages.parallel import in_order
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -185,7 +186,7 @@ class _PartWork:
         rows, pages = self.rows, self.pages
         names = rows["names"][: rows["values"].shape[1]].tolist()
         test, tune = self.test_and_tune(index)
-        rng = np.random.default_rng([self.seed, index, 5])
+        rng = stream(self.seed, "press-part", index)
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
         learn = learn if self.teaching is None else learn.beside(self.teaching)
         found = learn_tolerance(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import special
 
 from prooflight.detectors.operating import at_threshold, bootstrap_cost, false_alarms_in_words
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
 from prooflight_studies.press.judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
@@ -63,7 +64,7 @@ def page_lines(found: PressFindings) -> Iterator[str]:
     yield ""
     yield "The paper's detectors and the usual ones, raw and registered, on such pages: [paper.md](paper.md)."
     yield ""
-    yield from _methods(verdicts, np.random.default_rng([plan.seed, 6]))
+    yield from _methods(verdicts, stream(plan.seed, "press-bootstrap"))
     yield from _by_severity(rows, ours)
     yield from _places_and_kinds("composed designs", rows, ours.promised, verdicts.kinds, verdicts.boxes)
     yield from _promises(found)
@@ -209,7 +210,7 @@ def _others(found: PressFindings) -> Iterator[str]:
     yield "## The ideal world, one sensor"
     yield ""
     ours = found.ideal.methods[OURS]
-    rng = np.random.default_rng([found.plan.seed, 7])
+    rng = stream(found.plan.seed, "press-bootstrap-ideal")
     good = int((~ours.scored.bad).sum())
     alarms = [int((alarm & ~ours.scored.bad).sum()) for alarm in ours.alarms]
     yield f"{good} good scans, {int(ours.scored.bad.sum())} misprints; parts as above."
@@ -230,7 +231,7 @@ def _others(found: PressFindings) -> Iterator[str]:
 def _real(found: PressFindings) -> Iterator[str]:
     real = found.real
     assert real is not None
-    rng = np.random.default_rng([found.plan.seed, 8])
+    rng = stream(found.plan.seed, "press-bootstrap-real")
     yield "## Real pages"
     yield ""
     yield (

@@ -12,6 +12,7 @@ import numpy as np
 from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_spread
 from prooflight.detectors.matched_filter.statistics.statistic import stated
 from prooflight.press.artefact import Press
+from prooflight.rng import stream
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.protocol import OTHERS
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
 PLACES: Final = 12
 """A misprint has no more (worlds.toml: spots)."""
-SESSION: Final = 2
-PRINTS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +51,7 @@ class Scene:
         taken_for = press = _press(self.press)
         if self.times != 1:
             press = replace(press, variation=dict(press.variation) | {"all_times": self.times})
-        rng = np.random.default_rng([self.seed, self.number, day.designs[0], SESSION])
+        rng = stream(self.seed, "scene-session", self.number, day.designs[0])
 
         def page(index: int) -> Page:
             return press.geometry.lay(self.pages.page(index))
@@ -62,7 +61,7 @@ class Scene:
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
         """Of one copy of a design."""
-        return np.random.default_rng([self.seed, self.number, index, copy, PRINTS])
+        return stream(self.seed, "scene-print", self.number, index, copy)
 
     def kind(self, index: int, copy: int) -> str:
         """Of a copy; the first is good. Every round begins one further on: no design's number decides its kinds."""

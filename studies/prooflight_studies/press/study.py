@@ -21,6 +21,7 @@ from prooflight.commissioning.training.simulated_days import good_prior, good_sp
 from prooflight.commissioning.training.train import calibrated_for
 from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
 from prooflight.files.atomic import whole_file
+from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
@@ -238,7 +239,7 @@ def _taught(
         scatter=scatter,
         spread=good_spread(press),
         prior=good_prior(press),
-        rng=np.random.default_rng([plan.seed, 9]),
+        rng=stream(plan.seed, "press-ranking"),
         trees=plan.trees,
     )
     promising = replace(press, good_pages_per_false_alarm=1 / PROMISE)

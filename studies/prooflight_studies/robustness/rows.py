@@ -14,6 +14,7 @@ from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means, window_unit
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
+from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
@@ -70,7 +71,7 @@ class Stage:
     def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Stage:
         """Enter a press day."""
         # Days are seeded by their set and first design, so that no day is in two sets.
-        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
+        rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
         return cls(room=Room.enter(plan.world, press, rng), pages=pages, disturbances=all_disturbances())
 
     def printed(
@@ -140,7 +141,7 @@ class LearnGood:
         white = [sensor.white_dn for sensor in self.press.sensors]
         units, moments = [], []
         for index in day.designs:
-            rng = np.random.default_rng([self.plan.seed, index, 0])
+            rng = stream(self.plan.seed, "pilot-print", index)
             good = stage.good(index)
             seen = list(stage.believed(good, good, rng))
             units.append([_units(normalised_error(dn, p.expected_dn, p.variance_dn2)) for dn, p in seen])
@@ -181,7 +182,7 @@ class WatchWrong:
         for index in day.designs:
             good = stage.good(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self._kind(index, copy)
                 printed = stage.printed(good, kind, day, index, rng)
                 if printed is None:

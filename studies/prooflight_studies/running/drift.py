@@ -14,6 +14,7 @@ from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns, columns_mm
 from prooflight.line.monitor.run import PageEvidence, RunLevel
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
@@ -95,8 +96,8 @@ class CreepRun:
         follow: bool = True,
     ) -> dict[str, Any]:
         """Until an announcement that ``stop`` knows; what was true then."""
-        press, rng = self.press, np.random.default_rng([seed, 1])
-        session = Session.draw(amounts_of(press), press, np.random.default_rng([seed, 0]))
+        press, rng = self.press, stream(seed, "drift-prints")
+        session = Session.draw(amounts_of(press), press, stream(seed, "drift-session"))
         level = RunLevel.begin(
             sensors=[one.name for one in press.sensors], columns_mm=columns_mm(press), costs=press.costs
         )

@@ -20,6 +20,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
+from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
@@ -160,7 +161,7 @@ class Study:
         )
         strangers = []
         for cmyk in (np.zeros_like(prints.pages[0].cmyk), pieces.page(1000).cmyk):
-            page, rng = replace(prints.pages[0], cmyk=cmyk), np.random.default_rng([self.seed, 8])
+            page, rng = replace(prints.pages[0], cmyk=cmyk), stream(self.seed, "running-strangers")
             session = day(press, self.seed)
             strangers.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng))
         return soak_row(

@@ -17,6 +17,7 @@ from prooflight.journal.journal import Journal, RunFacts
 from prooflight.line.outcomes import absent, passed
 from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
 from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight_studies.soak.page import SoakFigures, write_soak_page
 from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
@@ -59,7 +60,7 @@ def run_soak_study(
     )
     ring = soak_ring(press, **size, seed=seed, progress=tell)
     count = sheets or (QUICK_SHEETS if quick else SHEETS)
-    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=np.random.default_rng([seed, 2]))
+    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=stream(seed, "soak-faults"))
     passing = turns(count, faults)
     tell("a run without faults")
     usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
 from prooflight.detectors.matched_filter.statistics.families import all_said
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.scans import ideal_scan
 
@@ -32,7 +31,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     """
     sensors, geometry = press.sensors, press.geometry
     expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
-    scan = ideal_scan(expected, press, np.random.default_rng(2))
+    scan = ideal_scan(expected, press, stream(None, "bench-scan"))
     scatter = Scatter.white()
 
     def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:

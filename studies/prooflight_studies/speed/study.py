@@ -17,6 +17,7 @@ from prooflight.kernels.prediction.look_up import NODE_STEP, look_up_light
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.prediction.quantised_table import bricks_of
+from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows
 from prooflight_studies.speed.detector import MOVED, detector_works
@@ -62,7 +63,7 @@ def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> d
     side = round(
         (side_mm or (QUICK_MM if quick else SIDE_MM)) * press.supersampling / press.geometry.pixel_pitch_mm
     )
-    rng = np.random.default_rng(1)
+    rng = stream(None, "bench-page")
     bars = rng.random((side // 6 + 1, side // 24 + 1)) < 0.2
     bars[(np.arange(side // 6 + 1) % 6) > 2] = False  # space between lines of text
     text = np.zeros((side, side, 4), np.uint8)
@@ -118,7 +119,7 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     """Prediction in place and moved, whole inspections, and comparison beside its peers; ratios: to the first."""
     prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
-    scan = ideal_scan(prediction, press, np.random.default_rng(2))
+    scan = ideal_scan(prediction, press, stream(None, "bench-scan"))
     size = scan.size / 1e6
 
     def predicted(**where: Placement) -> object:
@@ -160,7 +161,7 @@ def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable
     scans = []
     for where in ({}, {"placement": MOVED}):
         expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
-        scans.append(ideal_scan(expected, press, np.random.default_rng(2)))
+        scans.append(ideal_scan(expected, press, stream(None, "bench-scan")))
     in_place, moved = scans
     size = in_place.size / 1e6
     return {

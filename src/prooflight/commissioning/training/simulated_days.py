@@ -17,6 +17,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import stated
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.paper.windows import window_statistics
 from prooflight.detectors.placing import shows_another
+from prooflight.rng import stream
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import Amounts, amounts_of
@@ -42,8 +43,6 @@ LONGEST: Final = 1.45
 """Height over width at which a page that is cut to the field is cut off: A4's and a little."""
 LEAST_TIMES: Final = 0.2
 """assumed: that much is found of what good prints do even where they do none of it."""
-SESSION, PRINT = 11, 12
-"""What tells random numbers of days from those of designs."""
 
 
 def good_spread(press: Press) -> Spread:
@@ -125,7 +124,7 @@ class PressDay:
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
         """The day on which design ``first`` is printed first."""
-        room = Room.enter("press", press, np.random.default_rng([seed, first, SESSION]))
+        room = Room.enter("press", press, stream(seed, "training-session", first))
 
         def page(index: int) -> Page:
             return fitted(pages.page(index), press.geometry)
@@ -196,9 +195,7 @@ class ScatterWork:
     def __call__(self, designs: tuple[int, ...]) -> Rows:
         """``PressDay.scatter_draws``."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
-        return day.scatter_draws(
-            (index, np.random.default_rng([self.seed, index, PRINT])) for index in designs
-        )
+        return day.scatter_draws((index, stream(self.seed, "training-print", index)) for index in designs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -222,7 +219,7 @@ class SaidWork:
         columns: dict[str, list[Any]] = defaultdict(list)
         names: list[str] = []
         for index in designs:
-            rng = np.random.default_rng([self.seed, index, PRINT])
+            rng = stream(self.seed, "training-print", index)
             good, known = day.design(index)
             scans = {"": day.scan(good, rng)}
             if self.misprints:

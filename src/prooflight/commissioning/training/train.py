@@ -26,6 +26,7 @@ from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.pages.parallel import in_order
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -102,7 +103,7 @@ def taught(
 
     learn = said(plan.learn, "good prints and misprints" if paper else "good prints", wrong=paper)
     tune = said(plan.tune, "false alarms", wrong=False)
-    ours = _ours(press, learn, tune, scatter, np.random.default_rng([seed, 13]))
+    ours = _ours(press, learn, tune, scatter, stream(seed, "training-ranking"))
     return replace(press, ours=ours, bayes=_bayes(press, learn) if paper else None)
 
 

@@ -80,7 +80,7 @@ class PreparedSquares(pf.PreparedOnly):
         corner = {"x_mm": column * wide_mm, "y_mm": row * high_mm}
         place = Region(**corner, width_mm=wide_mm, height_mm=high_mm, score=worst, kind="spots-voids")
         return pf.Inspection(
-            verdict=pf.Verdict.judged(
+            verdict=pf.Verdict.from_decision(
                 self.page.name,
                 decision,
                 kind=place.kind if decision.misprint else None,

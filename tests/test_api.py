@@ -198,11 +198,11 @@ def test_simulate_refuses_what_there_is_not(page: pf.Page, press: pf.Press) -> N
 # --- inspectors ---
 
 
-def test_an_inspector_takes_a_detector_or_the_press_s_best(press: pf.Press, taught_press: pf.Press) -> None:
+def test_an_inspector_takes_a_detector_or_the_press_s_best(press: pf.Press, trained_press: pf.Press) -> None:
     assert pf.Inspector(press).detector.name == "chi-square"
-    assert pf.Inspector(taught_press).detector.name == "ours"
-    own = pf.Inspector.of(taught_press, "chi-square")
-    assert pf.Inspector(taught_press, own.detector).detector is own.detector
+    assert pf.Inspector(trained_press).detector.name == "ours"
+    own = pf.Inspector.of(trained_press, "chi-square")
+    assert pf.Inspector(trained_press, own.detector).detector is own.detector
     assert replace(own, press=press).detector is own.detector
     assert pickle.loads(pickle.dumps(own)).promise == own.promise
 
@@ -262,17 +262,17 @@ def test_html_holds_the_picture_the_numbers_and_nothing_unescaped(found: pf.Insp
 
 
 def test_an_unseen_page_shows_why() -> None:
-    html = pf.Verdict.passed("p0001", "its <scan> is missing")._repr_html_()
+    html = pf.Verdict.skipped("p0001", "its <scan> is missing")._repr_html_()
     assert "p0001 was not inspected: its &lt;scan&gt; is missing." in html
 
 
-def test_a_press_shows_its_report_card(press: pf.Press, taught_press: pf.Press) -> None:
+def test_a_press_shows_its_report_card(press: pf.Press, trained_press: pf.Press) -> None:
     html = replace(press, name="<b>mine</b>")._repr_html_()
     assert "<b>mine" not in html
     for word in ("mono", "400 pixels", f"{press.dpi:.0f} dpi", "Detector chi-square", "built-in"):
         assert word in html
     assert "Detector ours" not in html
-    assert pf.Inspector.of(taught_press, "ours").promise.split(";")[0] in taught_press._repr_html_()
+    assert pf.Inspector.of(trained_press, "ours").promise.split(";")[0] in trained_press._repr_html_()
 
 
 def test_a_detector_s_own_inspection_has_no_picture_but_a_verdict(found: pf.Inspection) -> None:

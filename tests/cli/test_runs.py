@@ -18,7 +18,7 @@ from prooflight.cli import run, runs
 from prooflight.cli.show import people
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import kept_evidence
+from prooflight.inspection.redeciding import kept_evidence
 from prooflight.journal.journal import Journal, PageRecord, RunEnd, RunFacts
 from prooflight.rng import stream
 from prooflight.simulation.scans import scan_page

@@ -17,7 +17,7 @@ from prooflight.detectors.golden.detector import GoldenDetector
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.inspection import registry
-from prooflight.inspection.rejudging import Figure
+from prooflight.inspection.redeciding import Figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,15 +56,15 @@ def makers(
 ) -> dict[str, Callable[[], tuple[pf.Press, pf.Detector]]]:
     """Each detector on its press, made when asked for: teaching ours takes a while."""
 
-    def taught() -> tuple[pf.Press, pf.Detector]:
-        own = request.getfixturevalue("taught_press")
+    def trained() -> tuple[pf.Press, pf.Detector]:
+        own = request.getfixturevalue("trained_press")
         return own, registry.matched_filter(own)
 
     golden = pf.simulate(page, press, seed=8)
     return {
         "chi-square": lambda: (press, registry.chi_square(press)),
         "bayes": lambda: (bayes, registry.bayes(bayes)),
-        "ours": taught,
+        "ours": trained,
         "golden": lambda: (press, GoldenDetector(station=press.station(), goldens={"": golden})),
         "squares": lambda: (press, write_a_detector.detector(press)),
     }

@@ -165,7 +165,7 @@ class Fixed:
     def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
         raise NotImplementedError
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         assert evidence.block_z.size
         return Decision(
             misprint=self.misprint, score=2.0, threshold=1.0, p_value=None, probability=self.probability

@@ -13,7 +13,7 @@ from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import Figure, decided_again, kept_evidence, replayed
+from prooflight.inspection.redeciding import Figure, decided_again, kept_evidence, replayed
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -54,8 +54,8 @@ def bayes_press(press: Press) -> Press:
 @pytest.fixture(scope="module", params=["chi-square", "ours", "bayes"])
 def inspector(request: pytest.FixtureRequest, press: Press, bayes_press: Press) -> Inspector:
     of_name = {"chi-square": press, "bayes": bayes_press}
-    taught = of_name.get(request.param) or request.getfixturevalue("taught_press")
-    return Inspector.of(taught, request.param)
+    trained = of_name.get(request.param) or request.getfixturevalue("trained_press")
+    return Inspector.of(trained, request.param)
 
 
 @pytest.fixture(scope="module")

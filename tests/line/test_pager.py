@@ -148,7 +148,7 @@ def test_good_prints_are_paged_in_order_and_nothing_is_said_of_them(job: Job) ->
 
 def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
     pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES))
-    pager.rehearse()
+    pager.warm_up()
     drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
     for one, other in zip(found, job.play({}, sheets=PAGES), strict=True):

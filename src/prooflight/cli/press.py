@@ -65,7 +65,7 @@ def build(
         settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
     )
     if detector != "none":
-        press = _taught(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
+        press = _trained(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
@@ -83,11 +83,11 @@ def build(
         show.people.print(f"detector {name}: {promise}")
 
 
-def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.training.train import taught
+def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
+    from prooflight.commissioning.training.train import trained
     from prooflight.simulation.corpus.corpus import Corpus
 
-    return taught(
+    return trained(
         press,
         Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,

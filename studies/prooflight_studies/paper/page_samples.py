@@ -15,7 +15,7 @@ from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import window_means, window_statistics
 from prooflight.pages.job import open_job
 from prooflight.rng import stream
-from prooflight.simulation.captures import Room
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, types_of
 
@@ -72,8 +72,8 @@ def page_samples(
         def fetch(index: int) -> Page:
             return press.geometry.lay(opened.page(index))
 
-        room = Room.enter("ideal", press, stream(seed, "sample-session", number))
-        right = room.good(fetch(number))
+        day = SimulatedDay.begin("ideal", press, stream(seed, "sample-session", number))
+        right = day.good(fetch(number))
         others = [index for index in range(1, len(opened) + 1) if index != number]
         kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
         found = []
@@ -81,10 +81,10 @@ def page_samples(
             if copy % len(KINDS) == 0:
                 progress(f"printing page {number} again, {copy} of {len(kinds)}")
             rng = stream(seed, "sample-print", number, copy)
-            printed = room.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
+            printed = day.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
             if printed is None:
                 continue
-            scan = room.recorded(printed.expected, rng)
+            scan = day.recorded(printed.expected, rng)
             found.append((kind, *_numbers(scan, right, press)))
     return Samples(
         statistics=np.array([statistics for _, statistics, _ in found]),

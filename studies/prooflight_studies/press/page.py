@@ -11,7 +11,13 @@ from prooflight.detectors.operating import at_threshold, bootstrap_cost, false_a
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
-from prooflight_studies.press.judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
+from prooflight_studies.press.judging import (
+    ALPHAS,
+    FALSE_ALARM_RATE,
+    FOREST_OF_FAMILIES,
+    OURS,
+    promised_by_others,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,7 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.press.findings import PressFindings
-    from prooflight_studies.press.judging import Judged, Verdicts
+    from prooflight_studies.press.judging import MethodResult, Verdicts
 
 THIRDS: Final = ("mild", "middle", "severe")
 NEAR_MM: Final = 5.0
@@ -106,7 +112,7 @@ def _thirds(severity: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.minimum((severity * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
 
 
-def _by_severity(rows: Rows, ours: Judged) -> Iterator[str]:
+def _by_severity(rows: Rows, ours: MethodResult) -> Iterator[str]:
     """Caught by kind and severity third, at the promise and at the least cost."""
     kind, third = rows["kind"], _thirds(rows["severity"])
     for title, alarm in (
@@ -266,4 +272,4 @@ def _real(found: PressFindings) -> Iterator[str]:
     yield ""
 
 
-__all__ = ["PROMISE", "near", "page_lines"]
+__all__ = ["FALSE_ALARM_RATE", "near", "page_lines"]

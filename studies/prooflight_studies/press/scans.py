@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_spread
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_residual_variance
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
-from prooflight.simulation.captures import Room
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.protocol import OTHERS
 
@@ -56,8 +56,13 @@ class Scene:
         def page(index: int) -> Page:
             return press.geometry.lay(self.pages.page(index))
 
-        room = Room.enter(self.world, press, rng)
-        return PressDay(room=room, page=page, spread=good_spread(taken_for), prior=good_prior(taken_for))
+        begun = SimulatedDay.begin(self.world, press, rng)
+        return PressDay(
+            day=begun,
+            page=page,
+            residual_variance=good_residual_variance(taken_for),
+            prior=good_prior(taken_for),
+        )
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
         """Of one copy of a design."""
@@ -82,7 +87,7 @@ class ScatterWork:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SaidWork:
+class StatisticsWork:
     """A good copy and misprints of a day's designs -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
@@ -115,19 +120,19 @@ class SaidWork:
                 if printed.misprint is not None:
                     where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
                     places[: len(where)] = where[:PLACES]
-                said, another = bench.said(known, bench.scan(printed, rng), self.scatter)
-                names = [one.name for one in said]
+                statistics, another = bench.statistics(known, bench.scan(printed, rng), self.scatter)
+                names = [one.name for one in statistics]
                 for name, value in {
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
                     "draws": printed.draws,
-                    "values": stated(said),
-                    "boxes": np.array([one.box for one in said], np.float32),
-                    "portrait": known.portrait,
+                    "values": values_of(statistics),
+                    "boxes": np.array([one.box for one in statistics], np.float32),
+                    "portrait": known.page_features,
                     "another": another,
                     "places": places,
-                    "sigma_error": _sigma_errors(bench.room),
+                    "sigma_error": _sigma_errors(bench.day),
                     "day": day.designs[0],
                 }.items():
                     columns[name].append(value)
@@ -136,10 +141,10 @@ class SaidWork:
         return rows | {"kind": rows["kind"].astype("U16")} | beside
 
 
-def _sigma_errors(room: Room) -> list[float]:
-    if room.session is None:
-        return [1.0] * len(room.press.sensors)
-    return [sensor.sigma_error for sensor in room.session.sensors]
+def _sigma_errors(day: SimulatedDay) -> list[float]:
+    if day.session is None:
+        return [1.0] * len(day.press.sensors)
+    return [sensor.sigma_error for sensor in day.session.sensors]
 
 
 @lru_cache(maxsize=2)

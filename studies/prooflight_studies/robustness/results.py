@@ -57,7 +57,7 @@ CHI_SQUARE, TILE, PRINTED, TUNED = (
     "Bayesian network, as printed",
     "Bayesian network, tuned",
 )
-OF_PEERS: Final = {
+OF_BASELINES: Final = {
     "difference, 5 x 5": (DIFFERENCE, DIFFERENCE),
     "SSIM, mean": (SSIM, SSIM),
     "variation model": (VARIATION_KEPT, VARIATION_LEARNED),
@@ -226,7 +226,7 @@ def _scorers(
         TILE: column("chi_squares", 1, 1),
         PRINTED: network(WindowReading()),
         TUNED: network(reading),
-        **{name: column("peers", *columns) for name, columns in OF_PEERS.items()},
+        **{name: column("peers", *columns) for name, columns in OF_BASELINES.items()},
     }
 
 

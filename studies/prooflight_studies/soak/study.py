@@ -14,7 +14,7 @@ import numpy as np
 
 from prooflight.commissioning.build import build_press
 from prooflight.journal.journal import Journal, RunFacts
-from prooflight.line.outcomes import absent, passed
+from prooflight.line.outcomes import missing_page, skipped
 from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
@@ -107,11 +107,11 @@ def _played(
             number = len(digests)
             if isinstance(page, MissingPage):
                 digests.append(None)
-                outcome = absent(number, page, time_s)
+                outcome = missing_page(number, page, time_s)
             else:
                 thumbnail = None if page.job_page is None else expected[page.job_page]
                 digests.append(_digest(page, thumbnail, press))
-                outcome = passed(number, page, "only its place in the job is looked at")
+                outcome = skipped(number, page, "only its place in the job is looked at")
             if opened is not None:
                 opened.record(run_id, outcome.record)
 

@@ -301,7 +301,7 @@ class EvidenceDetector(Protocol):
         """How rarely a good page alarms, in words."""
         ...
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         """Weigh one page's evidence. Does not change it."""
         ...
 

@@ -12,6 +12,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
+from prooflight.inspection.registry import names
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press.artefact import Press
 from prooflight.reporting.wording import count
@@ -30,6 +31,14 @@ Profile = Annotated[
 PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
 Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
 JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
+Detector = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="ours; bayes and chi-square: the paper's learned and statistical ones; packages may register others. "
+        f"Known here: {', '.join(names())}. Default: ours if the press was taught it, else chi-square.",
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Of everything random.", min=0, max=2**32 - 1)]
 
 
@@ -200,14 +209,7 @@ def inspect(
         Path | None,
         typer.Option(metavar="SCAN", help="A good scan to compare with, or one for each page; needs no job."),
     ] = None,
-    detector: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ours|bayes|chi-square",
-            help="bayes and chi-square: the paper's learned and statistical ones. Default: ours if the press was "
-            "taught it, else chi-square.",
-        ),
-    ] = None,
+    detector: Detector = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
     profile: Profile = None,
     json: Json = False,

@@ -49,6 +49,7 @@ def build(
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.train import Plan
+    from prooflight.inspection.registry import promises
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
@@ -68,7 +69,7 @@ def build(
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
-        facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": _detectors(press)}
+        facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": promises(press)}
         show.print_json(facts | {"tables": [asdict(a) for a in accuracy]})
         return
     show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
@@ -78,7 +79,7 @@ def build(
             f"({entry.white_sigma} at paper white, {entry.mean_max_sigma} at most), "
             f"sigma within {entry.sigma_rms_percent} %"
         )
-    for name, promise in _detectors(press).items():
+    for name, promise in promises(press).items():
         show.people.print(f"detector {name}: {promise}")
 
 
@@ -94,14 +95,6 @@ def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) 
         paper=full,
         shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
     )
-
-
-def _detectors(press: Press) -> dict[str, str]:
-    """What each detector promises."""
-    from prooflight.inspection.inspector import Inspector
-
-    has = ["chi-square", *(name for name in ("ours", "bayes") if getattr(press, name) is not None)]
-    return {name: Inspector.of(press, name).promise for name in has}
 
 
 @app.command()
@@ -208,6 +201,8 @@ def _in_lines(value: Any) -> str:
 
 
 def _facts(press: Press) -> dict[str, Any]:
+    from prooflight.inspection.registry import promises
+
     geometry = press.geometry
     return {
         "name": press.name,
@@ -228,7 +223,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "alpha": round(press.costs.alpha, 4),
         "fringes": press.fringes,
         "variation": dict(press.variation),
-        "detectors": _detectors(press),
+        "detectors": promises(press),
         "sensors": [
             {
                 "name": sensor.name,

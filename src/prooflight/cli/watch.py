@@ -13,7 +13,7 @@ import typer
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
-from prooflight.cli.job import JobPath, Json, PressArtefact, Profile, Seed
+from prooflight.cli.job import Detector, JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
 from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
@@ -55,9 +55,7 @@ def watch(
             help="How many are printed, the job over and over; default once.", min=1, max=MOST_SHEETS
         ),
     ] = None,
-    detector: Annotated[
-        str | None, typer.Option(help="ours, bayes or chi-square; default ours if the press was taught it.")
-    ] = None,
+    detector: Detector = None,
     deadline_ms: Annotated[
         float,
         typer.Option(

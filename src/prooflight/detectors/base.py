@@ -15,12 +15,14 @@ import numpy as np
 
 from prooflight.errors import RequestError
 from prooflight.prediction.predict import cut, predict
+from prooflight.shown import Shown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from PIL.Image import Image
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.verdict import Decision, Verdict
+    from prooflight.detectors.verdict import Decision, Region, Verdict
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -83,7 +85,7 @@ class PrintState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Inspection:
+class Inspection(Shown):
     """A verdict and what it rests on; arrays cover the page's area of the scan."""
 
     verdict: Verdict
@@ -102,6 +104,20 @@ class Inspection:
     """By which ``Detector.decided_again`` comes to the same decision."""
     state: Callable[[], PrintState] = PrintState
     """What the run's control charts take from it."""
+    planned: PlannedPage | None = None
+    """The page as it entered the press; None: a detector was asked without an ``Inspector``, which puts it here."""
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Places on the page that differ from what was expected, the worst first; none on a good page."""
+        return self.verdict.regions
+
+    def picture(self) -> Image:
+        """What was expected, what the camera saw and where they differ, side by side, with the regions.
+
+        RequestError: it is of no ``Inspector``, and nothing says where its pixels lie.
+        """
+        return Shown.renderer().picture(self)
 
 
 class PreparedPage(Protocol):

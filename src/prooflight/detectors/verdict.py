@@ -11,6 +11,8 @@ from collections.abc import Mapping  # the journal reads verdicts by their annot
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
+from prooflight.shown import Shown
+
 if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
 
@@ -71,7 +73,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Shown):
     """One page's verdict, with everything a person or a program asks of it."""
 
     page: str

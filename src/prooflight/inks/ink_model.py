@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -28,7 +29,6 @@ from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -139,8 +139,9 @@ class InkModel:
 
         return in_chunks(of_factor, cmyk, BANDS)
 
-    def save(self, path: Path) -> str:
+    def save(self, path: str | Path) -> str:
         """Write to ``path`` whole or not at all; returns the digest. ChartError: ``load`` would refuse it."""
+        path = Path(path)
         arrays = {OF_MODEL + name: array for name, array in self.model.arrays().items()}
         arrays |= {OF_SPREAD + name: getattr(self.spread, name) for name in SPREAD}
         arrays = {
@@ -161,8 +162,9 @@ class InkModel:
         return metadata["digest"]
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Read what ``save`` wrote; ChartError if it is something else, of another schema, or damaged."""
+        path = Path(path)
         if not path.is_file():
             raise ChartError(path, "there is no such file", remedy=f"{_AGAIN} or give the right path")
         arrays, metadata = _read(path)

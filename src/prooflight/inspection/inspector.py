@@ -13,7 +13,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
 from prooflight.inspection.light import light_tolerance, wrong_light
 from prooflight.inspection.light_level import light_levels, lit_squares
-from prooflight.inspection.registry import detector
+from prooflight.inspection.registry import default_detector, detector
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
@@ -37,21 +37,26 @@ class Prepared:
     """By which it is seen whether a scan was made under the light that the press was calibrated for."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Inspector:
     """A press with a detector; small and picklable."""
 
     press: Press
     detector: Detector
 
-    def __post_init__(self) -> None:
-        """PressError: the press, or its light as it has been followed, holds what none may."""
-        _sound(self.press)
+    def __init__(self, press: Press, detector: Detector | None = None) -> None:
+        """With a detector of one's own; None: ours if the press was taught it, else the paper's first.
+
+        PressError: the press, or its light as it has been followed, holds what none may.
+        """
+        _sound(press)
+        object.__setattr__(self, "press", press)
+        object.__setattr__(self, "detector", default_detector(press) if detector is None else detector)
 
     @classmethod
     def of(cls, press: Press, name: str | None = None) -> Self:
         """With the detector that users call ``name``; see ``registry.detector``."""
-        return cls(press=press, detector=detector(name, press))
+        return cls(press, detector(name, press))
 
     @property
     def promise(self) -> str:
@@ -102,7 +107,9 @@ class Inspector:
         done = prepared.known.inspect(scan, seed=seed)
         verdict = self._under_its_light(done.verdict, prepared, scan.dn)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
-        return replace(done, verdict=replace(verdict, milliseconds=milliseconds))
+        return replace(
+            done, verdict=replace(verdict, milliseconds=milliseconds), planned=self.planned(prepared.page)
+        )
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, dn: NDArray[np.uint16]) -> Verdict:
         """The verdict, or why there is none."""

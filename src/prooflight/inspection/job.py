@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import numpy as np
@@ -19,15 +20,14 @@ from prooflight.scans.recorded import recorded_scans
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
+    from collections.abc import Callable, Iterator, Sequence
 
     from prooflight.detectors.base import Inspection
     from prooflight.detectors.verdict import Verdict
     from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import PressJob
     from prooflight.scans.recorded import RecordedScan
 
 Pair = tuple[int, "RecordedScan | None"]
@@ -38,7 +38,7 @@ DIGEST_DIGITS = 16
 """Of a scan's SHA-256: enough to tell a press's scans apart."""
 MISSING: Final = "its scan is missing"
 NAMED: Final = 5
-"""Scans that belong to no page and are named; the rest is counted."""
+"""Of pages or scans that an error is about; the rest is counted."""
 
 
 def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
@@ -54,9 +54,8 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
     if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
         unknown = sorted(set(by_name) - {page_name(number) for number in numbers})
         if unknown:
-            named = ", ".join(by_name[name].path.name for name in unknown[:NAMED])
-            more = f" and {len(unknown) - NAMED} more" if len(unknown) > NAMED else ""
-            what = f"{named}{more} {'is' if len(unknown) == 1 else 'are'} no page of the job"
+            named = _some([by_name[name].path.name for name in unknown])
+            what = f"{named} {'is' if len(unknown) == 1 else 'are'} no page of the job"
             raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
         return [(number, by_name.get(page_name(number))) for number in numbers]
     by_number = {_last_number(scan.name): scan for scan in recorded}
@@ -66,6 +65,34 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
         what = f"holds {len(recorded)} scans"
         raise ScanError(scans, what, remedy=f"the job has {len(job)} pages")
     return [(number, recorded[number - 1] if number <= len(recorded) else None) for number in numbers]
+
+
+def pair(job: PressJob, scans: str | Path, *, partly: bool = False) -> Iterator[tuple[Page, Scan]]:
+    """Every page of a job, as it enters the press, with its scan; both are read when their turn comes.
+
+    scans: a folder of TIFF files, or one file, paired as `inspect` does (``paired``). partly: pages without a scan are
+    left out. ScanError: the scans are not those of the job, or, unless ``partly``, pages have none and are named;
+    later, a scan that cannot be used. JobError, later: a page that cannot.
+    """
+    where = Path(scans)
+    pairs = paired(job, where, sensors=len(job.press.sensors))
+    lacking = [page_name(number) for number, scan in pairs if scan is None]
+    if lacking and not partly:
+        what = f"holds no scan of {_some(lacking)}"
+        raise ScanError(where, what, remedy="add them, or give partly=True to leave such pages out")
+    there = ((number, scan) for number, scan in pairs if scan is not None)
+    return ((page := job.page(number), read_scan(scan, page, job.press)) for number, scan in there)
+
+
+def read_scan(scan: RecordedScan, page: Page, press: Press) -> Scan:
+    """A page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
+    lines_max = LONGEST * press.geometry.lines(page.height_mm)
+    return Scan(dn=scan.read(pixels=press.geometry.pixels, lines_max=lines_max), name=str(scan.path))
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
 
 
 def _last_number(name: str) -> int | None:
@@ -146,13 +173,7 @@ class InspectPage:
         return self._inspection(self.page(number), scan)
 
     def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
-        dn = self.read(scan, page)
-        return self.inspector.inspect(page, Scan(dn=dn, name=str(scan.path)))
-
-    def read(self, scan: RecordedScan, page: Page) -> NDArray[np.uint16]:
-        """The page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
-        geometry = self.inspector.press.geometry
-        return scan.read(pixels=geometry.pixels, lines_max=LONGEST * geometry.lines(page.height_mm))
+        return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,11 +197,11 @@ class ScoredPage:
         number, scan = pair
         assert scan is not None
         page, inspector = self.work.page(number), self.work.inspector
-        dn = self.work.read(scan, page)
-        inspection = inspector.inspect(page, Scan(dn=dn, name=str(scan.path)))
+        read = read_scan(scan, page, inspector.press)
+        inspection = inspector.inspect(page, read)
         score = inspection.verdict.score
         if score is None:
             remedy = "give scans of good pages, made by the press as it was calibrated"
             raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
-        digest = hashlib.sha256(np.ascontiguousarray(dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
+        digest = hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
         return PageScore(name=page_name(number), score=score, digest=digest)

@@ -1,7 +1,8 @@
 """Detectors by the names that users call them: Prooflight's own, and those that other packages register.
 
 A package registers one by an entry point of the group ``prooflight.detectors``: a function that takes a ``Press`` and
-gives a ``Detector`` (``detectors.base``). examples/write_a_detector.py is one.
+gives a ``Detector`` (``detectors.base``). examples/write_a_detector.py is one. None can take the name of another; only
+the one that is asked for is loaded.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.paper.chi_square import ChiSquare
 from prooflight.detectors.paper.detector import PaperDetector
 from prooflight.errors import RequestError
+from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,19 +61,49 @@ BUILT_IN: Final[dict[str, Factory]] = {
 def detector(name: str | None, press: Press) -> Detector:
     """The detector that users call ``name``, with this press's promise; None: ours if this press was taught it.
 
-    RequestError: there is no such detector, or this press was not taught it.
+    RequestError: there is no such detector, it cannot be loaded, or this press was not taught it.
     """
     if name is None:
-        name = "chi-square" if press.ours is None else "ours"
-    known = BUILT_IN | _registered()
-    if name not in known:
-        raise RequestError("detector", f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
-    return known[name](press)
+        return default_detector(press)
+    if name in BUILT_IN:
+        return BUILT_IN[name](press)
+    if name not in names():
+        raise RequestError(
+            "detector", f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(names())}"
+        )
+    return _registered(name)(press)
+
+
+def names() -> tuple[str, ...]:
+    """Of all detectors: our own, and those that packages have registered."""
+    others = {entry.name for entry in entry_points(group=GROUP)}
+    return (*BUILT_IN, *sorted(others - set(BUILT_IN)))
+
+
+def default_detector(press: Press) -> Detector:
+    """Ours if this press was taught it, else the paper's statistical one."""
+    return chi_square(press) if press.ours is None else matched_filter(press)
+
+
+def promises(press: Press) -> dict[str, str]:
+    """What each of Prooflight's own detectors that this press has promises, by name."""
+    taught = {"ours": press.ours, "bayes": press.bayes}
+    has = ["chi-square", *(name for name, model in taught.items() if model is not None)]
+    return {name: detector(name, press).promise for name in has}
 
 
 @cache
-def _registered() -> dict[str, Factory]:
-    return {entry.name: entry.load() for entry in entry_points(group=GROUP)}
+def _registered(name: str) -> Factory:
+    entry, *more = entry_points(group=GROUP, name=name)
+    if more:
+        where = " and ".join(one.value for one in (entry, *more))
+        raise RequestError("detector", f"{name!r} is registered by {where}", remedy="uninstall all but one")
+    try:
+        factory: Factory = entry.load()
+    except Exception as error:
+        what = f"{name!r} ({entry.value}) cannot be loaded: {type(error).__name__}: {error}"
+        raise RequestError("detector", what, remedy="ask whoever wrote it, or uninstall it") from error
+    return factory
 
 
 def _untrained(press: Press, name: str, how: str) -> RequestError:

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self
 
 from prooflight.errors import JobError, RequestError
 from prooflight.files.given import shortly
@@ -14,6 +14,9 @@ from prooflight.pages import files
 from prooflight.pages.memory import file_size
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,11 +51,14 @@ class Job:
                 count = files.page_count(path)
             self._places += [(path, number) for number in range(1, count + 1)]
 
-    def __reduce__(self) -> tuple[type[Job], tuple[JobSource]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return Job, (self.source,)  # opened again on the other side: MuPDF's handles do not travel
 
     def __len__(self) -> int:
         return len(self._places)
+
+    def __iter__(self) -> Iterator[Page]:
+        return (self.page(number) for number in range(1, len(self) + 1))
 
     def __enter__(self) -> Self:
         return self

@@ -62,6 +62,12 @@ class Page:
         """Extent along the travel. [mm]"""
         return self.cmyk.shape[0] * self.pixel_mm
 
+    def _repr_png_(self) -> bytes:
+        """What notebooks show."""
+        from prooflight.pages.thumbnail import thumbnail_png
+
+        return thumbnail_png(self.cmyk)
+
 
 def turned(page: Page) -> Page:
     """The page turned by 90 degrees clockwise, as seen: its left edge comes to lie on top, at row 0.

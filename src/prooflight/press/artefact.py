@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -32,10 +33,10 @@ from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.prediction.tables import SensorModel
 from prooflight.press.schema import check_press
 from prooflight.scans.geometry import ScanGeometry
+from prooflight.shown import Shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -63,7 +64,7 @@ class ClippedShare:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Press:
+class Press(Shown):
     """One press with its camera, ready to predict, compare and decide."""
 
     name: str
@@ -120,8 +121,9 @@ class Press:
         arrays, document = self._parts()
         _checked(f"press {self.name}", document, arrays)
 
-    def save(self, path: Path) -> str:
+    def save(self, path: str | Path) -> str:
         """Write to ``path``, whole or not at all; returns the digest. PressError: ``load`` would refuse it."""
+        path = Path(path)
         arrays, document = self._parts()
         _checked(path, document, arrays)
         digest = _digest(arrays, document)
@@ -131,8 +133,9 @@ class Press:
         return digest
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Read a press artefact; PressError if it is none, damaged, of another schema, or holds what none may."""
+        path = Path(path)
         if not path.is_file():
             raise PressError(path, "there is no such file", remedy=f"{REBUILD} or give the right path")
         try:

@@ -58,8 +58,9 @@ class PressFile:
         self._inks: ReflectanceModel | None = None
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: str | Path) -> Self:
         """Read a file; PressFileError names the field that is wrong and what would be right."""
+        path = Path(path)
         try:
             text = PRESS_FILES.read_text(path)
         except OSError as error:

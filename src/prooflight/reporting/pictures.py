@@ -17,7 +17,7 @@ from prooflight.scans.placement import IN_PLACE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.base import Inspection, PlannedPage, Station
     from prooflight.detectors.verdict import Region
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -117,7 +117,12 @@ def page_frame(page: Page, press: Press) -> Frame:
     return _frame(page, press, press.geometry.on_page(page.width_mm, page.height_mm), IN_PLACE)
 
 
-def _frame(page: Page, press: Press, area: tuple[slice, slice], placement: Placement) -> Frame:
+def frame_of(inspection: Inspection, planned: PlannedPage) -> Frame:
+    """What the pictures of an inspection show of its page."""
+    return _frame(planned.page, planned.station, inspection.area, inspection.placement)
+
+
+def _frame(page: Page, press: Press | Station, area: tuple[slice, slice], placement: Placement) -> Frame:
     """What lines and columns of a scan show of a page that lies so; turn and warp left out."""
     geometry = press.geometry
     lines, columns = area
@@ -131,7 +136,9 @@ def _frame(page: Page, press: Press, area: tuple[slice, slice], placement: Place
     )
 
 
-def signals(inspection: Inspection, press: Press) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def signals(
+    inspection: Inspection, press: Press | Station
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Expected and measured signal of the first sensor (lines, pixels), columns evened out; bare paper is 1. [-]"""
     sensor, (_, columns) = press.sensors[0], inspection.area
     offset = sensor.column_offset_dn[columns]

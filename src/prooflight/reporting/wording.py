@@ -62,6 +62,15 @@ def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
     return f"{kind(verdict.kind)} {where}{more}"
 
 
+def judged(verdict: Verdict, size_mm: tuple[float, float]) -> str:
+    """What came of a page of size_mm (width, height), in one sentence or two."""
+    if verdict.verdict == "good":
+        return f"{verdict.page} is good."
+    if verdict.verdict == "not-inspected":
+        return f"{verdict.page} was not inspected" + (f": {verdict.reason}." if verdict.reason else ".")
+    return f"{verdict.page} is a misprint: {headline(verdict, size_mm)}. Decision: {ACTIONS[verdict.action]}."
+
+
 def _where(region: Region, size_mm: tuple[float, float]) -> str:
     x, y = region.x_mm + region.width_mm / 2, region.y_mm + region.height_mm / 2
     if region.kind == "streak":

@@ -12,13 +12,15 @@ from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import IN_PLACE
+from prooflight.scans.scan import Scan
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS, draw_misprint
 from prooflight.simulation.prints import Print, together
-from prooflight.simulation.worlds import Gate, gate
+from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.worlds import Gate, amounts_of, gate, known_world
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.scans.placement import Placement
     from prooflight.simulation.misprints.kinds import Misprint
-    from prooflight.simulation.session import Session
 
 TRIES = 9
 """A misprint that changes nothing visible on its page is drawn again at most 8 times (worlds.toml)."""
@@ -128,6 +129,36 @@ def scan_page(
             return scan(drawn.page, drawn.placement, drawn.misprint, draw)
     what = f"{TRIES} draws of {request.kind} changed nothing visible"
     raise RequestError(f"page {page.number}", what, remedy="ask for another kind, severity or seed")
+
+
+def simulate(
+    page: Page,
+    press: Press,
+    *,
+    misprint: str | None = None,
+    world: str = "ideal",
+    others: Sequence[Page] = (),
+    seed: int = 1,
+) -> Scan:
+    """Print a page on the simulated press and scan it; the scan that `prooflight simulate` writes.
+
+    misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal", where a
+    good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift. others: the job's
+    other pages, one of which a wrong page may show. JobError: the page does not fit this press. RequestError: there is
+    no such kind or world, or the misprint changes nothing that could be seen.
+    """
+    known_world(world)
+    laid = {other.number: press.geometry.lay(other) for other in others if other.number != page.number}
+    made = scan_page(
+        press.geometry.lay(page),
+        press=press,
+        request=None if misprint is None else MisprintRequest.parse(misprint),
+        others=tuple(laid),
+        fetch=laid.__getitem__,
+        rng=page_rng(seed, page.number),
+        session=Session.draw(amounts_of(press), press, session_rng(seed)) if world == "press" else None,
+    )
+    return Scan(dn=made.dn, name=page.name)
 
 
 def passes_gate(good: Prediction, misprinted: Prediction, press: Press, limits: Gate) -> bool:

@@ -139,6 +139,7 @@ class GoldenSheet(PreparedOnly):
         lines, pixels = expected.shape[1:]
         area = (slice(0, lines), slice(0, pixels))
         excess = np.zeros((lines, pixels), np.float32) if difference is None else difference.excess
+        golden = _uneven(expected, self.sensors)
         blocks = cv2.resize(
             excess,
             (max(pixels // BLOCK_PIXELS, 1), max(lines // BLOCK_PIXELS, 1)),
@@ -150,7 +151,7 @@ class GoldenSheet(PreparedOnly):
             area=area,
             measured_dn=scan.dn[(slice(None), *area)],
             block_z=np.asarray(blocks, np.float32)[None],
-            expect=lambda: Prediction(expected_dn=expected, variance_dn2=np.ones_like(expected)),
+            expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
             kept={
                 "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
                 "volume": np.array(verdict.score or 0.0),
@@ -188,6 +189,15 @@ def evened(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArra
         return light
     return np.stack(
         [(sheet - one.column_offset_dn) / one.column_gain for sheet, one in zip(light, sensors, strict=True)]
+    )
+
+
+def _uneven(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
+    """What ``evened`` took out put back: numbers as the camera gives them."""
+    if not sensors:
+        return light
+    return np.stack(
+        [sheet * one.column_gain + one.column_offset_dn for sheet, one in zip(light, sensors, strict=True)]
     )
 
 

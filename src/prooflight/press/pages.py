@@ -1,0 +1,48 @@
+"""Pages on one press: a job opened at its resolution, its pages as they enter the press and as its camera sees them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from prooflight.pages.job import Job, JobSource
+
+if TYPE_CHECKING:
+    from prooflight.pages.raster import Page
+    from prooflight.prediction.predict import Prediction
+    from prooflight.press.artefact import Press
+
+
+class PressJob(Job):
+    """An open job whose pages come as they enter one press (``ScanGeometry.lay``)."""
+
+    def __init__(self, source: JobSource, press: Press) -> None:
+        """Errors as ``open_job``."""
+        super().__init__(source)
+        self.press = press
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PressJob, (self.source, self.press)
+
+    def page(self, number: int) -> Page:
+        """Page ``number``, from 1; errors as ``Job.page``; JobError: it does not fit this press."""
+        return self.press.geometry.lay(super().page(number))
+
+
+def open_job(path: str | Path, press: Press, *, profile: str | Path | None = None) -> PressJob:
+    """Open a PDF, a CMYK TIFF or JPEG, or a folder of them, to be printed on a press.
+
+    PDF pages are ripped at the press's resolution, images keep their own. profile: CMYK ICC profile for the PDF colours
+    that are not CMYK; None: the PDF's output intent. JobError: a file cannot be used, or a folder holds none.
+    ProfileError: the profile cannot be used.
+    """
+    source = JobSource(path=Path(path), dpi=press.dpi, profile=None if profile is None else Path(profile))
+    return PressJob(source, press)
+
+
+def predict(page: Page, press: Press) -> Prediction:
+    """The lines that the camera of a press must see of a page in its place, and how sure that is.
+
+    page: as it enters the press (``ScanGeometry.lay``); pages of ``open_job`` are.
+    """
+    return press.station().predict(page)

@@ -17,7 +17,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import prooflight as pf
-from prooflight.commissioning.training.train import taught
+from prooflight.commissioning.training.train import trained
 from prooflight.simulation.corpus.corpus import Corpus
 
 TEACHING = 24
@@ -46,7 +46,7 @@ def main(out: Path) -> None:
     press = pf.build_press(pf.PressFile.prototype(), seed=1, pixels=400)
     press = replace(press, good_pages_per_false_alarm=10.0)
     pages = SmallPages(dpi=press.dpi)
-    press = taught(press, pages, designs=TEACHING, seed=1, processes=1)
+    press = trained(press, pages, designs=TEACHING, seed=1, processes=1)
     press.save(out / "taught.press")
 
     figure = Figure(figsize=(9, 4), layout="constrained")

@@ -11,12 +11,13 @@ import numpy as np
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
 from prooflight.scans.scan import Scan
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS, draw_misprint
 from prooflight.simulation.prints import Print, together
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Gate, amounts_of, gate, known_world
 
 if TYPE_CHECKING:
@@ -155,8 +156,8 @@ def simulate(
         request=None if misprint is None else MisprintRequest.parse(misprint),
         others=tuple(laid),
         fetch=laid.__getitem__,
-        rng=page_rng(seed, page.number),
-        session=Session.draw(amounts_of(press), press, session_rng(seed)) if world == "press" else None,
+        rng=stream(seed, "print", page.number),
+        session=Session.draw(amounts_of(press), press, stream(seed, "session")) if world == "press" else None,
     )
     return Scan(dn=made.dn, name=page.name)
 

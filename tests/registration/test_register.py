@@ -371,3 +371,22 @@ def test_tiles_that_show_something_else_do_not_stand_for_a_plane() -> None:
     assert gain.mean() == 1
     assert (printed_shares(shares, said) == 0).all()
     assert printed_shares(shares, replace(said, gain=1 - gain / 4)) == pytest.approx(shares)
+
+
+def test_planes_are_told_apart_by_their_shares_of_tiles() -> None:
+    """Black missing where no tile has one ink alone: what is left of each is cyan's share."""
+    shares = np.zeros((200, 2, 4))
+    shares[:100, :, [0, 3]], shares[100:, :, [0, 3]] = (0.2, 0.8), (0.8, 0.2)
+    yes = np.ones(200, bool)
+    said = TileMoves(
+        moves=np.zeros((200, 2)),
+        precision=np.zeros((200, 2, 2)),
+        seen=yes,
+        good=yes,
+        foreign=~yes,
+        gain=shares[:, 0, 0],
+        gain_sd=np.full(200, 0.01),
+    )
+    kept = printed_shares(shares, said)
+    assert kept[..., 0] == pytest.approx(1)
+    assert (kept[..., 3] == 0).all()

@@ -28,6 +28,7 @@ def test_what_the_designs_can_promise_is_by_count() -> None:
     assert threshold == conformal_threshold(scores.worst, np.arange(99), false_alarm_rate=0.01)
     assert not scores.threshold(0.0099)[1]
     assert scores.least_rate == pytest.approx(0.01 / FURTHEST)
+    assert FURTHEST == 10
 
 
 def test_an_exponential_tail_is_drawn_on_to_the_safe_side() -> None:
@@ -52,9 +53,13 @@ def test_p_values_fall_and_agree_with_thresholds(count: int, seed: int) -> None:
 
 
 def test_a_promise_says_what_it_rests_on() -> None:
-    by_count = str(Promise(rate=0.01, simulated=0, real=120))
-    assert "one good page in 100" in by_count
-    assert "by count, from 120 real good pages" in by_count
+    by_count = str(Promise(rate=0.01, simulated=0, real=120, asked=0.01))
+    assert by_count == "at most one good page in 100 alarms; by count, from 120 real good pages"
+    both = str(Promise(rate=0.002, simulated=200, real=50, conformal=False))
+    assert both == (
+        "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs promise "
+        "one in 251 by count, beyond that their tail is drawn on"
+    )
     drawn = str(Promise(rate=0.001, simulated=200, conformal=False, asked=1e-5))
     assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
     assert "one in 100,000 was asked for, and is refused" in drawn
@@ -77,6 +82,7 @@ def test_beyond_its_beginning_the_tail_may_say_less_than_the_count_never_more() 
     assert ONE_TO_NINE.p_value(20.0) == pytest.approx(far)
     assert share * np.exp(-1 / TAIL_EXCESS) < 6 / 10
     assert ONE_TO_NINE.p_value(5.0) == pytest.approx(share * np.exp(-1 / TAIL_EXCESS))
+    assert 0 < ONE_TO_NINE.p_value(1e9) < 1e-200
     apart = GoodScores(worst=np.array([0, 0, 0, 0, 1, 1, 1, 1, 100.0]))
     assert apart.p_value(1.5) == pytest.approx(2 / 10)
 

@@ -169,7 +169,7 @@ def test_paper_that_is_not_what_was_calibrated_for_never_passes_as_good(
 
 def test_the_tolerance_follows_what_good_prints_do() -> None:
     hardly = Tolerance(white=0.0, common=0.0, lamp=0.0, shape=0.0, gain=0.01)
-    assert light_tolerance(hardly) == LEAST_OFF
+    assert light_tolerance(hardly) == LEAST_OFF == 0.1
     assert light_tolerance(replace(hardly, white=0.03, common=0.04, gain=0.0)) == pytest.approx(0.25)
 
 
@@ -217,6 +217,7 @@ def test_light_is_wrong_from_each_limit_on(
     assert (wrong is not None) == bool(words)
     if wrong is not None:
         assert words in wrong.reason
+        assert "sensor" not in wrong.reason  # there is but one
         assert wrong.of_sheet is of_sheet
 
 

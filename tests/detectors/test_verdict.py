@@ -36,7 +36,7 @@ def test_a_number_that_is_not_finite_decides_nothing(name: str, value: float, mi
     sound = Decision(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
     decision = replace(sound, **{name: value})
     assert decision.word == "not-inspected"
-    verdict = Verdict.judged("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
+    verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
     assert (verdict.verdict, verdict.action, verdict.detector) == ("not-inspected", "accept", "ours")
     assert name.replace("_", "-") in verdict.reason
     json.dumps(asdict(verdict), allow_nan=False)
@@ -55,9 +55,9 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
     decision = Decision(misprint=True, score=2.0, threshold=1.0, p_value=None, probability=0.01)
     dear = RunningCosts(false_alarm_cents=1.0, missed_misprint_cents=1.0)
     actions = [
-        Verdict.judged("p", decision, costs=dear).action,
-        Verdict.judged("p", decision, costs=dear, surely=True).action,
-        Verdict.judged("p", replace(decision, probability=None)).action,
+        Verdict.from_decision("p", decision, costs=dear).action,
+        Verdict.from_decision("p", decision, costs=dear, surely=True).action,
+        Verdict.from_decision("p", replace(decision, probability=None)).action,
     ]
     assert actions == ["accept", "stop", "stop"]
 
@@ -68,7 +68,7 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
 def test_a_verdict_says_what_was_decided(misprint: bool, word: str, action: str) -> None:
     decision = Decision(misprint=misprint, score=2.0, threshold=1.5, p_value=0.25, probability=0.5)
     assert decision.word == word
-    verdict = Verdict.judged("p0001", decision, costs=RunningCosts(), kind="streak", milliseconds=7.0)
+    verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", milliseconds=7.0)
     assert asdict(verdict) == asdict(
         Verdict(
             page="p0001",
@@ -87,7 +87,7 @@ def test_a_verdict_says_what_was_decided(misprint: bool, word: str, action: str)
 
 def test_a_good_page_is_accepted_however_sure_a_misprint_would_be() -> None:
     decision = Decision(misprint=False, score=0.0, threshold=1.0, p_value=None, probability=0.9)
-    assert Verdict.judged("p", decision, costs=RunningCosts(), surely=True).action == "accept"
+    assert Verdict.from_decision("p", decision, costs=RunningCosts(), surely=True).action == "accept"
 
 
 def test_a_misprint_that_is_sure_without_numbers_stays_one() -> None:
@@ -96,6 +96,6 @@ def test_a_misprint_that_is_sure_without_numbers_stays_one() -> None:
 
 
 def test_a_page_that_nobody_judged_is_passed_on() -> None:
-    told = Verdict.passed("p0001", "too late")
+    told = Verdict.skipped("p0001", "too late")
     assert (told.verdict, told.action, told.reason) == ("not-inspected", "accept", "too late")
     assert (told.milliseconds, told.score, told.detector) == (0.0, None, "")

@@ -9,8 +9,8 @@ import pytest
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
-from prooflight.line.monitor.run import Announcement, PageEvidence, RunLevel
-from prooflight.line.outcomes import SPOILT, RunWatch, absent, outcome, passed, strange
+from prooflight.line.monitor.run import Announcement, PageEvidence, RunMonitor
+from prooflight.line.outcomes import SPOILT, RunWatch, absent, outcome, skipped, strange
 from prooflight.line.pager import Fault, MissingPage, SeenPage
 
 NOTHING = np.zeros((1, 1, 1), np.uint16)
@@ -42,9 +42,9 @@ def test_a_spoilt_scan_tells_the_run_nothing(kind: str) -> None:
 
 
 def test_sheets_are_named_by_the_page_that_they_show() -> None:
-    assert passed(7, seen(3), "why").record.verdict == Verdict.passed("p0004", "why")
-    assert passed(7, seen(None), "why").record.verdict.page == "sheet 7"
-    assert passed(7, seen(3), "why", name="back").record.verdict.page == "back"
+    assert skipped(7, seen(3), "why").record.verdict == Verdict.skipped("p0004", "why")
+    assert skipped(7, seen(None), "why").record.verdict.page == "sheet 7"
+    assert skipped(7, seen(3), "why", name="back").record.verdict.page == "back"
 
 
 def test_a_strange_sheet_is_a_misprint_and_says_why() -> None:
@@ -57,7 +57,7 @@ def test_a_strange_sheet_is_a_misprint_and_says_why() -> None:
 
 def test_a_page_that_did_not_come_was_not_inspected() -> None:
     done = absent(7, MissingPage(job_page=3, faults=(fault("missing", "3 of 4 came"),)), 9.0)
-    assert done.record.verdict == Verdict.passed("p0004", "3 of 4 came")
+    assert done.record.verdict == Verdict.skipped("p0004", "3 of 4 came")
     assert (done.came, done.record.late, done.record.job_page) == (False, False, 3)
     assert (done.record.first_line, done.record.time_s, done.record.faults) == (70, 9.0, ("missing",))
     bare = absent(7, MissingPage(job_page=3, faults=()), 9.0, name="back").record
@@ -74,13 +74,13 @@ def test_the_run_knows_how_many_pages_are_left(
     asked: list[tuple[int, int | None]] = []
 
     def see(
-        _: RunLevel, number: int, evidence: PageEvidence, *, pages_left: int | None
+        _: RunMonitor, number: int, evidence: PageEvidence, *, pages_left: int | None
     ) -> list[Announcement]:
         asked.append((number, pages_left))
         return []
 
-    monkeypatch.setattr(RunLevel, "see", see)
-    level = RunLevel.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=RunningCosts())
+    monkeypatch.setattr(RunMonitor, "see", see)
+    monitor = RunMonitor.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=RunningCosts())
     done = outcome(7, seen(job_page), GOOD)
-    assert RunWatch(level=level, adapting=None, sheets=sheets).add(done) is done
+    assert RunWatch(monitor=monitor, adapting=None, sheets=sheets).add(done) is done
     assert asked == [(7, left)]

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.modes import Modes, Sight, moved, prepare_modes, sight
+from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
-    Spread,
-    Tolerance,
+    PrintPrior,
+    ResidualVariance,
     fit_nuisances,
     page_colours,
 )
@@ -22,8 +22,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
     SIZES,
     Scatter,
-    statistic,
     summed,
+    t_statistic,
 )
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
@@ -77,15 +77,15 @@ def judged(
     planes = np.zeros((4, 2)) if planes is None else planes
     seen = predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
     own = prepare_modes(page, sensors=sensors, geometry=geometry)
-    where = sight(page, geometry, placement)
+    where = pixel_map(page, geometry, placement)
     modes = Modes(images=moved(own.images, where), sensors=len(sensors))
     colours = page_colours(own.cover)
     fit = fit_nuisances(
         scan, seen, modes, where, sensors=sensors, colours=colours, planes=planes, pixel_mm=pitch,
-        tolerance=Tolerance(), spread=Spread(),
+        prior=PrintPrior(), residual_variance=ResidualVariance(),
     )  # fmt: skip
     left, weight, of_edges, noise = residual_images(
-        scan, seen, modes, where, fit, sensors=sensors, colours=colours, spread=Spread()
+        scan, seen, modes, where, fit, sensors=sensors, colours=colours, residual_variance=ResidualVariance()
     )
     raw = left.copy()
     sums = summed(
@@ -112,7 +112,7 @@ def greatest(sums: Sums, name: str, size: int = 8) -> float:
     """|T| of a mode, boxes of one size."""
     mode, place = MODES.index(name), SIZES.index(size)
     own, power, edges = boxes(list(cells_of(sums))[place])
-    t = statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
+    t = t_statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
     return float(np.abs(t).max())
 
 
@@ -153,7 +153,7 @@ def test_light_and_ink_gain_are_found_and_taken_out(press: Press, tints: Page) -
 def test_too_much_ink_stays_as_evidence(press: Press, tints: Page) -> None:
     found = judged(press, tints, scan_of(press, recoloured(tints, CYAN, 0.8)))
     assert found.fit.gain[CYAN, 0] < -0.1
-    assert np.abs(found.fit.surprise).max() > 5
+    assert np.abs(found.fit.pulls).max() > 5
 
 
 def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
@@ -162,7 +162,7 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     found = judged(press, tints, scan_of(press, printed))
     cells = next(cells_of(found.sums))
     own, power, edges = boxes(cells)
-    t = statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
+    t = t_statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
     row, column = np.unravel_index(int(np.argmax(t)), t.shape)
     x, y, _, _ = cells.box_mm(found.sums, int(row), int(column))
     assert t.max() > 20
@@ -190,7 +190,12 @@ BLOCKS, BLOCK_PIXELS = 4, 64
 
 
 def fit_of_light(
-    press: Press, *, variance_dn2: float = 0.0, step_dn: float = 0.0, texture_dn2: float = 0.0, spread: Spread
+    press: Press,
+    *,
+    variance_dn2: float = 0.0,
+    step_dn: float = 0.0,
+    texture_dn2: float = 0.0,
+    residual_variance: ResidualVariance,
 ) -> Fit:
     """Paper that is a little too light, and good prints that differ in nothing but light, by 1 %.
 
@@ -213,13 +218,13 @@ def fit_of_light(
         seen.expected_dn + np.float32(OFF_DN),
         seen,
         modes,
-        Sight(across=nodes, along=nodes, inside=inside),
+        PixelMap(across=nodes, along=nodes, inside=inside),
         sensors=[sensor],
         colours=page_colours(modes.cover),
         planes=np.zeros((4, 2)),
         pixel_mm=0.1,
-        tolerance=replace(Tolerance(), white=WHITE, **none),
-        spread=spread,
+        prior=replace(PrintPrior(), white=WHITE, **none),
+        residual_variance=residual_variance,
     )
 
 
@@ -227,13 +232,19 @@ def fit_of_light(
     ("variance_dn2", "given"),
     [
         (80.0, {"variance_dn2": 80.0 * BLOCK_PIXELS}),
-        (80.0, {"texture_dn2": 40.0 * BLOCK_PIXELS, "spread": Spread(edge=0, contrast=2, share=0, dark=0)}),
+        (
+            80.0,
+            {
+                "texture_dn2": 40.0 * BLOCK_PIXELS,
+                "spread": ResidualVariance(edge=0, contrast=2, share=0, dark=0),
+            },
+        ),
         (0.05**2 * 200**2 / 2, {"step_dn": 200.0}),
         (
             0.05**2 * 200**2 / 2 + 4 * 0.1 * 200**2 / 2 / BLOCK_PIXELS,
-            {"step_dn": 200.0, "spread": Spread(edge=0.1, contrast=0, share=0, dark=0)},
+            {"step_dn": 200.0, "spread": ResidualVariance(edge=0.1, contrast=0, share=0, dark=0)},
         ),
-        (9.0**2, {"spread": Spread(edge=0, contrast=0, share=9.0 / LIGHT_DN, dark=0)}),
+        (9.0**2, {"spread": ResidualVariance(edge=0, contrast=0, share=9.0 / LIGHT_DN, dark=0)}),
     ],
     ids=["noise", "halftone", "edges of all blocks", "edges of each block", "light"],
 )
@@ -241,12 +252,12 @@ def test_blocks_count_for_a_fifth_each_beside_what_good_prints_do(
     press: Press, variance_dn2: float, given: dict[str, Any]
 ) -> None:
     """The mean of a normal amount, of which each block says so much that is so unsure: the rest is the prior's."""
-    fit = fit_of_light(press, **{"spread": Spread.none()} | given)
+    fit = fit_of_light(press, **{"spread": ResidualVariance.none()} | given)
     told = 0.2 * BLOCKS * (LIGHT_DN * WHITE) ** 2 / variance_dn2  # 0.5 to 2 times what is known before
     assert 0.4 < told < 2.5
     assert fit.white[0] == pytest.approx(OFF_DN / LIGHT_DN * told / (1 + told), rel=2e-3)
     scatter = np.sqrt(told / (1 + told))  # of such an estimate on good prints, in the prior's
-    assert fit.surprise[0] == pytest.approx(fit.white[0] / WHITE / scatter, rel=2e-3)
+    assert fit.pulls[0] == pytest.approx(fit.white[0] / WHITE / scatter, rel=2e-3)
     assert fit.lost == 0
 
 
@@ -257,7 +268,7 @@ def test_planes_are_taken_to_lie_within_a_quarter_of_their_tolerance_of_where_th
     found = judged(
         press, tints, scan_of(press, tints), planes=np.array([[0.2, 0.1], [0.3, -0.4], [0, 0], [0, 0]])
     )
-    prior_pixels = 0.25 * Tolerance().plane_mm / press.geometry.pixel_pitch_mm
+    prior_pixels = 0.25 * PrintPrior().plane_mm / press.geometry.pixel_pitch_mm
     assert found.fit.planes[1] == pytest.approx([0.3, -0.4])
     assert found.fit.planes[CYAN] == pytest.approx([0, 0], abs=0.05)
-    assert found.fit.planes.ravel() == pytest.approx(found.fit.surprise[-8:] * prior_pixels)
+    assert found.fit.planes.ravel() == pytest.approx(found.fit.pulls[-8:] * prior_pixels)

@@ -19,9 +19,9 @@ from prooflight.detectors.matched_filter.ranking import (
 def test_what_is_hardly_ever_seen_on_good_pages_speaks_for_itself() -> None:
     """Up to the guard what misprints taught counts alone; beyond it no page is lower than few good ones are."""
     outright = Outright(guard=10.0, score=2.0)
-    taught = np.array([-5.0, 7.0, -5.0, -5.0, 7.0, np.nan])
+    trained = np.array([-5.0, 7.0, -5.0, -5.0, 7.0, np.nan])
     untaught = np.array([10.0, 10.0, 10.5, 30.0, 30.0, 3.0])
-    assert outright.lifted(taught, untaught) == pytest.approx([-5, 7, 2.5, 22, 27, np.nan], nan_ok=True)
+    assert outright.lifted(trained, untaught) == pytest.approx([-5, 7, 2.5, 22, 27, np.nan], nan_ok=True)
 
 
 def test_a_rows_columns_are_what_families_say_and_the_first_third_and_sixth_of_them() -> None:

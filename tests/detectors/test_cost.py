@@ -62,3 +62,25 @@ def test_the_misprint_rate_lies_between_0_and_1(rate: float) -> None:
 def test_costs_are_above_0(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{field} must be above 0"):
         RunningCosts(**{field: value})
+
+
+@given(rate=RATES, false_alarm=CENTS, miss=CENTS)
+def test_from_the_stopping_probability_on_stopping_costs_less(
+    rate: float, false_alarm: float, miss: float
+) -> None:
+    costs = RunningCosts(misprint_rate=rate, false_alarm_cents=false_alarm, missed_misprint_cents=miss)
+    even = costs.stopping_probability
+    expected = costs.expected_cents(even)
+    assert expected["stop"] == pytest.approx(expected["accept"], rel=1e-6)
+    assert not costs.stopping_pays(even * 0.999)
+    assert costs.stopping_pays(1 - (1 - even) * 0.999)
+
+
+def test_the_papers_costs_stop_at_one_in_eleven() -> None:
+    assert RunningCosts().stopping_probability == pytest.approx(1 / 11)
+    assert RunningCosts().expected_cents(0.25) == pytest.approx({"accept": 0.025, "stop": 0.0075})
+
+
+def test_where_both_cost_the_same_the_press_goes_on() -> None:
+    costs = RunningCosts(false_alarm_cents=1.0, missed_misprint_cents=1.0)
+    assert not costs.stopping_pays(0.5)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, Promise
+from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, Promise, posterior_bound
 from prooflight.detectors.operating import conformal_threshold
 
 
@@ -28,6 +28,7 @@ def test_what_the_designs_can_promise_is_by_count() -> None:
     assert threshold == conformal_threshold(scores.worst, np.arange(99), false_alarm_rate=0.01)
     assert not scores.threshold(0.0099)[1]
     assert scores.least_rate == pytest.approx(0.01 / FURTHEST)
+    assert FURTHEST == 10
 
 
 def test_an_exponential_tail_is_drawn_on_to_the_safe_side() -> None:
@@ -52,9 +53,72 @@ def test_p_values_fall_and_agree_with_thresholds(count: int, seed: int) -> None:
 
 
 def test_a_promise_says_what_it_rests_on() -> None:
-    by_count = str(Promise(rate=0.01, simulated=0, real=120))
-    assert "one good page in 100" in by_count
-    assert "by count, from 120 real good pages" in by_count
+    by_count = str(Promise(rate=0.01, simulated=0, real=120, asked=0.01))
+    assert by_count == "at most one good page in 100 alarms; by count, from 120 real good pages"
+    both = str(Promise(rate=0.002, simulated=200, real=50, conformal=False))
+    assert both == (
+        "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs promise "
+        "one in 251 by count, beyond that their tail is drawn on"
+    )
     drawn = str(Promise(rate=0.001, simulated=200, conformal=False, asked=1e-5))
     assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
     assert "one in 100,000 was asked for, and is refused" in drawn
+
+
+ONE_TO_NINE = GoodScores(worst=np.arange(1.0, 10.0))
+"""Its tail, by hand: the five beyond 4, whose mean excess is 3, and 3 (1 + 1.28 / sqrt 5) at its upper bound."""
+TAIL_EXCESS = 3 * (1 + 1.28 / np.sqrt(5))
+
+
+@pytest.mark.parametrize(("score", "designs_as_high"), [(0.5, 9), (1.0, 9), (1.5, 8), (3.0, 7), (4.0, 6)])
+def test_p_values_count_designs_that_score_as_high_or_higher(score: float, designs_as_high: int) -> None:
+    assert ONE_TO_NINE.p_value(score) == pytest.approx((1 + designs_as_high) / 10)
+
+
+def test_beyond_its_beginning_the_tail_may_say_less_than_the_count_never_more() -> None:
+    share = 6 / 10  # the five in the tail, one more counted
+    far = share * np.exp(-(20 - 4) / TAIL_EXCESS)
+    assert far < 1 / 10
+    assert ONE_TO_NINE.p_value(20.0) == pytest.approx(far)
+    assert share * np.exp(-1 / TAIL_EXCESS) < 6 / 10
+    assert ONE_TO_NINE.p_value(5.0) == pytest.approx(share * np.exp(-1 / TAIL_EXCESS))
+    assert 0 < ONE_TO_NINE.p_value(1e9) < 1e-200
+    apart = GoodScores(worst=np.array([0, 0, 0, 0, 1, 1, 1, 1, 100.0]))
+    assert apart.p_value(1.5) == pytest.approx(2 / 10)
+
+
+def test_a_tail_is_drawn_on_by_its_mean_excess() -> None:
+    threshold, by_count = ONE_TO_NINE.threshold(0.01)
+    assert not by_count
+    assert threshold == pytest.approx(4 + TAIL_EXCESS * np.log(0.6 / 0.01))
+    of_forty = GoodScores(
+        worst=np.arange(40.0)
+    )  # a fifth of them is the tail: 8 beyond 31, of mean excess 4.5
+    excess = 4.5 * (1 + 1.28 / np.sqrt(8))
+    assert of_forty.threshold(0.005)[0] == pytest.approx(31 + excess * np.log(9 / 41 / 0.005))
+
+
+def test_no_tail_is_drawn_below_the_greatest_score_seen() -> None:
+    """One design of 99 far out: the mean excess of twenty says less than that one showed."""
+    scores = GoodScores(worst=np.append(np.zeros(98), 100.0))
+    assert scores.threshold(0.0099) == (100.0, False)
+
+
+def test_designs_that_all_score_alike_have_a_tail_of_no_length() -> None:
+    scores = GoodScores(worst=np.full(20, 3.0))
+    assert scores.threshold(0.01)[0] == pytest.approx(3.0, abs=0.01)
+    assert scores.p_value(3.0) == 1
+    assert scores.p_value(3.1) < 1e-9
+
+
+@pytest.mark.parametrize(("p_value", "of_a_good_page"), [(0.05, 0.289), (0.01, 0.111), (0.001, 0.0184)])
+def test_what_p_values_can_support_is_as_published(p_value: float, of_a_good_page: float) -> None:
+    """Sellke, Bayarri and Berger 2001, table 1: least probability of the hypothesis, at even odds before."""
+    assert 1 - posterior_bound(p_value, 0.5) == pytest.approx(of_a_good_page, rel=5e-3)
+
+
+def test_rare_misprints_need_more_evidence() -> None:
+    assert posterior_bound(0.01, 0.01) == pytest.approx(1 / (1 + 99 * -np.e * 0.01 * np.log(0.01)))
+    assert posterior_bound(1 / np.e, 0.01) == posterior_bound(1.0, 0.01) == 0.01
+    assert posterior_bound(0.36, 0.01) == pytest.approx(0.01, rel=1e-3)  # there is no step at 1 / e
+    assert posterior_bound(0.0, 0.01) == 1

@@ -183,3 +183,15 @@ def test_sets_that_say_nothing_are_refused(change: dict[str, np.ndarray], messag
     good = {"score": np.arange(2.0), "bad": np.array([False, True]), "design": np.arange(2)}
     with pytest.raises(ValueError, match=message):
         Scored(**(good | change))
+
+
+def test_of_thresholds_that_cost_the_same_the_highest_is_taken() -> None:
+    """1.5 alarms for one of two good pages, 3.5 misses one of two misprints; between them both go wrong."""
+    pages = scored([1, 3], [2, 4])
+    assert [at_threshold(pages, at).cost(1.0) for at in (1.5, 2.5, 3.5)] == [0.5, 1.0, 0.5]
+    best = least_cost(pages, 1.0)
+    assert (best.threshold, best.false_alarms, best.misses) == (3.5, 0.0, 0.5)
+    never = least_cost(
+        scored([1.0], [0.0]), 1.0
+    )  # nothing can be told: never to alarm costs what always does
+    assert (never.threshold, never.misses) == (np.inf, 1.0)

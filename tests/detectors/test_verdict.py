@@ -60,3 +60,42 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
         Verdict.from_decision("p", replace(decision, probability=None)).action,
     ]
     assert actions == ["accept", "stop", "stop"]
+
+
+@pytest.mark.parametrize(
+    ("misprint", "word", "action"), [(False, "good", "accept"), (True, "misprint", "stop")]
+)
+def test_a_verdict_says_what_was_decided(misprint: bool, word: str, action: str) -> None:
+    decision = Decision(misprint=misprint, score=2.0, threshold=1.5, p_value=0.25, probability=0.5)
+    assert decision.word == word
+    verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", milliseconds=7.0)
+    assert asdict(verdict) == asdict(
+        Verdict(
+            page="p0001",
+            verdict=word,  # type: ignore[arg-type]
+            action=action,  # type: ignore[arg-type]
+            probability=0.5,
+            score=2.0,
+            threshold=1.5,
+            p_value=0.25,
+            kind="streak",
+            milliseconds=7.0,
+            expected_cost={"accept": 0.05, "stop": 0.005},
+        )
+    )
+
+
+def test_a_good_page_is_accepted_however_sure_a_misprint_would_be() -> None:
+    decision = Decision(misprint=False, score=0.0, threshold=1.0, p_value=None, probability=0.9)
+    assert Verdict.from_decision("p", decision, costs=RunningCosts(), surely=True).action == "accept"
+
+
+def test_a_misprint_that_is_sure_without_numbers_stays_one() -> None:
+    told = Verdict(page="p0001", verdict="misprint", action="stop", score=np.nan, reason="it lies far off")
+    assert (told.verdict, told.action, told.reason) == ("misprint", "stop", "it lies far off")
+
+
+def test_a_page_that_nobody_judged_is_passed_on() -> None:
+    told = Verdict.skipped("p0001", "too late")
+    assert (told.verdict, told.action, told.reason) == ("not-inspected", "accept", "too late")
+    assert (told.milliseconds, told.score, told.detector) == (0.0, None, "")

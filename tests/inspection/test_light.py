@@ -11,7 +11,7 @@ import pytest
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.light import BLACK_OFF, LEAST_OFF, light_tolerance, wrong_light
-from prooflight.inspection.light_level import light_levels
+from prooflight.inspection.light_level import LightLevel, light_levels
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.simulation.captures import SimulatedDay
@@ -169,5 +169,66 @@ def test_paper_that_is_not_what_was_calibrated_for_never_passes_as_good(
 
 def test_the_tolerance_follows_what_good_prints_do() -> None:
     hardly = PrintPrior(white=0.0, common=0.0, lamp=0.0, shape=0.0, gain=0.01)
-    assert light_tolerance(hardly) == LEAST_OFF
+    assert light_tolerance(hardly) == LEAST_OFF == 0.1
     assert light_tolerance(replace(hardly, white=0.03, common=0.04, gain=0.0)) == pytest.approx(0.25)
+
+
+# --- each limit, from levels of light alone ---
+
+RIGHT = LightLevel(page=1.0, backing=1.0, clipped=0.0, brightest_dn=4095, darkest=0.05, darkest_due=0.05)
+TOLERANCE = 0.125
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "of_sheet"),
+    [
+        ({}, "", False),
+        ({"brightest_dn": 4096}, "values up to 4096, above the camera's greatest, 4095", False),
+        ({"clipped": 0.05}, "", False),
+        ({"clipped": 0.06}, "6% of the page is at the camera's greatest value", False),
+        ({"page": 1.125}, "", False),
+        ({"page": 0.875}, "", False),
+        ({"page": 1.25, "backing": 1.25}, "the light is 1.25 times", False),
+        ({"page": 0.75, "backing": None}, "the light is 0.75 times", False),
+        ({"page": 0.75, "backing": 0.875}, "the light is 0.75 times", False),
+        ({"page": 0.75, "backing": 0.88}, "the sheet is 0.75 times as light", True),
+        ({"page": 1.25, "backing": 0.88}, "the sheet is 1.25 times as light", True),
+        ({"page": -0.25, "backing": -0.25}, "the light is 0.00 times", False),
+        ({"page": None}, "", False),
+        ({"page": None, "backing": None}, "", False),
+        ({"page": None, "backing": 1.125}, "", False),
+        ({"page": None, "backing": 0.75}, "what lies beside the page is 0.75 times as light", True),
+        ({"page": None, "backing": 1.25}, "what lies beside the page is 1.25 times as light", True),
+        ({"page": None, "backing": 2.0}, "", False),
+        ({"darkest": 0.0999}, "", False),
+        ({"darkest": 0.1001}, "the darkest of the page is at 200 DN above dark, 100 expected", True),
+        ({"darkest": 0.0}, "", False),
+        ({"darkest_due": 0.1, "darkest": 0.2}, "200 expected", True),
+        ({"darkest_due": 0.11, "darkest": 0.3}, "", False),
+    ],
+)
+def test_light_is_wrong_from_each_limit_on(
+    press: Press, change: dict[str, float | None], words: str, of_sheet: bool
+) -> None:
+    """White is at 2000 DN, and good prints are off by an eighth."""
+    sensor = replace(press.sensors[0], mean_dn=np.full((33,) * 4, 2000, np.float32))
+    assert sensor.top_code_dn == 4095
+    wrong = wrong_light([replace(RIGHT, **change)], [sensor], tolerance=TOLERANCE)
+    assert (wrong is not None) == bool(words)
+    if wrong is not None:
+        assert words in wrong.reason
+        assert "sensor" not in wrong.reason  # there is but one
+        assert wrong.of_sheet is of_sheet
+
+
+def test_it_may_be_the_sheet_alone_where_every_sensor_says_so(press: Press) -> None:
+    lamp, sheet = replace(RIGHT, page=0.5, backing=0.5), replace(RIGHT, page=0.5)
+    sensors = [replace(press.sensors[0], name=name) for name in ("mono", "blue")]
+    for levels, of_sheet in (((lamp, sheet), False), ((sheet, sheet), True), ((RIGHT, sheet), True)):
+        wrong = wrong_light(levels, sensors, tolerance=TOLERANCE)
+        assert wrong is not None
+        assert wrong.of_sheet is of_sheet
+        told = [part.split(":")[0] for part in wrong.reason.split("; ")]
+        assert told == [
+            f"sensor {one.name}" for one, level in zip(sensors, levels, strict=True) if level is not RIGHT
+        ]

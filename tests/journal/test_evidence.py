@@ -6,14 +6,19 @@ import contextlib
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from sqlalchemy.exc import OperationalError
 from tests.journal.journals import facts, files_of, record
 
-from prooflight.journal import packs
+from prooflight.journal import packs, rows
 from prooflight.journal.journal import Journal, JournalError, Retention, RunEnd, Tidied
 from prooflight.journal.unclaimed import unclaimed_folder
+
+if TYPE_CHECKING:
+    import zipfile
 
 LATER_S = 1e7
 
@@ -156,6 +161,49 @@ def test_no_pack_is_ever_overwritten(path: Path, monkeypatch: pytest.MonkeyPatch
         assert journal.commit()
         assert journal.page(3, 2).evidence is not None
     assert file.read_bytes() == before
+
+
+# --- writing ---
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_pack_that_fails_to_be_written_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    """The disk is full at the second sheet."""
+    write = packs.write_arrays
+
+    def full(archive: zipfile.ZipFile, sheet: int, arrays: Any) -> None:
+        if sheet == 2:
+            raise error
+        write(archive, sheet, arrays)
+
+    monkeypatch.setattr(packs, "write_arrays", full)
+    file = tmp_path / "run000001" / "p.npz"
+    with pytest.raises(type(error)):
+        packs.write_pack(file, {sheet: {"values": np.zeros(3)} for sheet in (1, 2)})
+    assert list(tmp_path.rglob("*.npz")) == []
+    monkeypatch.undo()
+    assert packs.write_pack(file, {1: {"values": np.zeros(3)}}) == file.stat().st_size
+
+
+def test_packs_of_rows_that_fail_to_be_written_do_not_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.sqlite"
+
+    def busy(*_: Any) -> None:
+        raise OperationalError("INSERT", {}, sqlite3.OperationalError("database is locked"))
+
+    with Journal.open(str(path)) as journal:
+        run = journal.begin_run(facts())
+        journal.record(run, record(1))
+        with monkeypatch.context() as patched:
+            patched.setattr(rows, "write_rows", busy)
+            assert not journal.commit()
+        assert files_of(path) == []
+        assert journal.commit()
+        assert len(files_of(path)) == 1
 
 
 # --- tidying ---

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.line.book import KnownThumbnails
@@ -344,3 +345,51 @@ def test_values_that_are_not_finite_are_left_out_of_the_run_and_said() -> None:
     )
     plain = outcome(3, seen, Verdict(page="p0004", verdict="good", action="accept"))
     assert plain.record.notes == ()
+
+
+def test_amounts_are_followed_either_way_and_those_not_found_stay(press: Press) -> None:
+    adapting = Adapting.begin(press)
+    names = adapting.names
+    adapting.see({names[0]: -0.004, names[1]: -100.0, names[2]: np.nan})
+    want = np.zeros(len(names))
+    want[:2] = PACE * -0.004, PACE * -MOST_SDS * adapting.sd[1]
+    assert adapting.level == pytest.approx(want)
+    told: list[tuple[str, float]] = []
+    for _ in range(2000):
+        told += adapting.see({names[0]: -0.2})
+    assert told == [(names[0], pytest.approx(-BOUND_SDS * adapting.sd[0]))]
+
+
+def test_what_good_presses_do_is_the_light_of_each_sensor_and_a_smooth_lamp(press: Press) -> None:
+    """A field of Gaussian correlation: its waves' variances fall as exp(-(pi length k)^2 / 4), and make the lamp's."""
+    adapting, known = Adapting.begin(press), PrintPrior()
+    assert adapting.sd[0] == pytest.approx(np.sqrt(known.white**2 + known.common**2))
+    waves = adapting.sd[1:] ** 2
+    falls = np.exp(-((np.pi * known.lamp_length * np.arange(7)) ** 2) / 4)
+    assert waves / waves[0] == pytest.approx(falls[1:] / falls[1])
+    level = waves[0] / falls[1]  # of the wave that is even across; each wave's mean square is a half
+    assert (level + waves.sum()) / 2 == pytest.approx(known.lamp**2)
+
+
+def test_what_is_followed_is_in_the_columns_gains(press: Press) -> None:
+    adapting = Adapting.begin(press)
+    level = 1e-3 * np.arange(1, len(adapting.names) + 1)
+    level[-1] = -0.02
+    changed = followed(press, adapting.names, level).sensors[0].column_gain / press.sensors[0].column_gain
+    u = (np.arange(press.geometry.pixels) + 0.5) / press.geometry.pixels
+    waves = sum(amount * np.cos(np.pi * k * u) for k, amount in enumerate(level[1:], start=1))
+    assert changed == pytest.approx(1 + level[0] + waves, abs=1e-6)
+
+
+def test_designs_are_predicted_anew_by_two_fifths_of_a_deviation_and_every_fifty_pages(press: Press) -> None:
+    adapting = Adapting.begin(press)
+    adapting.level[1] = -0.39 * adapting.sd[1]
+    assert adapting.renewed(press, 0) is None
+    adapting.level[1] = -0.41 * adapting.sd[1]
+    assert adapting.renewed(press, 0) is not None
+    assert adapting.used == pytest.approx(adapting.level)
+    assert adapting.renewed(press, 100) is None  # it is what designs are predicted with
+    adapting.level[1] = 0.0
+    assert adapting.used[1] < 0
+    assert adapting.renewed(press, 49) is None
+    assert adapting.renewed(press, 50) is not None

@@ -16,6 +16,7 @@ from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.notices import Notice
 from prooflight.line.outcomes import Outcome, RunWatch
 from prooflight.line.pager import Fault, SeenPage
+from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetResult
@@ -334,3 +335,28 @@ def test_what_is_dropped_at_the_second_stop_includes_what_comes_last() -> None:
     run.running.start()
     assert run.running.join(PATIENCE_S)
     assert run.told[-1].record.verdict.reason == "the run was stopped"
+
+
+def test_designs_that_lag_are_looked_for_as_far_ahead_as_sheets_have_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Sheets 2, 3 and 5 pass before their designs are ready: what comes next is behind all that have passed."""
+    expected = list[int]()
+    monkeypatch.setattr(DesignPrefetcher, "expect", lambda _self, sheet: expected.append(sheet))
+    late = {number: seen(None, taken_for=2) for number in (2, 3)} | {5: seen(None, taken_for=5)}
+    run = run_of(Book(6), odd=late)
+    assert run.words() == ["good", "good", "not-inspected", "not-inspected", "good", "not-inspected"]
+    assert run.reasons() == ["its design was not ready in time"] * 3
+    at_the_start = 0
+    assert expected == [at_the_start, 0, 1, 2 + 1, 2 + 2, 4, 5 + 1]
+
+
+def test_a_page_that_cannot_be_used_is_no_design_that_lags(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = list[int]()
+    expect = DesignPrefetcher.expect
+    monkeypatch.setattr(
+        DesignPrefetcher, "expect", lambda self, sheet: (expected.append(sheet), expect(self, sheet))[1]
+    )
+    run = run_of(Book(4, {2: TORN}), odd={2: seen(None, taken_for=2)})
+    assert run.reasons() == [str(TORN)]
+    assert expected == [0, 0, 1, 2, 3]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.pages.raster import Page
 from prooflight.pages.sampling import LensCorrection
-from prooflight.prediction.predict import predict
+from prooflight.prediction.predict import looked_up, predict
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
@@ -409,3 +409,23 @@ def test_the_page_is_not_changed(press: Press, make_page: Callable[..., Page]) -
     kept = page.cmyk.copy()
     predict(page, sensors=press.sensors, geometry=press.geometry)
     np.testing.assert_array_equal(page.cmyk, kept)
+
+
+def test_recipes_are_looked_up_above_the_backing(even_sensor: SensorModel) -> None:
+    """Shot noise: the variance lies on a line over the mean, and so does the backing's; at nodes both are exact."""
+    mean = even_sensor.mean_dn
+    shot = replace(
+        even_sensor,
+        variance_dn2=(np.float32(4) + np.float32(0.5) * mean).astype(np.float32),
+        backing_dn=300.0,
+        backing_variance_dn2=4 + 0.5 * 300,
+    )
+    recipes = np.array([[0, 0, 0, 0], [8, 64, 128, 200], [248, 0, 16, 0]], np.uint8)
+    nodes = tuple((recipes // NODE_STEP).T)
+    for sensor in (
+        shot,
+        replace(shot, variance_dn2=np.sqrt(mean) + 1),
+    ):  # the other is no line: it is looked up
+        found, variance = looked_up(recipes, sensor)
+        assert found == pytest.approx(sensor.mean_dn[nodes], rel=2e-3)
+        assert variance == pytest.approx(sensor.variance_dn2[nodes], rel=2e-3)

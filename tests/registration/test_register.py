@@ -353,3 +353,42 @@ def test_prior_is_the_press_worlds() -> None:
     assert prior.warp_across_um == amounts.page.warp_across_um
     assert prior.warp_along_um == amounts.page.warp_along_um
     assert prior.plane_um == amounts.register.plane_um
+
+
+def test_tiles_that_show_something_else_do_not_stand_for_a_plane() -> None:
+    """Black missing: a quarter of its tiles has four times the contrast, of something else; their mean is 1."""
+    shares = np.zeros((400, 2, 4))
+    shares[..., 3] = 1
+    gain = np.repeat([0.0, 4.0], [300, 100])
+    yes = np.ones(400, bool)
+    tile_moves = TileMoves(
+        moves=np.zeros((400, 2)),
+        precision=np.zeros((400, 2, 2)),
+        seen=yes,
+        good=yes,
+        foreign=~yes,
+        gain=gain,
+        gain_sd=np.full(400, 0.01),
+    )
+    assert gain.mean() == 1
+    assert (printed_shares(shares, tile_moves) == 0).all()
+    assert printed_shares(shares, replace(tile_moves, gain=1 - gain / 4)) == pytest.approx(shares)
+
+
+def test_planes_are_told_apart_by_their_shares_of_tiles() -> None:
+    """Black missing where no tile has one ink alone: what is left of each is cyan's share."""
+    shares = np.zeros((200, 2, 4))
+    shares[:100, :, [0, 3]], shares[100:, :, [0, 3]] = (0.2, 0.8), (0.8, 0.2)
+    yes = np.ones(200, bool)
+    tile_moves = TileMoves(
+        moves=np.zeros((200, 2)),
+        precision=np.zeros((200, 2, 2)),
+        seen=yes,
+        good=yes,
+        foreign=~yes,
+        gain=shares[:, 0, 0],
+        gain_sd=np.full(200, 0.01),
+    )
+    kept = printed_shares(shares, tile_moves)
+    assert kept[..., 0] == pytest.approx(1)
+    assert (kept[..., 3] == 0).all()

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.learn import Pages, learn_model
-from prooflight.detectors.matched_filter.calibrated import ENOUGH_REAL, CalibratedDetector, score_of
+from prooflight.detectors.matched_filter.calibrated import (
+    ENOUGH_REAL,
+    WRONG_PAGE,
+    CalibratedDetector,
+    score_of,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 
 if TYPE_CHECKING:
@@ -108,3 +113,52 @@ def test_what_the_press_learned_wrong_is_not_lost_among_families(model: Detector
     tail[0, 1] = np.nan
     score = replace(model, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, 3)))
     assert np.isnan(score).all()
+
+
+GRID = np.linspace(0, 1, 101)
+
+
+def mixed(model: DetectorModel, *, real: np.ndarray, rate: float) -> CalibratedDetector:
+    return CalibratedDetector.calibrated(
+        model, simulated=GRID, real=real, false_alarm_rate=rate, misprint_rate=0.01
+    )
+
+
+def test_simulated_pages_scatter_as_a_few_real_ones_do(model: DetectorModel) -> None:
+    """Real pages of the same law, stretched three times from 5 on: the upper fifth lies where theirs does."""
+    ours = mixed(model, real=5 + 3 * GRID[::5], rate=4 / 123)
+    assert (ours.promise.real, ours.promise.simulated, ours.promise.conformal) == (21, 101, False)
+    assert ours.threshold == pytest.approx(5 + 3 * 0.98)  # the fourth of 122; two stand at the top
+    begin, of_real = 0.8, 5 + 3 * 0.8
+    lower = GRID + of_real - begin  # those below it are raised as it is, and not stretched
+    at = 6.995
+    count = (lower >= at).sum() + (5 + 3 * GRID[::5] >= at).sum()
+    assert ours.decide(at).p_value == pytest.approx((1 + count) / 123)
+
+
+def test_simulated_pages_are_never_lowered_by_real_ones(model: DetectorModel) -> None:
+    ours = mixed(model, real=0.3 * GRID[::5], rate=4 / 123)
+    assert ours.threshold == pytest.approx(0.97)  # the fourth of them, as before
+
+
+def test_real_pages_decide_alone_from_where_their_number_allows(model: DetectorModel) -> None:
+    real = np.arange(30.0)
+    for rate, alone in ((1 / 31, True), (0.99 / 31, False)):
+        ours = mixed(model, real=real, rate=rate)
+        assert (ours.promise.simulated == 0) == ours.promise.conformal == alone
+    assert mixed(model, real=real, rate=1 / 31).threshold == 29
+    many = np.arange(float(ENOUGH_REAL))
+    for real, alone in ((many, True), (many[1:], False)):
+        ours = mixed(model, real=real, rate=1e-3)
+        assert (ours.promise.simulated == 0) == alone
+        assert not ours.promise.conformal
+
+
+def test_a_scan_of_another_page_scores_what_no_good_page_does(model: DetectorModel) -> None:
+    values, page_features = np.ones(2), np.zeros(3)
+    plain = score_of(model, values, page_features, another=False)
+    assert plain < WRONG_PAGE
+    assert score_of(model, values, page_features, another=True) == WRONG_PAGE
+    low = replace(model, tail=model.tail * [1, 1e-9, 1])
+    far = score_of(low, 50 * values, page_features, another=False)
+    assert score_of(low, 50 * values, page_features, another=True) == max(far, WRONG_PAGE)

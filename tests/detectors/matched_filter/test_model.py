@@ -165,3 +165,56 @@ def test_families_join_sizes_and_keep_signs_apart() -> None:
     assert families_of(["flat/void+/4", "flat/void+/8", "flat/void-/4", "swap/CM", "swap/CK"]) == [
         "flat/void+", "flat/void+", "flat/void-", "swap", "swap",
     ]  # fmt: skip
+
+
+# --- evidence of families, by hand ---
+
+
+def by_hand() -> DetectorModel:
+    """Two numbers in a portrait; two families: boxes of two sizes, and the white that the fit states in deviations."""
+    rng = np.random.default_rng(1)
+    pages = Pages(
+        values=rng.exponential(size=(60, 3)).astype(np.float32),
+        page_features=rng.standard_normal((60, 2)),
+        design=np.arange(60),
+        bad=np.zeros(60, bool),
+    )
+    names = ["box/add-C+/4", "box/add-C+/8", "fit/white"]
+    learned_ = learn_model(pages, names=names, scatter=Scatter.white(), rng=rng, ranked=False)
+    return replace(
+        learned_,
+        centre=np.array([[1.0, 0.0], [2.0, 1.0]]),
+        baseline=np.array([[0.5, 0.5, 0], [0.1, 0.2, 0], [0.0, 0.3, 0]]),
+        sd=np.array([0.25, 0.5, 1.0]),
+        quantiles=np.array([[0.0, 1.0, 2.0]] * 2),
+        tail=np.array([[2.0, 3.0, 0.5]] * 2),
+        tail_from=0.9,
+    )
+
+
+def test_a_statistic_is_compared_with_what_pages_of_such_content_give() -> None:
+    values = np.array([[2.0, -2.0, 7.0]])
+    found = by_hand().deviations(
+        values, np.array([[5.0, -9.0]])
+    )  # two deviations up; nine down, of which three count
+    expected = [0.5 + 0.2, 0.5 + 0.4 - 0.9]
+    statistics = [np.log(7), -np.log(7)]
+    assert found == pytest.approx(
+        np.array([[(statistics[0] - expected[0]) / 0.25, (statistics[1] - expected[1]) / 0.5, 7.0]])
+    )
+
+
+@pytest.mark.parametrize(
+    ("deviation", "p"), [(-1.0, 1.0), (0.5, 1 - 0.225), (2.0, 0.1), (2 + 18 * 3, 0.1 * 10**-2), (1e12, 1e-12)]
+)
+def test_evidence_is_the_greatest_deviations_p_value(deviation: float, p: float) -> None:
+    """By quantiles up to the nine tenths, then by a generalised Pareto distribution: (1 + 0.5 x / 3)^-2."""
+    found = by_hand().family_evidence(np.array([[deviation, -5.0, deviation]]))
+    assert found == pytest.approx(np.full((1, 2), -np.log10(p)))
+
+
+def test_the_score_that_no_misprint_taught_counts_the_kth_family_by_its_kth_part() -> None:
+    evidence = np.array([[1.0, 12.0, 3.0, 0.0, 2.0, 0.5, 0.5, 0.5, 0.5, 0.5]])
+    first_eight = 12 + 3 / 2 + 2 / 3 + 1 / 4 + 0.5 * (1 / 5 + 1 / 6 + 1 / 7 + 1 / 8)
+    assert by_hand().guard(evidence) == pytest.approx([first_eight])
+    assert by_hand().guard(evidence[:, :2]) == pytest.approx([12.5])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
+from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
     PrintPrior,
@@ -26,7 +26,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     t_statistic,
 )
 from prooflight.pages.raster import Page
-from prooflight.prediction.predict import predict
+from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.scans import ideal_scan
 
@@ -65,15 +65,23 @@ class Judged:
     noise: NDArray[np.float64]
 
 
-def judged(press: Press, page: Page, scan: NDArray[np.uint16], placement: Placement = IN_PLACE) -> Judged:
+def judged(
+    press: Press,
+    page: Page,
+    scan: NDArray[np.uint16],
+    placement: Placement = IN_PLACE,
+    *,
+    planes: NDArray[np.float64] | None = None,
+) -> Judged:
     sensors, geometry, pitch = press.sensors, press.geometry, press.geometry.pixel_pitch_mm
+    planes = np.zeros((4, 2)) if planes is None else planes
     seen = predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
     own = prepare_modes(page, sensors=sensors, geometry=geometry)
     where = pixel_map(page, geometry, placement)
     modes = Modes(images=moved(own.images, where), sensors=len(sensors))
     colours = page_colours(own.cover)
     fit = fit_nuisances(
-        scan, seen, modes, where, sensors=sensors, colours=colours, planes=np.zeros((4, 2)), pixel_mm=pitch,
+        scan, seen, modes, where, sensors=sensors, colours=colours, planes=planes, pixel_mm=pitch,
         prior=PrintPrior(), residual_variance=ResidualVariance(),
     )  # fmt: skip
     left, weight, of_edges, noise = residual_images(
@@ -171,3 +179,96 @@ def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tin
     assert np.array_equal(page.cmyk[..., BLACK], tints.cmyk[..., BLACK])
     same, _ = in_register(tints, np.zeros((4, 2)), good_mm=0.114)
     assert same is tints
+
+
+# --- one amount, in closed form ---
+
+WHITE = 0.01
+LIGHT_DN = 1000.0
+OFF_DN = 2.0
+BLOCKS, BLOCK_PIXELS = 4, 64
+
+
+def fit_of_light(
+    press: Press,
+    *,
+    variance_dn2: float = 0.0,
+    step_dn: float = 0.0,
+    texture_dn2: float = 0.0,
+    residual_variance: ResidualVariance,
+) -> Fit:
+    """Paper that is a little too light, and good prints that differ in nothing but light, by 1 %.
+
+    step_dn: it goes so far up and down across, with a period of four pixels: half its square is its squared slope.
+    """
+    sensor = replace(press.sensors[0], column_offset_dn=np.zeros(32, np.float32))
+    shape = (1, 32, 32)
+    waves = np.array([0, 1, 0, -1], np.float32) * np.float32(step_dn)
+    seen = Prediction(
+        expected_dn=np.broadcast_to(np.float32(LIGHT_DN) + np.tile(waves, 8), shape).astype(np.float32),
+        variance_dn2=np.full(shape, variance_dn2, np.float32),
+    )
+    modes = Modes(images=np.zeros((3 * 4 + 1 + 4, 32, 32), np.float32), sensors=1)
+    modes.texture[:] = texture_dn2
+    inside = np.zeros(shape[1:], bool)
+    inside[8:24, 8:24] = True
+    nodes = np.zeros((2, 2), np.float32)
+    none = dict.fromkeys(("common", "lamp", "shape", "gain", "tilt", "dot"), 0.0)
+    return fit_nuisances(
+        seen.expected_dn + np.float32(OFF_DN),
+        seen,
+        modes,
+        PixelMap(across=nodes, along=nodes, inside=inside),
+        sensors=[sensor],
+        colours=page_colours(modes.cover),
+        planes=np.zeros((4, 2)),
+        pixel_mm=0.1,
+        prior=replace(PrintPrior(), white=WHITE, **none),
+        residual_variance=residual_variance,
+    )
+
+
+@pytest.mark.parametrize(
+    ("variance_dn2", "given"),
+    [
+        (80.0, {"variance_dn2": 80.0 * BLOCK_PIXELS}),
+        (
+            80.0,
+            {
+                "texture_dn2": 40.0 * BLOCK_PIXELS,
+                "spread": ResidualVariance(edge=0, contrast=2, share=0, dark=0),
+            },
+        ),
+        (0.05**2 * 200**2 / 2, {"step_dn": 200.0}),
+        (
+            0.05**2 * 200**2 / 2 + 4 * 0.1 * 200**2 / 2 / BLOCK_PIXELS,
+            {"step_dn": 200.0, "spread": ResidualVariance(edge=0.1, contrast=0, share=0, dark=0)},
+        ),
+        (9.0**2, {"spread": ResidualVariance(edge=0, contrast=0, share=9.0 / LIGHT_DN, dark=0)}),
+    ],
+    ids=["noise", "halftone", "edges of all blocks", "edges of each block", "light"],
+)
+def test_blocks_count_for_a_fifth_each_beside_what_good_prints_do(
+    press: Press, variance_dn2: float, given: dict[str, Any]
+) -> None:
+    """The mean of a normal amount, of which each block says so much that is so unsure: the rest is the prior's."""
+    fit = fit_of_light(press, **{"spread": ResidualVariance.none()} | given)
+    told = 0.2 * BLOCKS * (LIGHT_DN * WHITE) ** 2 / variance_dn2  # 0.5 to 2 times what is known before
+    assert 0.4 < told < 2.5
+    assert fit.white[0] == pytest.approx(OFF_DN / LIGHT_DN * told / (1 + told), rel=2e-3)
+    scatter = np.sqrt(told / (1 + told))  # of such an estimate on good prints, in the prior's
+    assert fit.pulls[0] == pytest.approx(fit.white[0] / WHITE / scatter, rel=2e-3)
+    assert fit.lost == 0
+
+
+def test_planes_are_taken_to_lie_within_a_quarter_of_their_tolerance_of_where_they_were_found(
+    press: Press, tints: Page
+) -> None:
+    """An ink that the page does not have stays where registration says, cyan's bars where they are."""
+    found = judged(
+        press, tints, scan_of(press, tints), planes=np.array([[0.2, 0.1], [0.3, -0.4], [0, 0], [0, 0]])
+    )
+    prior_pixels = 0.25 * PrintPrior().plane_mm / press.geometry.pixel_pitch_mm
+    assert found.fit.planes[1] == pytest.approx([0.3, -0.4])
+    assert found.fit.planes[CYAN] == pytest.approx([0, 0], abs=0.05)
+    assert found.fit.planes.ravel() == pytest.approx(found.fit.pulls[-8:] * prior_pixels)

@@ -256,3 +256,38 @@ def test_what_is_in_no_bin_is_no_good_page(value: float) -> None:
         block_z=block_z,
     )
     assert detector.decide(found).word == "not-inspected"
+
+
+def test_a_quantile_edge_is_a_value_that_was_seen_and_belongs_to_the_bin_above() -> None:
+    """Half of four values lies below any number between 1 and 2: the edge is 2, whatever the scale between them."""
+    statistics = np.array([[0.0], [1.0], [2.0], [10.0]])
+    labels = ["correct", "correct", "misprint", "misprint"]
+    network = BayesianNetwork.learn(statistics, labels, misprint_rate=0.5, bins=2)
+    assert network.edges.tolist() == [[2.0]]
+    below, above = network.posterior(np.array([[np.nextafter(2, 0)], [2.0]]))
+    assert (below, above) == pytest.approx((0.25, 0.75))
+
+
+def test_a_pages_score_and_threshold_are_log_odds() -> None:
+    """Three statistics of two bins each, parted at 0, each 3 to 1 for a misprint above; one misprint in five."""
+    of_bin = np.log([[0.75, 0.25], [0.25, 0.75]])
+    network = BayesianNetwork(
+        types=("correct", "misprint"),
+        edges=np.zeros((3, 1)),
+        log_likelihood=np.repeat(of_bin[:, None], 3, axis=1),
+        log_type_share=np.zeros(1),
+        misprint_rate=0.2,
+        binning="quantile",
+    )
+    found = Evidence(
+        tile_histogram=np.ones((1, 1, 1, INTERVALS), np.int64),
+        naive_histogram=np.ones((1, INTERVALS), np.int64),
+        block_z=np.full((1, 10, 10), 0.5, np.float32),  # mean and least 0.5, all below 0.675
+    )
+    odds = 3**3 * 0.2 / 0.8
+    for threshold, alarms in ((0.1, True), (0.87, True), (0.88, False)):
+        told = BayesDetector(network=network, threshold=threshold, unit=np.ones(1)).decide(found)
+        assert told.score == pytest.approx(np.log(odds))
+        assert told.probability == pytest.approx(odds / (1 + odds))  # 0.871
+        assert told.threshold == pytest.approx(np.log(threshold / (1 - threshold)))
+        assert told.misprint is alarms

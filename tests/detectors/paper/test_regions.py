@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from prooflight.detectors.paper.regions import FLAGGED, MOST_REGIONS, UNKNOWN, BlockGrid, Findings, findings
 
@@ -19,7 +20,13 @@ def no_ink() -> np.ndarray:
     return np.zeros((ROWS, COLUMNS, 4), np.float32)
 
 
-def found(z: np.ndarray, ink: np.ndarray | None = None, tiles: np.ndarray | None = None) -> Findings:
+def found(
+    z: np.ndarray,
+    ink: np.ndarray | None = None,
+    tiles: np.ndarray | None = None,
+    *,
+    block_mm: float = BLOCK_MM,
+) -> Findings:
     return findings(
         BlockGrid(
             z=z,
@@ -28,8 +35,8 @@ def found(z: np.ndarray, ink: np.ndarray | None = None, tiles: np.ndarray | None
             ink=lambda: no_ink() if ink is None else ink,
             left_mm=0.1,
             top_mm=0.2,
-            width_mm=BLOCK_MM,
-            height_mm=BLOCK_MM,
+            width_mm=block_mm,
+            height_mm=block_mm,
         )
     )
 
@@ -170,3 +177,71 @@ def test_the_map_is_not_changed() -> None:
     kept = z.copy()
     found(z)
     np.testing.assert_array_equal(z, kept)
+
+
+# --- limits: maps without noise, in blocks of half a millimetre ---
+
+HALF_MM = 0.5
+
+
+def drawn(place: tuple[slice, slice], value: float = 30.0) -> np.ndarray:
+    z = np.zeros((1, ROWS, COLUMNS), np.float32)
+    z[0][place] = value
+    return z
+
+
+def test_a_good_page_has_a_flagged_block_in_ten_thousand() -> None:
+    """Blocks of 8 pixels of 0.106 mm on A4, two-sided."""
+    blocks = 210 * 297 / (8 * 0.106) ** 2
+    assert 0.5e-4 < 2 * stats.norm.sf(FLAGGED) * blocks < 2e-4
+    everywhere = (slice(None), slice(None))
+    assert found(drawn(everywhere, 6.0)).kind == UNKNOWN
+    assert found(drawn(everywhere, -6.01)).kind == "wrong-page"
+
+
+@pytest.mark.parametrize(("columns", "rows", "streak"), [(10, 41, True), (10, 40, False), (11, 100, False)])
+def test_a_streak_is_at_most_5_mm_wide_and_more_than_four_times_as_long(
+    columns: int, rows: int, streak: bool
+) -> None:
+    result = found(drawn((slice(0, rows), slice(20, 20 + columns))), block_mm=HALF_MM)
+    assert (result.kind == "streak") is streak
+
+
+@pytest.mark.parametrize(("darker", "kind"), [(20, "missing-content"), (21, "wrong-page")])
+def test_one_block_in_fifty_may_be_darker_where_content_is_missing(darker: int, kind: str) -> None:
+    z = drawn((slice(30, 50), slice(20, 70)))  # 1000 blocks
+    z[0, 40, 20 : 20 + darker] = -30
+    assert found(z, block_mm=HALF_MM).kind == kind
+
+
+@pytest.mark.parametrize(("seen", "kind"), [(700, "missing-content"), (701, "missing-plane")])
+def test_a_plane_is_missing_where_more_than_seven_tenths_of_it_are(seen: int, kind: str) -> None:
+    ink = no_ink()
+    ink[30:50, 20:70, 1] = 0.5  # 1000 blocks
+    z = drawn((slice(30, 50), slice(20, 70)))
+    z[0, 31:37, 20:70] = 0
+    z[0, 31, 20 : 20 + seen - 700] = 30
+    assert found(z, ink, block_mm=HALF_MM).kind == kind
+
+
+@pytest.mark.parametrize(("elsewhere", "kind"), [(120, "missing-content"), (119, "missing-plane")])
+def test_a_plane_is_missing_where_little_is_lighter_without_it(elsewhere: int, kind: str) -> None:
+    ink = no_ink()
+    z = drawn((slice(30, 50), slice(20, 70)))  # 1000 blocks
+    ink[30:50, 20:70, 2] = 0.5
+    ink[31:33, 20:70, 2] = ink[33, 20 : 20 + elsewhere - 100, 2] = 0
+    assert found(z, ink, block_mm=HALF_MM).kind == kind
+
+
+@pytest.mark.parametrize(("area", "kind"), [(0.01, "missing-content"), (0.02, "missing-plane")])
+def test_a_block_holds_an_ink_from_a_hundredth_on(area: float, kind: str) -> None:
+    ink = no_ink()
+    ink[30:50, 20:70, 0] = area
+    assert found(drawn((slice(30, 50), slice(20, 70))), ink, block_mm=HALF_MM).kind == kind
+
+
+@pytest.mark.parametrize(("blocks_between", "regions"), [(6, 1), (7, 2)])
+def test_places_less_than_seven_blocks_apart_are_one(blocks_between: int, regions: int) -> None:
+    z = drawn((slice(20, 40), slice(10, 30)))
+    z[0, 20:40, 30 + blocks_between : 50] = 30
+    assert len(found(z, block_mm=HALF_MM).regions) == regions

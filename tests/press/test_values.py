@@ -97,10 +97,10 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
         ("inks.model.density", (0, 0), np.nan),
         ("ours.simulated", 0, np.nan),
         ("ours.simulated", 0, 1e6),  # no longer rising
-        ("ours.model.sd", 5, 0.0),
-        ("ours.model.family", 5, 10_000),
-        ("ours.model.tail", (7, 0), 1e6),  # begins where no quantile is
-        ("ours.model.baseline", (0, 0), np.nan),
+        ("ours.tolerance.sd", 5, 0.0),
+        ("ours.tolerance.family", 5, 10_000),
+        ("ours.tolerance.tail", (7, 0), 1e6),  # begins where no quantile is
+        ("ours.tolerance.baseline", (0, 0), np.nan),
         ("bayes.log_likelihood", (0, 0, 0), 0.0),  # no distribution
         ("bayes.unit", 0, np.nan),
     ],
@@ -129,8 +129,8 @@ def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
         ("variation", {"ink": {"gain_print_percent": float("nan")}}),
         ("variation", {"ink": [[[[[[[1]]]]]]]}),
         ("detectors.ours.false_alarm_rate", 0.0),
-        ("detectors.ours.model.threshold", float("nan")),
-        ("detectors.ours.model.names", ["fit"]),
+        ("detectors.ours.tolerance.threshold", float("nan")),
+        ("detectors.ours.tolerance.names", ["fit"]),
         ("detectors.bayes.threshold", float("nan")),
         ("detectors.chi", {}),
         ("ink_facts", {"name": "a", "model": "alchemy"}),

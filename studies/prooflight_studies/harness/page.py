@@ -53,7 +53,7 @@ def page_again(results: Path, page: Path | None = None) -> Path:
     page = page or results.with_suffix(".md")
     try:
         _write(page, page_text(kept))
-    except (UndefinedError, TypeError, ValueError) as error:
+    except (UndefinedError, LookupError, TypeError, ValueError) as error:
         raise InputError(
             results, f"lacks what its page says: {error}", remedy="run the study again"
         ) from error
@@ -65,7 +65,7 @@ def page_text(results: Mapping[str, Any]) -> str:
     environment = Environment(
         loader=FileSystemLoader(STUDIES),
         undefined=StrictUndefined,
-        autoescape=False,  # noqa: S701 -- Markdown
+        autoescape=False,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

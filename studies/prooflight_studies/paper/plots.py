@@ -11,8 +11,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
-from prooflight_studies.paper.page import PRINTED
-from prooflight_studies.paper.results import ALPHAS
+from prooflight_studies.paper.results import ALPHAS, PRINTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -14,9 +16,14 @@ from jinja2 import UndefinedError
 
 from prooflight.cli import run
 from prooflight.errors import InputError
+from prooflight_studies.commands import detectability, paper, press, world
 from prooflight_studies.harness.page import STUDIES, TEMPLATE, page_again, page_text, plain, write_page
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 PAGES = Path(__file__).parent / "pages"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 KEPT = sorted(PAGES.glob("*.json"))
 named = pytest.mark.parametrize("kept", KEPT, ids=lambda path: path.stem)
 
@@ -136,3 +143,45 @@ def test_results_become_what_json_has() -> None:
     for other in ({1: "a"}, {"a"}, Path("a"), b"a"):
         with pytest.raises(TypeError):
             plain(other)
+
+
+def test_what_templates_say_of_every_run_stands_in_the_published_pages() -> None:
+    """Text that hangs on no figure; a template and its page in docs/results cannot drift apart."""
+    for template in STUDIES.glob(f"*/{TEMPLATE}"):
+        study = template.parent.name
+        lines = template.read_text(encoding="utf-8").splitlines()
+        fixed = {
+            line for line in lines if len(line) > 20 and not any(mark in line for mark in ("{{", "{%", "{#"))
+        }
+        published = "\n".join(page.read_text(encoding="utf-8") for page in published_pages(study))
+        assert fixed
+        assert [line for line in sorted(fixed) if line not in published] == [], study
+
+
+def published_pages(study: str) -> list[Path]:
+    if study == "speed":
+        return [DOCS / "performance.md"]
+    return [
+        DOCS / "results" / f"{read(kept)['study']}.md" for kept in KEPT if read(kept)["study"] == study
+    ] + [*(DOCS / "results").glob(f"{study}-*.md")]
+
+
+@pytest.mark.parametrize(
+    ("command", "page"),
+    [
+        (world.registration, "registration"),
+        (world.worlds, "worlds"),
+        (world.corpus, "corpus"),
+        (world.calibration, "calibration"),
+        (paper.paper, "paper"),
+        (paper.robustness, "robustness"),
+        (press.press, "press"),
+        (detectability.detectability, "detectability"),
+    ],
+)
+def test_the_seed_of_a_published_page_is_the_default_of_its_command(
+    command: Callable[..., None], page: str
+) -> None:
+    said = re.findall(r"\bseed (\d+)", (DOCS / "results" / f"{page}.md").read_text(encoding="utf-8"))
+    assert said
+    assert {int(seed) for seed in said} == {inspect.signature(command).parameters["seed"].default}

@@ -111,7 +111,7 @@ def number(value: float | None, spec: str, none: str | None = None) -> str:
     """
     if value is None and none is not None:
         return none
-    return format(value + 0, spec)  # type: ignore[operator]  # adding lets what is no number fail
+    return format(+value, spec)  # type: ignore[operator]  # the sign lets what is no number fail
 
 
 def short(value: float) -> str:

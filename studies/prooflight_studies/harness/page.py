@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -62,6 +63,11 @@ def page_again(results: Path, page: Path | None = None) -> Path:
 
 def page_text(results: Mapping[str, Any]) -> str:
     """The page. UndefinedError: the template of ``results["study"]`` names what the results do not have."""
+    return _environment().get_template(f"{results['study']}/{TEMPLATE}").render(results)
+
+
+@cache
+def _environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(STUDIES),
         undefined=StrictUndefined,
@@ -78,7 +84,7 @@ def page_text(results: Mapping[str, Any]) -> str:
         "row": row,
         "false_alarms": false_alarms_in_words,
     }
-    return environment.get_template(f"{results['study']}/{TEMPLATE}").render(results)
+    return environment
 
 
 def plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""``docs/performance.md``: the speeds of one run in a table and a picture."""
+"""The speeds of one run: ``docs/performance.md`` and its picture."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from llvmlite import binding  # type: ignore[import-untyped]
 from matplotlib import pyplot as plt
 
 from prooflight.files.atomic import whole_file
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,30 +34,8 @@ def machine() -> str:
 
 
 def write_speed_page(rows: Sequence[SpeedRow], folder: Path) -> None:
-    """Write ``performance.md`` and its picture into ``folder``."""
-    lines = [
-        "# Performance",
-        "",
-        "Written by `prooflight bench`; do not edit. Megapixels a second of one core's processor time, median and",
-        "range of interleaved repeats in one run: of the raster in look-ups, of the camera elsewhere.",
-        "",
-        f"Machine: {machine()}. Others may have been at work on it: compare ratios.",
-        "",
-        "How much faster is the first row of its group, ours, than this one; in the groups of growth and by the wall,",
-        "how fast this row is beside the first.",
-        "",
-        f"![speeds](images/{PICTURE})",
-        "",
-        "| step | Mpx/s | range | ratio |",
-        "|---|---:|---:|---:|",
-    ]
-    lines += [
-        f"| {row.name} | {row.mpx_per_cpu_s:,.1f} | {row.lowest_mpx_per_cpu_s:,.1f} .. "
-        f"{row.highest_mpx_per_cpu_s:,.1f} | {row.ratio:.2f} |"
-        for row in rows
-    ]
-    with whole_file(folder / "performance.md") as unfinished:
-        unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
+    write_page(folder / "performance.md", "speed", {"machine": machine(), "picture": PICTURE, "rows": rows})
     (folder / "images").mkdir(exist_ok=True)
     with whole_file(folder / "images" / PICTURE) as unfinished:
         _draw(rows, unfinished)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from prooflight_studies.ink.study import LearningRow
+    from prooflight_studies.ink.results import LearningRow
 
 _COLOURS = {
     "log-linear": "#888888",

@@ -5,7 +5,6 @@ print.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.ink.picture import draw_learning
+from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.inks.chart import Chart, Recipes
-    from prooflight.inks.selection import Score
 
 BEST: Final = "hybrid"
 _STUDIED: Final = tuple(MODELS)
@@ -37,65 +36,6 @@ NOISE_DRAWS: Final = 3
 INK_LIMIT: Final = 3.0
 _NOISE_CENTRES_NM: Final = np.array([430.0, 530.0, 630.0])
 _NOISE_WIDTH_NM: Final = 60.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelRow:
-    """One model on the whole chart."""
-
-    model: str
-    score: Score
-    fit_cpu_s: float
-    predict_17_cpu_s: float
-    """CPU time for 17^4 = 83,521 recipes."""
-    predict_33_cpu_s: float
-    """CPU time for 33^4 = 1,185,921 recipes."""
-    lowest: float
-    highest: float
-    """Reflectance on the 17^4 grid. [-]"""
-    rise: float
-    """Greatest rise of any band from one grid node to the next with more of one ink. [-]"""
-    beyond_limit_delta_e00: float
-    """Largest error on recipes beyond 300 % ink when none of them was learned from."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LearningRow:
-    """One model taught by some well-chosen patches, judged on all others."""
-
-    model: str
-    patches: int
-    noise_delta_e00: float
-    median_delta_e00: float
-    p95_delta_e00: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpreadRow:
-    """Are the standard deviations right? Errors on unseen recipes over their predicted standard deviation."""
-
-    patches: int
-    rms: float
-    within_1: float
-    within_2: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InkStudy:
-    """Everything the result page shows."""
-
-    chart: str
-    digest: str
-    patches: int
-    recipes: int
-    folds: int
-    measured_rise: float
-    """Greatest rise between measured recipes that differ in more of one ink alone. [-]"""
-    models: tuple[ModelRow, ...]
-    learning: tuple[LearningRow, ...]
-    noise_median_delta_e00: float
-    """Median of the added noise; its mean is ``LearningRow.noise_delta_e00``."""
-    spread: tuple[SpreadRow, ...]
 
 
 def run_ink_study(

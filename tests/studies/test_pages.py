@@ -99,6 +99,9 @@ def test_the_command_makes_a_page_beside_its_results(
     assert run(["study", "page", str(kept)]) == 0
     assert (tmp_path / "ink.md").read_bytes() == (PAGES / "ink.md").read_bytes()
     assert "ink.md" in capsys.readouterr().out
+    assert run(["study", "page", str(kept), "-o", str(tmp_path / "other.md"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"page": str(tmp_path / "other.md")}
+    assert (tmp_path / "other.md").read_bytes() == (PAGES / "ink.md").read_bytes()
     kept.write_text("[1, 2]", encoding="utf-8")
     assert run(["study", "page", str(kept)]) == 2
     assert "is not the results of a study" in capsys.readouterr().err

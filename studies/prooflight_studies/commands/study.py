@@ -160,11 +160,16 @@ def page(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PAGE.md", help="Default beside the results.")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Write a study's page again from its results, without measuring."""
     from prooflight_studies.harness.page import page_again
 
-    show.written(page_again(results, out))
+    path = page_again(results, out)
+    if json:
+        show.print_json({"page": str(path)})
+    else:
+        show.written(path)
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ if not shutil.which("gs"):
 
 
 def load_referee() -> Any:
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "rip_against_ghostscript.py"
+    path = Path(__file__).resolve().parents[1] / "benchmarks" / "rip_against_ghostscript.py"
     spec = importlib.util.spec_from_file_location("rip_against_ghostscript", path)
     assert spec is not None
     assert spec.loader is not None

@@ -109,18 +109,16 @@ def plain(value: Any) -> Any:
     raise TypeError(f"results hold no {type(value).__name__}")
 
 
-def number(value: float | None, spec: str, none: str | None = None) -> str:
-    """A number by Python's format; ``none`` in place of null.
+def number(value: float | None, spec: str, none: str = "-") -> str:
+    """A number by Python's format; ``none`` for null, where there is no number.
 
-    >>> number(1234.5, ",.2f"), number(0.1234, ".1%"), number(None, ".1f", "-")
+    >>> number(1234.5, ",.2f"), number(0.1234, ".1%"), number(None, ".1f")
     ('1,234.50', '12.3%', '-')
     """
-    if value is None and none is not None:
-        return none
-    return format(+value, spec)  # type: ignore[operator]  # the sign lets what is no number fail
+    return none if value is None else format(+value, spec)  # the sign lets what is no number fail
 
 
-def short(value: float) -> str:
+def short(value: float | None) -> str:
     """Two or three digits, as few characters as the tables can do with.
 
     >>> [short(v) for v in (0.0000123, 0.0123, 0.123, 1.234, 12.34, 0.0)]
@@ -128,19 +126,19 @@ def short(value: float) -> str:
     """
     if value == 0:
         return "0"
-    if value < 0.001:
-        return f"{value:.1e}"
-    return f"{value:.3g}" if value >= 0.1 else f"{value:.2g}"
+    if value is not None and value < 0.001:
+        return number(value, ".1e")
+    return number(value, ".2g" if value is not None and value < 0.1 else ".3g")
 
 
-def interval(found: Mapping[str, float], spec: str | None = None, to: str = ", ") -> str:
+def interval(found: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
     """An estimate with its interval; spec: as for ``number``, ``short`` where there is none.
 
     >>> interval({"value": 0.5, "low": 0.25, "high": 1.0}, ".2f", "-")
     '0.50 [0.25-1.00]'
     """
     value, low, high = (
-        short(found[name]) if spec is None else format(found[name], spec) for name in ("value", "low", "high")
+        short(found[name]) if spec is None else number(found[name], spec) for name in ("value", "low", "high")
     )
     return f"{value} [{low}{to}{high}]"
 

@@ -117,14 +117,27 @@ def test_a_file_that_holds_no_results_is_refused(text: str, tmp_path: Path) -> N
         page_again(path)
 
 
-def test_results_without_what_the_page_says_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "ink.json"
-    path.write_text(
-        json.dumps(read(PAGES / "ink.json") | {"models": [{"model": "hybrid"}]}), encoding="utf-8"
-    )
+@pytest.mark.parametrize(
+    ("name", "spoilt"),
+    [
+        ("ink", {"models": [{"model": "hybrid"}]}),
+        ("ink", {"models": None}),
+        ("ink", {"folds": {}, "measured_rise": "much"}),
+        (
+            "press",
+            {"promises": [{"rate": 1, "basis": "", "pages": 0, "alarms": 0, "below": 1, "caught": None}]},
+        ),
+        ("paper", {"parts": [[]]}),
+    ],
+)
+def test_results_without_what_the_page_says_are_refused(
+    name: str, spoilt: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "spoilt.json"
+    path.write_text(json.dumps(read(PAGES / f"{name}.json") | spoilt), encoding="utf-8")
     with pytest.raises(InputError, match="lacks what its page says"):
         page_again(path)
-    assert not (tmp_path / "ink.md").exists()
+    assert not (tmp_path / "spoilt.md").exists()
 
 
 def test_results_become_what_json_has() -> None:

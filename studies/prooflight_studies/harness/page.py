@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 from prooflight.detectors.operating import false_alarms_in_words
 from prooflight.errors import InputError
@@ -54,7 +54,7 @@ def page_again(results: Path, page: Path | None = None) -> Path:
     page = page or results.with_suffix(".md")
     try:
         _write(page, page_text(kept))
-    except (UndefinedError, LookupError, TypeError, ValueError) as error:
+    except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise InputError(
             results, f"lacks what its page says: {error}", remedy="run the study again"
         ) from error

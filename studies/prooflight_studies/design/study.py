@@ -14,8 +14,8 @@ from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.design.plots import draw_designs
 from prooflight_studies.design.results import (
     DETECTORS,
+    CandidateResult,
     DesignRow,
-    Judged,
     cents_per_unit,
     design_results,
     efficient,
@@ -198,7 +198,7 @@ def _rows(
 
 
 def _with_money(
-    of: Sequence[Candidate], found: Sequence[Judged], plan: Plan, prices: Prices
+    of: Sequence[Candidate], found: Sequence[CandidateResult], plan: Plan, prices: Prices
 ) -> list[DesignRow]:
     first = found[0]
     rows = []

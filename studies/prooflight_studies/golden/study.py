@@ -14,6 +14,7 @@ from scipy.special import ndtr
 from prooflight.detectors.golden.differences import GoldenDifference, Tolerance, compare, in_contrasts
 from prooflight.detectors.golden.place import GoldenPlace, place
 from prooflight.detectors.golden.regions import Mark, marks
+from prooflight.rng import stream
 from prooflight_studies.golden.figures import (
     GoldenFigures,
     Outcome,
@@ -60,7 +61,7 @@ def run_golden_study(
     tell = progress or (lambda _: None)
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "golden-bootstrap")
     rows, outcomes, seconds = [], [], 0.0
     for method in METHODS[-1:] if quick else METHODS:
         tell(f"{method}: {len(pairs)} pairs")

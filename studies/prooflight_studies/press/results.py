@@ -9,9 +9,16 @@ import numpy as np
 from scipy import special
 
 from prooflight.detectors.operating import at_threshold, bootstrap_cost
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
-from prooflight_studies.press.judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
+from prooflight_studies.press.judging import (
+    ALPHAS,
+    FALSE_ALARM_RATE,
+    FOREST_OF_FAMILIES,
+    OURS,
+    promised_by_others,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,7 +28,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.operating import Interval
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.press.findings import PressFindings
-    from prooflight_studies.press.judging import Judged
+    from prooflight_studies.press.judging import MethodResult
 
 THIRDS: Final = ("mild", "middle", "severe")
 NEAR_MM: Final = 5.0
@@ -64,7 +71,7 @@ class Method:
     area: float
 
     @classmethod
-    def of(cls, name: str, one: Judged, rng: np.random.Generator) -> Method:
+    def of(cls, name: str, one: MethodResult, rng: np.random.Generator) -> Method:
         """rng: draws the designs of the intervals."""
         at_promise = at_threshold(one.at(one.promised), ALARMED)
         bad = one.scored.bad
@@ -118,7 +125,7 @@ def press_results(found: PressFindings) -> dict[str, Any]:
     """All figures of the page."""
     rows, verdicts, plan = found.main, found.verdicts, found.plan
     ours = verdicts.methods[OURS]
-    rng = np.random.default_rng([plan.seed, 6])
+    rng = stream(plan.seed, "press-bootstrap")
     return {
         "pitch_mm": found.pitch_mm,
         "fringes": found.fringes,
@@ -138,7 +145,7 @@ def press_results(found: PressFindings) -> dict[str, Any]:
         "where": _places_and_kinds(rows, ours.promised, verdicts.kinds, verdicts.boxes),
         "promises": list(_promises(found)),
         "real": None if found.real is None else _real(found.real, ours, plan.seed),
-        "ideal": Method.of(OURS, found.ideal.methods[OURS], np.random.default_rng([plan.seed, 7])),
+        "ideal": Method.of(OURS, found.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
     }
 
 
@@ -203,20 +210,22 @@ def _promises(found: PressFindings) -> Iterator[Promise]:
         basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
         yield Promise.of(tried.rate, basis, tried.alarms)
     basis = f"{setting} designs, these and those of another part"
-    yield Promise.of(PROMISE, basis, ours.promised[good], ours.promised[~good])
+    yield Promise.of(FALSE_ALARM_RATE, basis, ours.promised[good], ours.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"
     yield Promise.of(
-        PROMISE, f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off]
+        FALSE_ALARM_RATE, f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off]
     )
-    yield Promise.of(PROMISE, f"the same, all sigmas right within {about}", ours.promised[good & ~off])
+    yield Promise.of(
+        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", ours.promised[good & ~off]
+    )
     for what, alarms in found.looser.items():
-        yield Promise.of(PROMISE, what, alarms)
+        yield Promise.of(FALSE_ALARM_RATE, what, alarms)
 
 
-def _real(real: Judged, ours: Judged, seed: int) -> dict[str, Any]:
+def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
     """Real pages beside composed ones, and what they promise each other."""
-    rng = np.random.default_rng([seed, 8])
+    rng = stream(seed, "press-bootstrap-real")
     bad = real.scored.bad
     rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))
     alarms = promised_by_others(real.scored, rate)

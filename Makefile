@@ -25,7 +25,7 @@ check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/codespell src studies tests examples docs README.md CHANGELOG.md
+	$(BIN)/codespell src studies tests validation examples docs README.md CHANGELOG.md
 
 # A minute of spoilt files for every reader: each must be read, or refused in one line.
 fuzz: $(VENV)/.installed-dev

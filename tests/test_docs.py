@@ -26,7 +26,7 @@ def test_paper_map_names_exist(name: str) -> None:
     pytest.fail(f"{name} cannot be imported")
 
 
-@pytest.mark.parametrize("path", sorted(set(re.findall(r"`(tests/[\w/]+\.py)`", PAPER_MAP))))
+@pytest.mark.parametrize("path", sorted(set(re.findall(r"`((?:tests|validation)/[\w/]+\.py)`", PAPER_MAP))))
 def test_paper_map_tests_exist(path: str) -> None:
     assert (ROOT / path).is_file()
 

@@ -12,8 +12,8 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.operating import bill
 from prooflight.press.press_file import PressFile
-from prooflight_studies.paper.page import PRINTED
 from prooflight_studies.paper.results import ALPHAS as STUDIED_ALPHAS
+from prooflight_studies.paper.results import PRINTED
 
 A4_HEIGHT_MM = 297.0
 

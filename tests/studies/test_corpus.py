@@ -29,9 +29,10 @@ from prooflight.simulation.corpus.designs.inks import BLACK, TOTAL_INK_MAX, Sepa
 from prooflight.simulation.corpus.designs.look import Look
 from prooflight.simulation.corpus.designs.setting import Style, broken, cut, width_em
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
-from prooflight_studies.corpus.figures import page_figures, summary, table
-from prooflight_studies.corpus.page import write_corpus_page
+from prooflight_studies.corpus.figures import corpus_results, page_figures, summary, table
+from prooflight_studies.corpus.picture import draw_distributions
 from prooflight_studies.corpus.sheet import THUMBNAIL_PX, summary_of, write_contact_sheet
+from prooflight_studies.harness.page import page_text, plain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -207,16 +208,11 @@ def test_page_of_results_names_its_pictures(tmp_path: Path) -> None:
     sheet = tmp_path / "corpus-1.jpg"
     write_contact_sheet(sheet, [summary.thumbnail for summary in summaries], columns=2)
     assert cv2.imread(str(sheet)).shape == (2 * THUMBNAIL_PX[1], 2 * THUMBNAIL_PX[0], 3)
-    write_corpus_page(
-        tmp_path / "corpus.md",
-        figures,
-        figures,
-        seed=SEED,
-        dpi=50.0,
-        times={50.0: [0.5, 0.1]},
-        sheets=[sheet],
+    draw_distributions(tmp_path / "corpus-figures.png", figures, figures)
+    found = corpus_results(
+        figures, figures, seed=SEED, dpi=50.0, times={50.0: [0.5, 0.1]}, sheets=[sheet.name]
     )
-    text = (tmp_path / "corpus.md").read_text()
+    text = page_text({"study": "corpus", **plain(found)})
     assert "(corpus-1.jpg)" in text
     assert "(corpus-figures.png)" in text
     assert (tmp_path / "corpus-figures.png").stat().st_size > 1000

@@ -23,9 +23,9 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import paled, patched, spotted, streaked
-from prooflight_studies.detectability.findings import DEFECTS
-from prooflight_studies.detectability.page import page_lines
+from prooflight_studies.detectability.findings import DEFECTS, job_results
 from prooflight_studies.detectability.study import run_detectability_study
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.harness.psychometric import Psychometric
 
 if TYPE_CHECKING:
@@ -218,5 +218,6 @@ def test_the_study_writes_its_page_and_pictures(
     with pytest.raises(RequestError, match="p0001: 4 good prints of it alarm"):
         run_detectability_study(job, always, tmp_path / "out", learning=2, trials=1)
     assert (tmp_path / "out" / "detectability.md").read_text() == text
-    besides = "\n".join(page_lines(replace(reach, alarming=["p0002"]), rarely, rarely.ours, trials=1, seed=1))
+    found_besides = job_results(replace(reach, alarming=["p0002"]), rarely, rarely.ours, trials=1, seed=1)
+    besides = page_text({"study": "detectability", **plain(found_besides)})
     assert "Not foretold: p0002" in besides

@@ -13,7 +13,6 @@ from prooflight.errors import RequestError
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight_studies.edges import rig as edge_rig
 from prooflight_studies.edges import study as edge_study
-from prooflight_studies.edges.page import ErrorSum
 from prooflight_studies.edges.rig import (
     Band,
     Rig,
@@ -26,6 +25,7 @@ from prooflight_studies.edges.rig import (
     sampled,
     truth,
 )
+from prooflight_studies.edges.study import ErrorSum
 
 if TYPE_CHECKING:
     from pathlib import Path

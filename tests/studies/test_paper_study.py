@@ -9,6 +9,7 @@ import pytest
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.measures import FIRST_SHARE, UNITS, WINDOWS
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
     all_readings,
@@ -18,9 +19,8 @@ from prooflight_studies.harness.paper_detectors import (
     types_of,
 )
 from prooflight_studies.harness.protocol import Plan
-from prooflight_studies.paper.page import PRINTED, write_paper_page
 from prooflight_studies.paper.plots import draw_costs, draw_roc
-from prooflight_studies.paper.results import ALPHAS, Part, WorldResult, world_result
+from prooflight_studies.paper.results import ALPHAS, PRINTED, Part, WorldResult, paper_results, world_result
 from prooflight_studies.paper.study import at_pitch, paper_plans
 
 if TYPE_CHECKING:
@@ -195,13 +195,11 @@ def test_plans_cover_both_worlds_and_all_noises(quick: bool) -> None:
         assert (plans[0][1].learn, plans[0][1].test) == (1000, 1500)
 
 
-def test_the_page_shows_the_papers_digits_beside_ours(
-    tmp_path: Path, result: WorldResult, two_sensor_press: Press
-) -> None:
+def test_the_page_shows_the_papers_digits_beside_ours(result: WorldResult, two_sensor_press: Press) -> None:
     part = Part(pitch_mm=0.254, press=two_sensor_press, result=result, seconds=60.0, made=100)
     in_press = replace(result, plan=replace(PLAN, world="press", noises=(1.0,)))
-    write_paper_page(tmp_path / "paper.md", [part, replace(part, result=in_press)], seed=4, quick=True)
-    text = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    parts = [part, replace(part, result=in_press)]
+    text = page_text({"study": "paper", **plain(paper_results(parts, seed=4, quick=True))})
     for table, printed in PRINTED.values():
         assert f"paper, {table} | {' | '.join(printed)} |" in text
     for name in ("ideal world at 0.254", "press world at 0.254", "--seed 4 --quick", *BASELINES, *KINDS):

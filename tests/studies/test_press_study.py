@@ -11,6 +11,7 @@ import pytest
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.operating import Scored
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.press.findings import FIRST
 from prooflight_studies.press.judging import (
     ALPHAS,
@@ -21,7 +22,7 @@ from prooflight_studies.press.judging import (
     kept_promises,
     promised_by_others,
 )
-from prooflight_studies.press.page import near, page_lines
+from prooflight_studies.press.results import near, press_results
 from prooflight_studies.press.scans import PLACES, Scene
 from prooflight_studies.press.study import PressFindings, PressPlan
 
@@ -161,6 +162,10 @@ def test_places_are_right_within_five_millimetres() -> None:
     assert not near(np.full((1, 4), np.nan, np.float32), places[:1]).any()
 
 
+def page_of(found: PressFindings) -> str:
+    return page_text({"study": "press", **plain(press_results(found))})
+
+
 def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
     alarms = np.array([False] * 40 + [True])
     found = PressFindings(
@@ -175,7 +180,7 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         ideal=verdicts,
         real=verdicts.methods[OURS],
     )
-    text = "\n".join(page_lines(found))
+    text = page_of(found)
     assert "nan" not in text
     for word in (
         *KINDS,
@@ -190,7 +195,7 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
     assert ("forest of families alone" in text) == ("forest of families alone" in verdicts.methods)
     assert (found.page, follows.page) == ("press-without-fringes.md", "press.md")
     assert "[inspection] fringes = false" in text
-    assert "[inspection] fringes" not in "\n".join(page_lines(follows))
+    assert "[inspection] fringes" not in page_of(follows)
 
 
 def test_kinds_take_turns_and_no_two_scenes_share_a_day(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from prooflight.errors import RequestError
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.press.press_file import PressFile
 from prooflight.scans.placement import IN_PLACE
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.harness.protocol import Plan
 from prooflight_studies.robustness.disturbances import (
     NOTHING,
@@ -24,7 +25,6 @@ from prooflight_studies.robustness.disturbances import (
     all_disturbances,
     noisy_sensors,
 )
-from prooflight_studies.robustness.page import write_robustness_page
 from prooflight_studies.robustness.plots import draw_robustness
 from prooflight_studies.robustness.results import (
     CHI_SQUARE,
@@ -32,6 +32,7 @@ from prooflight_studies.robustness.results import (
     TUNED,
     RobustnessPart,
     RobustnessResult,
+    page_results,
     pearson_under,
     robustness_result,
 )
@@ -195,8 +196,8 @@ def test_kept_and_relearned_are_the_same_where_nothing_is_wrong(result: Robustne
 def test_page_and_picture_are_written(result: RobustnessResult, tmp_path: Path) -> None:
     draw_robustness(tmp_path / "robustness-ideal.png", result)
     part = RobustnessPart(press_digest="0" * 64, pitch_mm=0.5, result=result)
-    write_robustness_page(tmp_path / "robustness.md", [part], command="prooflight study robustness --seed 7")
-    text = (tmp_path / "robustness.md").read_text(encoding="utf-8")
+    found = page_results([part], command="prooflight study robustness --seed 7")
+    text = page_text({"study": "robustness", **plain(found)})
     assert text.count("| sigma factor 0.5 |") == len({point.detector for point in result.points})
     assert "`prooflight study robustness --seed 7`" in text
     assert "robustness-ideal.png" in text

@@ -10,10 +10,10 @@ import pytest
 
 from prooflight.pages.raster import Page
 from prooflight.simulation.drum import DrumFault, turns
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.running.drift import streaked
 from prooflight_studies.running.live import _alarms, _in_step, _named, memory_mb, soak_faults
-from prooflight_studies.running.page import running_page
-from prooflight_studies.running.study import Plan, Study
+from prooflight_studies.running.study import Plan, Study, running_results
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,8 +85,12 @@ def test_a_streak_of_less_than_a_step_is_dithered() -> None:
     assert more[:, more.any(axis=0)].mean() / 255 == pytest.approx(0.001, rel=0.2)
 
 
+def page_of(known: dict[str, Any], *, cores: int) -> str:
+    return page_text({"study": "running", **plain(running_results(known, cores=cores))})
+
+
 def test_the_page_is_written_as_far_as_it_is_measured() -> None:
-    page = running_page({}, cores=2)
+    page = page_of({}, cores=2)
     assert "on 2 cores" in page
     assert "##" not in page
 
@@ -99,14 +103,28 @@ def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
         "verdict_ms": {"median": 300.4, "p99": 400.0, "p99.9": 410.0, "greatest": 412.0},
         "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)},
     }  # fmt: skip
-    page = running_page({"ours": [row]}, cores=2)
+    page = page_of({"ours": [row]}, cores=2)
     assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
     assert "promises at most one good page in 12." in page
     assert "Late of" not in page
     late = row | {"asked_pages_per_s": 5.0, "late": 2, "late_sheets": [[10, 837], [44, 501]]}
-    assert "Late of repeated designs, ours: sheet 10 (837 ms), 44 (501 ms)." in running_page(
+    assert "Late of repeated designs, ours: sheet 10 (837 ms), 44 (501 ms)." in page_of(
         {"ours": [late]}, cores=2
     )
+
+
+def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
+    """One sheet more came than was shown: nobody knows how long the run was out of step, and the page says so."""
+    faults = {4: FAULTS[4]}
+    shown, rows = turns(SHEETS, faults), [*came(seen()), (15, "good", (), True)]
+    soak = {
+        "sheets": len(rows), "seconds": 4.0, "faults": 1, "detector": "ours", "expected_sheets": len(shown),
+        "memory_mb": {"100": (1, 0), "end": (2, 0)},
+        **_named(faults, rows), **_in_step(shown, rows, faults), **_alarms(shown, rows, SHEETS),
+    }  # fmt: skip
+    page = page_of({"soak": soak}, cores=2)
+    assert "None" not in page
+    assert f"is not known: {len(rows)} came out where {len(shown)} were shown." in page
 
 
 @pytest.mark.skipif(memory_mb() == (0, 0), reason="the system does not tell")

@@ -8,14 +8,12 @@ import pytest
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import PageRecord
 from prooflight.simulation.drum import DrumFault, turns
-from prooflight_studies.soak.page import write_soak_page
+from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.soak.sheets import Passed, drawn_faults, truth
-from prooflight_studies.soak.study import compared
+from prooflight_studies.soak.study import compared, soak_results
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from prooflight_studies.soak.page import SoakFigures
+    from prooflight_studies.soak.study import SoakFigures
 
 SHEETS = 40
 FAULTS = {
@@ -117,11 +115,10 @@ def test_faults_lie_apart_and_every_so_many_sheets() -> None:
     )
 
 
-def test_the_page_says_what_was_found(tmp_path: Path) -> None:
+def test_the_page_says_what_was_found() -> None:
     found = figures(*journal(s28=(28, ())))
     size = {"designs": 30, "templates": 2, "forms": 5}
-    write_soak_page(tmp_path / "soak.md", found, size, seed=1, every=12, apart=6)
-    text = (tmp_path / "soak.md").read_text()
+    text = page_text({"study": "soak", **plain(soak_results(found, size, seed=1))})
     assert "3 of 4 faults are named" in text
     assert "| slip | 2.5 to 15 mm | 1 | 0 | 1 |" in text
     assert "a job of 40 pages" in text

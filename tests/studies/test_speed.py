@@ -12,7 +12,7 @@ from prooflight.prediction.predict import looked_up
 from prooflight_studies.speed import start as speed_start
 from prooflight_studies.speed import study as speed
 from prooflight_studies.speed.device_profile import LAB_WHITE, cmyk_to_lab
-from prooflight_studies.speed.page import PICTURE, write_speed_page
+from prooflight_studies.speed.picture import PICTURE, write_speed_page
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,10 +15,13 @@ from prooflight import __version__
 from prooflight.cli import calibrate, camera, chart, faults, job, press, runs, watch
 from prooflight.cli.exit_codes import INTERRUPTED, OWN_FAULT, UNUSABLE_INPUT
 from prooflight.cli.show import errors
-from prooflight.errors import ProoflightError, plain
+from prooflight.errors import ProoflightError, RequestError, plain
 
 COMMANDS: Final = "prooflight.commands"
 """Entry points of packages that add commands: functions that take the ``typer.Typer``."""
+
+STUDIES: Final = "studies"
+"""The entry point of the package that adds ``study`` and ``bench``."""
 
 app = typer.Typer(
     name="prooflight",
@@ -35,8 +38,27 @@ app.add_typer(camera.app, name="camera")
 app.command()(calibrate.calibrate)
 runs.register(app)
 app.command()(watch.watch)
-for entry in entry_points(group=COMMANDS):
-    entry.load()(app)
+
+
+def _refuse_studies(context: typer.Context) -> None:
+    raise RequestError(
+        f"prooflight {context.info_name}",
+        "the studies are not installed",
+        remedy="install the package prooflight-studies, which lies in the repository's folder studies",
+    )
+
+
+_more = entry_points(group=COMMANDS)
+for _entry in _more:
+    _entry.load()(app)
+if STUDIES not in _more.names:
+    for _name in ("study", "bench"):
+        app.command(
+            _name,
+            hidden=True,
+            add_help_option=False,
+            context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+        )(_refuse_studies)
 
 
 def _version(asked: bool) -> None:

@@ -33,7 +33,7 @@ from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session, true_sensors
 from prooflight.simulation.worlds import Amounts, worlds_digest
-from prooflight_studies.calibration.page import CalibrationRow, write_calibration_page
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.tables.study import job_colours
 
 if TYPE_CHECKING:
@@ -50,6 +50,29 @@ PATCHES: Final = (100, 300, 600, 1200)
 PRINTS: Final = (1, 2, 4)
 QUICK: Final = ((60,), (1, 2), 150.0)
 WORLDS: Final = ("ideal", "press")
+GOAL_SIGMA: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationRow:
+    """One calibration judged on one set of colours; errors in a pixel's temporal sigma, all sensors together."""
+
+    world: str
+    patches: int
+    pages: int
+    prints: int
+    colours: str
+    own_rms: float
+    """Against what these prints' inks and paper were, on average."""
+    own_max: float
+    session_rms: float
+    """Against the session's inks on these prints' paper."""
+    session_paper_rms: float
+    """Against the session's inks on the paper as it should be."""
+    left_out: float
+    """What the calibration itself says: patches predicted from all others."""
+    sigma_percent: float
+    """Rms error of sigma."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -264,5 +287,6 @@ def run_calibration_study(
                             **errors,  # type: ignore[arg-type]
                         )
                     )
-    write_calibration_page(results / "calibration.md", rows, dpi=dpi, seed=seed, worlds=worlds_digest())
+    found = {"seed": seed, "dpi": dpi, "worlds": worlds_digest(), "goal_sigma": GOAL_SIGMA, "rows": rows}
+    write_page(results / "calibration.md", "calibration", found)
     return rows

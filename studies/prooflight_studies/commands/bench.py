@@ -36,7 +36,7 @@ def bench(
         starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])
         show.step(f"first verdict {median(starts):.1f} s after the start of a warm installation")
     if docs is not None:
-        from prooflight_studies.speed.page import write_speed_page
+        from prooflight_studies.speed.picture import write_speed_page
 
         write_speed_page(rows, docs)
     if json:

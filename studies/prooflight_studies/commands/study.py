@@ -152,6 +152,26 @@ def figures(
         show.people.print(show.strong(path))
 
 
+@app.command()
+def page(
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS.json", help="What a study kept beside its page.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="PAGE.md", help="Default beside the results.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Write a study's page again from its results, without measuring."""
+    from prooflight_studies.harness.page import page_again
+
+    path = page_again(results, out)
+    if json:
+        show.print_json({"page": str(path)})
+    else:
+        show.written(path)
+
+
 @contextlib.contextmanager
 def job_or_sample(job: Path | None) -> Iterator[Path]:
     """The job's path, or that of the sample job, which is there as long as the context lasts."""

@@ -79,7 +79,7 @@ def registration(
     pages: PagesDir = None,
     out: Results = Path("docs/results"),
     cache: Cache = CACHE,
-    seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 6,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

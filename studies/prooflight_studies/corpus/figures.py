@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
+from scipy import stats
+
+from prooflight.simulation.corpus.corpus import BLACK_ALONE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -41,6 +45,8 @@ class PageFigures:
     edges: float
 
 
+SIGNIFICANCE: Final = 0.05
+QUARTILES: Final = (0.25, 0.5, 0.75)
 NAMES: Final = {
     "white": "white",
     "cyan": "cyan",
@@ -109,3 +115,56 @@ def summary(figures: NDArray[np.float64]) -> dict[str, object]:
         name: [round(float(value), 4) for value in row] for name, row in zip(NAMES, quartiles, strict=True)
     }
     return {"pages": len(figures), "in_black_alone": round(float(in_black(figures).mean()), 4), **rows}
+
+
+def corpus_results(
+    ours: NDArray[np.float64],
+    theirs: NDArray[np.float64] | None,
+    *,
+    seed: int,
+    dpi: float,
+    times: Mapping[float, Sequence[float]],
+    sheets: Sequence[str],
+) -> dict[str, Any]:
+    """All figures of the page. ours, theirs: tables of designs and of real pages.
+
+    times: of drawing, by resolution [s]; sheets: file names of contact sheets.
+    """
+    return {
+        "seed": seed,
+        "dpi": dpi,
+        "black_alone": BLACK_ALONE,
+        "camera_pixel_mm": CAMERA_PIXEL_MM,
+        "edge_contrast": EDGE_CONTRAST,
+        "designs": {"pages": len(ours), "in_black": in_black(ours).sum()},
+        "real": None if theirs is None else _beside(ours, theirs),
+        "shares": [
+            {
+                "name": name,
+                "designs": np.quantile(ours[:, column], QUARTILES),
+                "real": None if theirs is None else np.quantile(theirs[:, column], QUARTILES),
+                "distance": None
+                if theirs is None
+                else stats.ks_2samp(ours[:, column], theirs[:, column]).statistic,
+            }
+            for column, name in enumerate(NAMES.values())
+        ],
+        "times": [
+            {"dpi": at, "designs": len(taken), "mean_s": np.mean(taken), "slowest_s": max(taken)}
+            for at, taken in times.items()
+        ],
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "sheets": sheets,
+    }
+
+
+def _beside(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> dict[str, Any]:
+    """The real pages, and the distance that two samples of one kind so large exceed in ``SIGNIFICANCE`` of cases."""
+    bound = np.sqrt(-0.5 * np.log(SIGNIFICANCE / 2) * (1 / len(ours) + 1 / len(theirs)))
+    return {
+        "pages": len(theirs),
+        "in_black": in_black(theirs).sum(),
+        "distance_bound": bound,
+        "significance": SIGNIFICANCE,
+    }

@@ -13,8 +13,9 @@ import numpy as np
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
 from prooflight.simulation.corpus.corpus import Corpus, Folder
-from prooflight_studies.corpus.figures import PageFigures, page_figures, summary, table
-from prooflight_studies.corpus.page import write_corpus_page
+from prooflight_studies.corpus.figures import PageFigures, corpus_results, page_figures, summary, table
+from prooflight_studies.corpus.picture import draw_distributions
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -109,9 +110,11 @@ def run_corpus_study(
     for first in range(0, number, A_SHEET):
         sheets.append(results / f"corpus-{first // A_SHEET + 1}.jpg")
         write_contact_sheet(sheets[-1], [summary.thumbnail for summary in drawn[first : first + A_SHEET]])
-    write_corpus_page(
-        results / "corpus.md", ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=sheets
-    )
+    if theirs is not None:
+        draw_distributions(results / "corpus-figures.png", ours, theirs)
+    names = [sheet.name for sheet in sheets]
+    found = corpus_results(ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=names)
+    write_page(results / "corpus.md", "corpus", found)
     return {
         "seed": seed,
         "designs": summary(ours),

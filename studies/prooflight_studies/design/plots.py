@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,10 +23,7 @@ _ROOM = 0.25
 def draw_designs(path: Path, rows: Sequence[DesignRow], *, detector: str) -> None:
     """One panel a world: designs with 95 % intervals, the efficient ones filled and joined, the least total dotted."""
     worlds = list(dict.fromkeys(row.world for row in rows))
-    figure = Figure(
-        figsize=(6.2 * len(worlds), 4.8), dpi=110, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.08)
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(6.2 * len(worlds), 4.8, pads_inch=(0.1, 0.08))
     designs = list(dict.fromkeys(row.design for row in rows))
     colours = {design: COLOURS[place % len(COLOURS)] for place, design in enumerate(designs)}
     for place, world in enumerate(worlds):
@@ -39,8 +33,7 @@ def draw_designs(path: Path, rows: Sequence[DesignRow], *, detector: str) -> Non
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
     figure.suptitle(f"What each design costs, detector {detector}; filled: efficient", fontsize=11)
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")
+    write_figure(figure, path)
 
 
 def _panel(axes: Axes, rows: Sequence[DesignRow], colours: dict[str, str]) -> None:
@@ -86,6 +79,4 @@ def _panel(axes: Axes, rows: Sequence[DesignRow], colours: dict[str, str]) -> No
         fontsize=8,
         color="#666666",
     )
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color="#eeeeee")
-    axes.set_axisbelow(True)
+    plain_axes(axes)

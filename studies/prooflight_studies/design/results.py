@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from prooflight.detectors.operating import (
     least_cost,
 )
 from prooflight.rng import stream
+from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.operating import Scored
     from prooflight.simulation.captures import World
+    from prooflight_studies.design.choices import Prices
+    from prooflight_studies.harness.protocol import Plan
     from prooflight_studies.harness.result_cache import Rows
 
 PAGES: Final = 10_000
@@ -89,6 +92,35 @@ class DesignRow:
     def total_cents(self) -> float:
         """Errors, hardware and computing. [cent]"""
         return self.error_cents.value + self.bought_cents
+
+
+def design_results(
+    rows: Sequence[DesignRow],
+    plans: Sequence[Plan],
+    *,
+    costs: RunningCosts,
+    prices: Prices,
+    detector: str,
+    coarser: float,
+    command: str,
+) -> dict[str, Any]:
+    """All figures of the page; command: what regenerates it."""
+    without = bill(costs, costs.alpha, pages=PAGES)
+    return {
+        "command": command,
+        "worlds": worlds_digest(),
+        "detector": detector,
+        "coarser": coarser,
+        "costs": costs,
+        "alpha": costs.alpha,
+        "pages": PAGES,
+        "without_cents": without.without,
+        "stopping_always_cents": without.stopping_always,
+        "prices": prices,
+        "in_worlds": [
+            {"plan": plan, "rows": [row for row in rows if row.world == plan.world]} for plan in plans
+        ],
+    }
 
 
 def judged(

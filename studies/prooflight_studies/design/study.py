@@ -11,17 +11,18 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import A4_LENGTH_MM
 from prooflight.errors import RequestError
 from prooflight.simulation.corpus.corpus import Corpus
-from prooflight_studies.design.page import write_design_page
 from prooflight_studies.design.plots import draw_designs
 from prooflight_studies.design.results import (
     DETECTORS,
     CandidateResult,
     DesignRow,
     cents_per_unit,
+    design_results,
     efficient,
     interval_of,
     judged,
 )
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.paper_detectors import chosen_rows
 from prooflight_studies.harness.protocol import (
     FRAMES,
@@ -158,16 +159,10 @@ def run_design_study(
             )
         rows += _with_money(of, found, plan, prices)
     draw_designs(results / "design.png", rows, detector=detector)
-    write_design_page(
-        results / "design.md",
-        rows,
-        used,
-        costs=costs,
-        prices=prices,
-        detector=detector,
-        coarser=coarser,
-        command=command,
+    shown = design_results(
+        rows, used, costs=costs, prices=prices, detector=detector, coarser=coarser, command=command
     )
+    write_page(results / "design.md", "design", shown)
     return rows
 
 

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.press.artefact import Press
     from prooflight_studies.detectability.closed_form import Reach
 
 PRINTS: Final = 4
@@ -50,3 +56,57 @@ class JobReach:
     """By defect: from which it was learned how strong it must be."""
     alarming: list[str]
     """Names of pages of which ``PRINTS`` good prints alarmed: whatever were wrong with them would drown."""
+
+
+def job_results(
+    job: JobReach, press: Press, ours: CalibratedDetector, *, trials: int, seed: int
+) -> dict[str, Any]:
+    """All figures of the page; trials: prints of each page and defect that verified."""
+    return {
+        "press": press.name,
+        "sensors": len(press.sensors),
+        "pixel_pitch_mm": press.geometry.pixel_pitch_mm,
+        "promise": ours.promise,
+        "trials": trials,
+        "seed": seed,
+        "good_prints": PRINTS,
+        "names": NAMES,
+        "prints": job.prints,
+        "alarming": job.alarming,
+        "pages": [
+            {
+                "name": page.name,
+                "picture": page.picture,
+                "sure": _of_reach(page.reach),
+                "half": _of_reach(page.half),
+                "wanted": page.wanted,
+                "verified": page.verified,
+            }
+            for page in job.pages
+        ],
+        "verified": {
+            defect: Caught(
+                of=sum(page.verified[defect].of for page in job.pages),
+                caught=sum(page.verified[defect].caught for page in job.pages),
+            )
+            for defect in (*DEFECTS, "none")
+        },
+    }
+
+
+def _of_reach(reach: Reach) -> dict[str, Any]:
+    return {
+        "spot_mm": _spread(reach.spot_mm),
+        "streak_percent": _spread(reach.streak_percent),
+        "patch_percent": _spread(reach.patch_percent),
+        "inks": [{"ink": letter, "percent": least} for letter, least in reach.inks_percent.items()],
+    }
+
+
+def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+    """Percentiles over the page, and the share of its places where nothing is caught, where values are infinite."""
+    known = values[~np.isnan(values)]
+    finite = known[np.isfinite(known)]
+    low, middle, high = np.percentile(finite, (5, 50, 95)).tolist() if finite.size else (None, None, None)
+    nowhere = 1 - finite.size / max(known.size, 1)
+    return {"low": low, "middle": middle, "high": high, "nowhere": nowhere}

@@ -15,14 +15,21 @@ from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.calibrated import check_version, page_score
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.errors import RequestError
-from prooflight.files.atomic import whole_file
 from prooflight.pages.job import opened
 from prooflight.rng import stream
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import DRAWN
-from prooflight_studies.detectability.findings import DEFECTS, NAMES, PRINTS, Caught, JobReach, PageReach
-from prooflight_studies.detectability.page import page_lines
+from prooflight_studies.detectability.findings import (
+    DEFECTS,
+    NAMES,
+    PRINTS,
+    Caught,
+    JobReach,
+    PageReach,
+    job_results,
+)
 from prooflight_studies.detectability.picture import draw_reach
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.psychometric import SURE, Psychometric
 
 if TYPE_CHECKING:
@@ -123,9 +130,8 @@ def run_detectability_study(
         found.append(page)
     learned = {defect: of.prints for defect, of in wanted.items()}
     job_reach = JobReach(pages=found, prints=learned, alarming=alarming)
-    text = "\n".join(page_lines(job_reach, press, ours, trials=trials, seed=seed))
-    with whole_file(results / "detectability.md") as unfinished:
-        unfinished.write_text(text + "\n", encoding="utf-8")
+    shown = job_results(job_reach, press, ours, trials=trials, seed=seed)
+    write_page(results / "detectability.md", "detectability", shown)
     return job_reach
 
 

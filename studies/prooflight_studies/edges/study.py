@@ -7,16 +7,18 @@ uses, and once more on the very raster that prediction is given; the prediction 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Final
 
+import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from prooflight.commissioning.build import SUPERSAMPLING
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles
 from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.press.press_file import PressFile
-from prooflight_studies.edges.page import EdgeStudy, ErrorRow, ErrorSum, write_edge_results
 from prooflight_studies.edges.rig import (
     BAND_CENTRES,
     BAND_MM,
@@ -30,10 +32,15 @@ from prooflight_studies.edges.rig import (
     sampled,
     truth,
 )
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight_studies.edges.rig import Band
 
 TRUTH: Final = 8
 """Raster pixels across a camera pixel in the truth."""
@@ -53,6 +60,98 @@ WIDEST_MM: Final = 215.95
 MANIFEST_FILES: Final = GivenFiles(
     error=RequestError, remedy="give the manifest of the pages, a JSON list", largest_mb=8
 )
+
+
+GOAL_SIGMA: Final = 0.5
+_LOG_BINS: Final = np.linspace(
+    -4.0, 4.0, 1601
+)  # of |z|: half a per cent a bin is finer than any figure shown
+
+
+@dataclass(slots=True, kw_only=True)
+class ErrorSum:
+    """Errors of one way to predict, gathered over pages."""
+
+    name: str
+    edge_pixels: int = 0
+    pixels: int = 0
+    _edge_squares: float = 0.0
+    _squares: float = 0.0
+    _histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_LOG_BINS.size - 1, np.int64))
+    _normal: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 2)))
+    _right: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    rip_cpu_s: list[float] = field(default_factory=list)
+    predict_cpu_s: list[float] = field(default_factory=list)
+
+    def add(self, predicted_dn: NDArray[np.floating], true: Band) -> None:
+        """Take in the lines of a band, (lines, pixels) [DN]."""
+        edges, sigma_dn = true.edges, true.sigma_dn
+        z = (predicted_dn - true.mean_dn) / sigma_dn
+        at_edges = z[edges]
+        self.edge_pixels += at_edges.size
+        self.pixels += z.size
+        self._edge_squares += float((at_edges**2).sum())
+        self._squares += float((z**2).sum())
+        magnitude = np.log10(np.abs(at_edges).clip(1.01e-4, 0.99e4))
+        self._histogram += np.histogram(magnitude, _LOG_BINS)[0]
+        along, across = np.gradient(true.mean_dn, axis=0), np.gradient(true.mean_dn, axis=1)
+        slope = np.stack([across[edges], along[edges]]) / sigma_dn[edges]
+        self._normal += slope @ slope.T
+        self._right += slope @ at_edges
+
+    def row(self) -> ErrorRow:
+        """The figures; needs edge pixels."""
+        # A pattern that lies too far right by m is too dark or too light by -m times the slope.
+        fitted = np.linalg.lstsq(self._normal, self._right, rcond=None)[0]
+        left = max(self._edge_squares - float(fitted @ self._right), 0.0)
+        middle = int(np.searchsorted(self._histogram.cumsum(), self.edge_pixels / 2))
+        return ErrorRow(
+            name=self.name,
+            edge_rms_sigma=float(np.sqrt(self._edge_squares / self.edge_pixels)),
+            edge_median_sigma=float(10 ** _LOG_BINS[middle]),
+            shifted_edge_rms_sigma=float(np.sqrt(left / self.edge_pixels)),
+            all_rms_sigma=float(np.sqrt(self._squares / self.pixels)),
+            right_pixels=float(-fitted[0]),
+            down_pixels=float(-fitted[1]),
+            edge_pixels=self.edge_pixels,
+            rip_cpu_s=float(np.median(self.rip_cpu_s)) if self.rip_cpu_s else None,
+            predict_cpu_s=float(np.median(self.predict_cpu_s)) if self.predict_cpu_s else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorRow:
+    """One way to predict, over all pages; errors in units of the temporal sigma."""
+
+    name: str
+    edge_rms_sigma: float
+    edge_median_sigma: float
+    """Half of the edge pixels lie closer."""
+    shifted_edge_rms_sigma: float
+    """After the best constant shift, the same on every page."""
+    all_rms_sigma: float
+    right_pixels: float
+    down_pixels: float
+    """How far the prediction lies to the right and down of the truth. [camera pixels]"""
+    edge_pixels: int
+    rip_cpu_s: float | None
+    predict_cpu_s: float | None
+    """CPU time of a page, the median over pages; None: not timed. [s]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EdgeStudy:
+    """Everything the result page shows."""
+
+    pages: tuple[str, ...]
+    criterion: str
+    method: str
+    from_vector: tuple[ErrorRow, ...]
+    truth_itself: ErrorRow
+    same_raster: tuple[ErrorRow, ...]
+    goal_sigma: float = GOAL_SIGMA
+    supersampling: int = SUPERSAMPLING
+    """The default, at which the goal is to be met."""
 
 
 class ManifestEntry(BaseModel):
@@ -98,7 +197,7 @@ def run_edge_study(
         truth_itself=itself,
         same_raster=tuple(row for name, row in rows.items() if name.startswith("r")),
     )
-    write_edge_results(results, study)
+    write_page(results / "edges.md", "edges", study)
     return study
 
 

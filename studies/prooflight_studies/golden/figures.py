@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight_studies.golden.pairs import KINDS, LEAST_OVERLAP
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from prooflight_studies.golden.pairs import Box
 
@@ -114,3 +116,30 @@ def mean_overlap(outcomes: Sequence[Outcome]) -> float:
     """Of all boxes that were found and marked; 0 if there is none."""
     overlaps = [much for outcome in outcomes for _, much in outcome.pairs.values()]
     return float(np.mean(overlaps)) if overlaps else 0.0
+
+
+def golden_results(
+    rows: Sequence[GoldenFigures], outcomes: Sequence[Outcome], *, mpx_per_s: float
+) -> dict[str, Any]:
+    """All figures of the page. rows: by method, the last with the halves exchanged; outcomes: of ``rows[-2]``."""
+    shown = [field.name for field in fields(GoldenFigures) if field.name != "by_kind"]
+    return {
+        "least_overlap": LEAST_OVERLAP,
+        "rows": [{name: getattr(row, name) for name in shown} for row in rows],
+        "kinds": [
+            {"kind": KINDS[kind], "marked": marked, "found": found, "mean_overlap": much}
+            for kind, (marked, found, much) in rows[-2].by_kind.items()
+        ],
+        "wrong": [wrong for one in outcomes for wrong in _wrong(one)],
+        "mpx_per_s": mpx_per_s,
+    }
+
+
+def _wrong(one: Outcome) -> Iterator[dict[str, Any]]:
+    hit = {to for to, _ in one.pairs.values()}
+    for at, (kind, box) in enumerate(zip(one.kinds, one.marked, strict=True)):
+        if at not in hit:
+            yield {"image": one.name, "what": f"missed, {KINDS[kind]}", "box": box}
+    for at, box in enumerate(one.found):
+        if at not in one.pairs:
+            yield {"image": one.name, "what": "false", "box": box}

@@ -14,11 +14,17 @@ from scipy.special import ndtr
 from prooflight.detectors.golden.differences import GoldenDifference, Tolerance, compare, in_contrasts
 from prooflight.detectors.golden.place import GoldenPlace, place
 from prooflight.detectors.golden.regions import Mark, marks
-from prooflight.files.atomic import whole_file
 from prooflight.rng import stream
-from prooflight_studies.golden.figures import GoldenFigures, Outcome, Setting, figures, mean_overlap
-from prooflight_studies.golden.page import golden_page
+from prooflight_studies.golden.figures import (
+    GoldenFigures,
+    Outcome,
+    Setting,
+    figures,
+    golden_results,
+    mean_overlap,
+)
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, read_pairs
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -74,8 +80,7 @@ def run_golden_study(
     swapped = [judged(pair, seen[pair.name], exchanged) for pair in tuning]
     rows.append(figures(swapped, exchanged, method=METHODS[-1], tuned_on="odd", rng=rng))
     mpx = sum(pair.scan[0].size for pair in pairs) * len(EDGES_PIXELS) / 1e6
-    with whole_file(results / "golden.md") as unfinished:
-        unfinished.write_text(golden_page(rows, outcomes, mpx_per_s=mpx / seconds))
+    write_page(results / "golden.md", "golden", golden_results(rows, outcomes, mpx_per_s=mpx / seconds))
     if picture is not None:
         from prooflight_studies.golden.sheet import draw_golden_sheet
 

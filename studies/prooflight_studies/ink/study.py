@@ -15,7 +15,9 @@ from prooflight.inks.recipes import choose_recipes
 from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of_recipe
 from prooflight.rng import stream
 from prooflight.spectra import WAVE_NM, delta_e00, lab
-from prooflight_studies.ink.page import InkStudy, LearningRow, ModelRow, SpreadRow, write_ink_results
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.ink.picture import draw_learning
+from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,8 +68,8 @@ def run_ink_study(
             spread_check(chart, patches, seed) for patches in _sizes(chart, quick) if patches >= 100
         ),
     )
-    results.mkdir(parents=True, exist_ok=True)
-    write_ink_results(results, study)
+    draw_learning(results / "ink-learning.png", study.learning, study.noise_median_delta_e00)
+    write_page(results / "ink.md", "ink", study)
     return [{"model": row.model, **row.score.as_json()} for row in study.models]
 
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from prooflight.detectors.operating import area_under_roc, least_cost, roc
 from prooflight.detectors.paper.windows import SHARE_SIGMAS
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 from prooflight_studies.paper.page_samples import SIDE
 
 if TYPE_CHECKING:
@@ -35,7 +32,7 @@ _LINEAR: Final = 3.0
 def draw_statistics(path: Path, samples: Samples) -> None:
     """Histograms of the three statistics, good copies and both types of misprint; a row for each sensor; figure 7."""
     rows = len(samples.sensors)
-    figure = _figure((12.5, 3.1 * rows + 0.7))
+    figure = new_figure(12.5, 3.1 * rows + 0.7, pads_inch=(0.08, 0.08))
     panels = figure.subplots(rows, 3, squeeze=False)
     for row, sensor in enumerate(samples.sensors):
         for column, name in enumerate(_NAMES):
@@ -49,7 +46,7 @@ def draw_statistics(path: Path, samples: Samples) -> None:
         f"One page, ideal world, {samples.pitch_mm:.3g} mm a pixel; axes are logarithmic far from good copies",
         fontsize=11,
     )
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def _histogram(axes: Axes, values: NDArray[np.float64], samples: Samples) -> None:
@@ -90,7 +87,7 @@ def _short(value: float) -> str:
 
 def draw_operating(path: Path, judged: Mapping[str, Scored]) -> None:
     """ROC, and least cost against alpha; figure 8. Thresholds are chosen on the copies that they are judged on."""
-    figure = _figure((10.5, 4.4))
+    figure = new_figure(10.5, 4.4, pads_inch=(0.08, 0.08))
     left, right = figure.subplots(1, 2)
     first = next(iter(judged.values()))
     good, bad = int((~first.bad).sum()), int(first.bad.sum())
@@ -118,19 +115,6 @@ def draw_operating(path: Path, judged: Mapping[str, Scored]) -> None:
         ylim=(0, 1.05),
     )
     for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(visible=True, color="#eeeeee")
-        axes.set_axisbelow(True)
+        plain_axes(axes)
         axes.legend(frameon=False, fontsize=9)
-    _write(figure, path)
-
-
-def _figure(size: tuple[float, float]) -> Figure:
-    figure = Figure(figsize=size, dpi=110, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _write(figure: Figure, path: Path) -> None:
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")
+    write_figure(figure, path)

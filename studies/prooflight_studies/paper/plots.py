@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
-from prooflight_studies.paper.page import PRINTED
-from prooflight_studies.paper.results import ALPHAS
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.paper.results import ALPHAS, PRINTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from prooflight_studies.paper.results import DetectorRow, WorldResult
@@ -58,7 +55,7 @@ def draw_roc(path: Path, results: Sequence[WorldResult]) -> None:
             ylim=(0, 1.02),
         )
     _legend(figure, axes[0])
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
@@ -102,7 +99,7 @@ def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
             ylim=(_LEAST_SHOWN * 0.9, 20),
         )
     _legend(figure, axes[0])
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def _of_frame(result: WorldResult, frame: str) -> list[tuple[DetectorRow, str]]:
@@ -115,23 +112,13 @@ def _printed(name: str) -> NDArray[np.float64]:
 
 
 def _figure(count: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(
-        figsize=(4.6 * count, 4.9), dpi=110, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(4.6 * count, 4.9)
     panels = [figure.add_subplot(1, count, place + 1) for place in range(count)]
     for axes in panels:
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(visible=True, color="#eeeeee")
-        axes.set_axisbelow(True)
+        plain_axes(axes)
     return figure, panels
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-
-
-def _write(figure: Figure, path: Path) -> None:
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.operating import (
     Interval,
     Scored,
     area_under_roc,
     at_threshold,
+    bill,
     bootstrap_cost,
     bootstrap_oracle,
     caught_at,
@@ -21,6 +24,7 @@ from prooflight.detectors.operating import (
 )
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
@@ -33,7 +37,7 @@ from prooflight_studies.harness.paper_detectors import (
 from prooflight_studies.harness.protocol import FRAMES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -48,6 +52,18 @@ PAPER_PAGES: Final = 300
 REPEATS: Final = 200
 THIRDS: Final = ("mild", "middle", "severe")
 FALSE_ALARM_RATE: Final = 0.01
+_AT_TENTH: Final = ALPHAS.index(0.1)
+_SHOWN_READINGS: Final = 6
+PRINTED: Final = {
+    "1 sensor": ("T1, T2", ("3.4e-4", "0.0034", "0.0338", "0.1366", "0.3821", "1.0000")),
+    "2 sensors": ("T2", ("2e-5", "0.0002", "0.0020", "0.0204", "0.1562", "0.7809")),
+    "2 sensors, one misprint type": ("T3", ("6.7e-5", "6.7e-4", "0.0067", "0.0404", "0.3025", "1.0000")),
+    "2 sensors, noise 100%": ("T4", ("7.2e-5", "7.2e-4", "0.0072", "0.0545", "0.1802", "0.7760")),
+    "2 sensors, noise 200%": ("T4", ("1.1e-4", "0.0011", "0.0112", "0.0939", "0.4711", "0.8403")),
+    "2 sensors, noise 300%": ("T4", ("1.4e-4", "0.0014", "0.0137", "0.0869", "0.6157", "1.0000")),
+    "2 sensors, noise 400%": ("T4", ("3.3e-4", "0.0033", "0.0326", "0.2811", "0.9730", "1.0000")),
+}
+"""The paper's tables 1 to 4: c at each of ``ALPHAS``, as printed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,6 +124,81 @@ class Part:
     """Of a clock, kept results not made again. [s]"""
     made: int
     """Scans made in that time."""
+
+
+def paper_results(parts: Sequence[Part], *, seed: int, quick: bool) -> dict[str, Any]:
+    """All figures of the page."""
+    costs = RunningCosts()
+    nothing = bill(costs, costs.alpha)
+    return {
+        "seed": seed,
+        "quick": quick,
+        "worlds": worlds_digest(),
+        "cores": os.cpu_count(),
+        "alphas": ALPHAS,
+        "thirds": THIRDS,
+        "printed": [
+            {"title": title, "table": table, "costs": cells} for title, (table, cells) in PRINTED.items()
+        ],
+        "costs": costs,
+        "alpha": costs.alpha,
+        "cents": {
+            "without": nothing.without,
+            "stopping_always": nothing.stopping_always,
+            "papers_one_sensor": bill(costs, 0.0338).with_system,
+        },
+        "parts": [_of_part(part) for part in parts],
+    }
+
+
+def _of_part(part: Part) -> dict[str, Any]:
+    result = part.result
+    return {
+        "pitch_mm": part.pitch_mm,
+        "plan": result.plan,
+        "press": part.press.digest,
+        "seconds": part.seconds,
+        "scans": part.made,
+        "good": result.good,
+        "bad": result.bad,
+        "kinds": [
+            {"kind": kind, "made": made, "unmade": result.unmade.get(kind, 0)}
+            for kind, made in result.made.items()
+        ],
+        "frames": [
+            {
+                "frame": frame,
+                "reading": str(result.readings[frame]),
+                "rows": [_of_judged(row) for row in rows],
+                "readings": [
+                    {"reading": str(reading), "cost": cost} for reading, cost in _shown(result.tuning[frame])
+                ],
+            }
+            for frame, rows in result.tables.items()
+        ],
+        "detectors": [_of_judged(row) for row in result.detectors],
+    }
+
+
+def _of_judged(row: DetectorRow) -> dict[str, Any]:
+    """One detector without its curve, and its cents per 10,000 pages at alpha = 0.1."""
+    costs = RunningCosts()
+    told = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "roc"}
+    return told | {
+        "oracle_cents": bill(costs, row.oracle[_AT_TENTH].value).with_system,
+        "honest_cents": bill(costs, row.honest[_AT_TENTH].value).with_system,
+    }
+
+
+def _shown(costs: dict[NetworkReading, float]) -> list[tuple[NetworkReading, float]]:
+    """The best readings, the best of each way to cut, read and bin, and the worst."""
+    ranked = sorted(costs, key=lambda reading: costs[reading])
+    shown = ranked[:_SHOWN_READINGS]
+    for field in ("windows", "reading", "binning", "unit"):
+        for value in dict.fromkeys(getattr(reading, field) for reading in costs):
+            shown.append(next(reading for reading in ranked if getattr(reading, field) == value))
+    unique = dict.fromkeys([*shown, ranked[-1]])
+    return [(reading, costs[reading]) for reading in sorted(unique, key=lambda reading: costs[reading])]
 
 
 def world_result(

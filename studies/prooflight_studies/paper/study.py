@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import varied
 from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.protocol import PilotWork, Plan, WatchWork, variation_models
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
-from prooflight_studies.paper.page import write_paper_page
 from prooflight_studies.paper.plots import draw_costs, draw_roc
-from prooflight_studies.paper.results import Part, world_result
+from prooflight_studies.paper.results import Part, paper_results, world_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,7 +97,7 @@ def run_paper_study(
     main = [parts[0], next(part for part in parts if part.result.plan.world == "press")]
     draw_roc(results / "paper-roc.png", [part.result for part in main])
     draw_costs(results / "paper-cost.png", [part.result for part in main])
-    write_paper_page(results / "paper.md", parts, seed=seed, quick=quick)
+    write_page(results / "paper.md", "paper", paper_results(parts, seed=seed, quick=quick))
     return parts
 
 

@@ -20,10 +20,10 @@ from prooflight.commissioning.training.learn import (
 from prooflight.commissioning.training.simulated_days import good_prior, good_residual_variance
 from prooflight.commissioning.training.train import calibrated_for
 from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
-from prooflight.files.atomic import whole_file
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
 from prooflight_studies.press.findings import PressFindings, PressPlan
@@ -36,7 +36,7 @@ from prooflight_studies.press.judging import (
     kept_promises,
     parts_of,
 )
-from prooflight_studies.press.page import page_lines
+from prooflight_studies.press.results import press_results
 from prooflight_studies.press.scans import ScatterWork, Scene, StatisticsWork
 
 if TYPE_CHECKING:
@@ -108,9 +108,7 @@ def run_press_study(
         ideal=judged(scans.ideal, scans.ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
         real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
     )
-    text = "\n".join(page_lines(found))
-    with whole_file(results / found.page) as unfinished:
-        unfinished.write_text(text + "\n", encoding="utf-8")
+    write_page(results / found.page, "press", press_results(found))
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
         _trained(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)

@@ -5,17 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.files.atomic import whole_file
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
 PANEL_INCH: Final = (5.2, 3.9)
@@ -34,12 +30,7 @@ def draw_registration(
 
     errors, good: rms with the local field, where there is content [pixels]; white (n,): shares; real (n,): real pages.
     """
-    figure = Figure(
-        figsize=(2 * PANEL_INCH[0], PANEL_INCH[1]),
-        dpi=110,
-        layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1),
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(2 * PANEL_INCH[0], PANEL_INCH[1], pads_inch=(0.1, 0.1))
     left, right = figure.subplots(1, 2)
     for (name, values), colour in zip(errors.items(), COLOURS, strict=False):
         ordered = np.sort(values[np.isfinite(values)])
@@ -59,17 +50,10 @@ def draw_registration(
     right.set(xlabel="White of the page [%]", ylabel="Error of a good print, rms [pixels]", ylim=(0, None))
     right.legend(loc="upper left", frameon=False)
     for axes in (left, right):
-        _plain(axes)
+        plain_axes(axes)
     left.set_xlim(0.02, None)
     left.set_xscale("log")
     ticks = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
     left.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     left.minorticks_off()
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")
-
-
-def _plain(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color="0.9", linewidth=0.8)
-    axes.set_axisbelow(True)
+    write_figure(figure, path)

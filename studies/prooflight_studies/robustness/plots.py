@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 from prooflight_studies.robustness.disturbances import AXES, NOTHING, SIZES, UNDISTURBED
 from prooflight_studies.robustness.results import CHI_SQUARE, PRINTED, TUNED
 
@@ -34,12 +31,7 @@ def draw_robustness(path: Path, result: RobustnessResult) -> None:
     """Honest c at alpha = 1 against the size of each error: kept as it was, and below it relearned; bars are 95 %."""
     beliefs = list(SIZES)
     blocks = -(-len(beliefs) // _COLUMNS)
-    figure = Figure(
-        figsize=(4.4 * _COLUMNS, 2.8 * len(_ROWS) * blocks + 0.9),
-        dpi=100,
-        layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06),
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(4.4 * _COLUMNS, 2.8 * len(_ROWS) * blocks + 0.9, dpi=100)
     panels = figure.subplots(len(_ROWS) * blocks, _COLUMNS, sharey=True)
     for place, belief in enumerate(beliefs):
         block, column = divmod(place, _COLUMNS)
@@ -54,8 +46,7 @@ def draw_robustness(path: Path, result: RobustnessResult) -> None:
     figure.suptitle(
         f"What a wrong belief costs, {result.plan.world} world; dashed: never stopping", fontsize=12
     )
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")
+    write_figure(figure, path)
 
 
 def _panel(axes: Axes, result: RobustnessResult, belief: Belief, when: When) -> None:
@@ -69,9 +60,7 @@ def _panel(axes: Axes, result: RobustnessResult, belief: Belief, when: When) -> 
         else:
             curve[right] = start
         _curve(axes, curve, when, name, colour, place)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color="#eeeeee")
-    axes.set_axisbelow(True)
+    plain_axes(axes)
     axes.set_ylim(-0.03, _TOP)
     axes.axhline(1, color="#888888", lw=0.8, ls="--")
     if belief in _LOGARITHMIC:

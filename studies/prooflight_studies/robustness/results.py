@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from scipy import special
@@ -21,8 +21,9 @@ from prooflight.detectors.paper.bayes import BayesianNetwork
 from prooflight.detectors.paper.evidence import interval_edges, interval_shares
 from prooflight.kernels.comparison.dither import CODE_STEPS
 from prooflight.rng import stream
+from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, scored, types_of
-from prooflight_studies.robustness.disturbances import Disturbance, all_disturbances
+from prooflight_studies.robustness.disturbances import NOTHING, SIZES, Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (
     DIFFERENCE,
     LEAST_MAGNITUDE,
@@ -39,7 +40,7 @@ from prooflight_studies.robustness.rows import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 
 ALPHA: Final = 1.0
 FALSE_ALARM_RATE: Final = 0.01
+HARMLESS: Final = 0.05
+"""A cost that rises by no more is called unmoved in the summary."""
 SETS: Final = ("learn", "tune", "test")
 CHI_SQUARE, TILE, PRINTED, TUNED = (
     "chi-square",
@@ -164,6 +167,74 @@ class RobustnessPart:
     press_digest: str
     pitch_mm: float
     result: RobustnessResult
+
+
+def page_results(parts: Sequence[RobustnessPart], *, command: str) -> dict[str, Any]:
+    """All figures of the page; command: what regenerates it."""
+    return {
+        "command": command,
+        "worlds": worlds_digest(),
+        "harmless": HARMLESS,
+        "beliefs": list(SIZES),
+        "parts": [_of_part(part) for part in parts],
+    }
+
+
+def _of_part(part: RobustnessPart) -> dict[str, Any]:
+    result = part.result
+    detectors = list(dict.fromkeys(point.detector for point in result.points))
+    disturbances = list(dict.fromkeys(point.disturbance for point in result.points))
+    ordered = sorted(
+        result.points,
+        key=lambda point: (disturbances.index(point.disturbance), detectors.index(point.detector)),
+    )
+    checks = sorted(result.checks, key=lambda check: check.factor)
+    return {
+        "plan": result.plan,
+        "pitch_mm": part.pitch_mm,
+        "press": part.press_digest,
+        "good": result.good,
+        "bad": result.bad,
+        "reading": str(result.reading),
+        "degrees": round(next(check.predicted for check in checks if check.factor == 1)),
+        "checks": [
+            {
+                "factor": check.factor,
+                "predicted": check.predicted,
+                "measured": check.measured,
+                "as_printed": check.score_change[PRINTED],
+                "tuned": check.score_change[TUNED],
+            }
+            for check in checks
+        ],
+        "rises": [
+            _rises(name, [point for point in result.points if point.detector == name]) for name in detectors
+        ],
+        "points": [
+            {
+                "belief": str(point.disturbance),
+                "detector": point.detector,
+                "kept": point.kept,
+                "relearned": point.relearned,
+            }
+            for point in ordered
+        ],
+    }
+
+
+def _rises(detector: str, points: Sequence[Point]) -> dict[str, Any]:
+    """The greatest rise of c over all sizes of each error, against no error."""
+    start = next(point for point in points if point.disturbance == NOTHING).kept.cost
+    rises = []
+    for belief in SIZES:
+        of_belief = [point for point in points if point.disturbance.belief == belief]
+        rises.append(
+            {
+                when: max(getattr(point, when).cost.value for point in of_belief) - start.value
+                for when in ("kept", "relearned")
+            }
+        )
+    return {"detector": detector, "start": start, "rises": rises}
 
 
 def robustness_result(rows: Rows, plan: Plan) -> RobustnessResult:

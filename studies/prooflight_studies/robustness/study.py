@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
 from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.protocol import Plan, in_both_worlds
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.paper.study import QUICK_PITCH_MM, SPECIMEN_SEED, at_pitch
 from prooflight_studies.robustness.disturbances import all_disturbances
-from prooflight_studies.robustness.page import write_robustness_page
 from prooflight_studies.robustness.plots import draw_robustness
-from prooflight_studies.robustness.results import RobustnessPart, RobustnessResult, robustness_result
+from prooflight_studies.robustness.results import (
+    RobustnessPart,
+    RobustnessResult,
+    page_results,
+    robustness_result,
+)
 from prooflight_studies.robustness.rows import SIDES, LearnGood, WatchWrong, learned
 
 if TYPE_CHECKING:
@@ -79,7 +84,7 @@ def run_robustness_study(
     options = f" --world {world}" if world else ""
     options += " --quick" if quick else ""
     command = f"prooflight study robustness --seed {seed}{options}"
-    write_robustness_page(results / "robustness.md", parts, command=command)
+    write_page(results / "robustness.md", "robustness", page_results(parts, command=command))
     return parts
 
 

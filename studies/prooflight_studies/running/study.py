@@ -23,14 +23,14 @@ from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row, soak_row
-from prooflight_studies.running.page import running_page
 from prooflight_studies.running.picture import draw_live
 from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
 PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "picture")
 SMALL_PIXELS: Final = 400
@@ -74,6 +74,30 @@ class Plan:
             prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, taught_designs=96,
             taught_pages=48, days=6,
         )  # fmt: skip
+
+
+def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
+    """All figures of the page, None for parts that were not measured; known: the parts that were."""
+    live = [row for name in ("repeated", "different", "ours") for row in known.get(name, [])]
+    # Sheets that came out unlike those shown cannot be told apart.
+    unknown = {
+        "taken_for_another_page": None,
+        "steps_lost": None,
+        "alarms": None,
+        "prints_that_alarm_anyway": None,
+    }
+    soak = known.get("soak")
+    if soak is not None:
+        soak = unknown | soak
+        if soak["alarms"] is not None:
+            counted = ("near_alarms", "near_sheets", "elsewhere_alarms", "elsewhere_sheets")
+            soak["alarms"] = dict.fromkeys(counted, 0) | soak["alarms"]
+    return {
+        "cores": cores,
+        "live": [{"late_sheets": []} | row for row in live],
+        "soak": soak,
+        **{part: known.get(part) for part in ("drift", "streak", "picture")},
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,5 +311,5 @@ class Study:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
     def _write_page(self) -> None:
-        with whole_file(self.out / "running.md") as unfinished:
-            unfinished.write_text(running_page(self._known(), cores=os.cpu_count() or 1), encoding="utf-8")
+        found = running_results(self._known(), cores=os.cpu_count() or 1)
+        write_page(self.out / "running.md", "running", found)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import tempfile
 import time
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from prooflight.line.outcomes import missing_page, skipped
 from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
-from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, turns
-from prooflight_studies.soak.page import SoakFigures, write_soak_page
+from prooflight.simulation.drum import AMOUNTS, LINE_FAULTS, ORDER_FAULTS, Drum, turns
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.page import write_page
 from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
 
 if TYPE_CHECKING:
@@ -41,6 +42,51 @@ BLOCKS_TIMED: Final = 45
 """A page's worth."""
 IN_STEP: Final = 2
 """Sheets from a fault's first on within which the run must be in step again."""
+UNITS: Final = {
+    "slip": "mm",
+    "stretch": "%",
+    "lost-lines": "lines",
+    "extra-lines": "lines",
+    "splice": "mm",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoakFigures:
+    """What came of the soak."""
+
+    kinds: dict[str, dict[str, int]]
+    """Of each kind: drawn, named, in_step."""
+    sheets: int
+    seen: int
+    """Sheets that came out; as many as passed, or some were lost or made up."""
+    false_faults: int
+    """Faults said of sheets that no fault concerned."""
+    wrong_pages: int
+    """Such sheets taken for another page or none."""
+    unlike: int
+    """Such sheets cut out otherwise than in a run without faults."""
+    missing_said: int
+    """Pages said to be missing."""
+    missing_true: int
+    """Of them, pages that did not come."""
+    missing_in_truth: int
+    paging_ms_per_page: float
+    """CPU time."""
+    notes: tuple[str, ...]
+    """What went wrong, one line each."""
+
+
+def soak_results(found: SoakFigures, size: Mapping[str, int], *, seed: int) -> dict[str, Any]:
+    """All figures of the page; size: of the job, as ``SIZE`` has it."""
+    kinds = []
+    for kind, counts in found.kinds.items():
+        least, greatest = AMOUNTS.get(kind, (0.0, 0.0))
+        amounts = {"unit": UNITS.get(kind), "least": least, "greatest": greatest}
+        kinds.append({"kind": kind, **amounts, **counts})
+    told = {field.name: getattr(found, field.name) for field in fields(found)}
+    stated = {"job": size, "seed": seed, "every": FAULT_EVERY, "apart": APART, "worlds": worlds_digest()}
+    return told | stated | {"kinds": kinds}
 
 
 def run_soak_study(
@@ -78,8 +124,7 @@ def run_soak_study(
         _usual(usual, len(ring.scans)),
         cpu_s=run.cpu_s,
     )
-    results.mkdir(parents=True, exist_ok=True)
-    write_soak_page(results / "soak.md", figures, size, seed=seed, every=FAULT_EVERY, apart=APART)
+    write_page(results / "soak.md", "soak", soak_results(figures, size, seed=seed))
     return figures
 
 

@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from prooflight.pages.job import open_job
 from prooflight.prediction.predict import looked_up
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
-from prooflight_studies.tables.page import BuiltPress, TableRow, Worst, write_table_page
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -38,6 +38,59 @@ all others."""
 QUICK_PAGES: Final = 5
 WORST: Final = 6
 _CHUNK: Final = 65_536
+GOAL_RMS_SIGMA: Final = 0.10
+"""A hundredth of the noise's variance: the tables then cost nothing that a detector could notice."""
+GOAL_WHITE_SIGMA: Final = 0.03
+GOAL_SIGMA_PERCENT: Final = 1.0
+GOAL_BUILD_S: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Worst:
+    """One of the colours farthest off."""
+
+    cmyk_percent: tuple[float, float, float, float]
+    error_sigma: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRow:
+    """One sensor's tables on one set of colours. Errors of the mean are in sigma of the temporal noise."""
+
+    press: str
+    inks: str
+    sensor: str
+    colours: str
+    different: int
+    rms_sigma: float
+    """Over different colours."""
+    rms_sigma_by_pixels: float
+    worst_page_rms_sigma: float
+    """Of the page where it is greatest, over its different colours."""
+    worst_page_rms_sigma_by_pixels: float
+    max_sigma: float
+    white_sigma: float
+    sigma_percent: float
+    """Rms error of the temporal sigma, over different colours. [%]"""
+    worst: tuple[Worst, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPress:
+    """What was measured, and how long it took to build."""
+
+    press: str
+    inks: str
+    digest: str
+    press_file_sha256: str
+    chart_digest: str
+    sensors: int
+    build_s: float
+    build_cpu_s: float
+    load: float
+    """Programs that wanted to run when it was built, this one included (average of a minute). [-]"""
+    cores: int
+    pixels: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,6 +167,23 @@ def with_chart(press_file: PressFile, chart: Path, *, model: str = "hybrid") -> 
     return PressFile(chart.parent / f"{press_file.name}-chart.toml", text)
 
 
+def table_results(
+    rows: Sequence[TableRow], built: Sequence[BuiltPress], sources: Mapping[str, str]
+) -> dict[str, Any]:
+    """All figures of the page; sources: what each set of colours is of."""
+    return {
+        "goals": {
+            "rms_sigma": GOAL_RMS_SIGMA,
+            "white_sigma": GOAL_WHITE_SIGMA,
+            "sigma_percent": GOAL_SIGMA_PERCENT,
+            "build_s": GOAL_BUILD_S,
+        },
+        "rows": rows,
+        "built": built,
+        "colours": [{"name": name, "source": source} for name, source in sources.items()],
+    }
+
+
 def run_table_study(
     press_files: Sequence[PressFile],
     jobs: Mapping[str, Path],
@@ -154,7 +224,8 @@ def run_table_study(
         for colours in sets:
             progress(f"exact model of {press.name} on {colours.name}")
             rows += judged(press.name, press_file.camera(), inks, press.sensors, colours)
-    write_table_page(results / "tables.md", rows, built, {colours.name: colours.source for colours in sets})
+    sources = {colours.name: colours.source for colours in sets}
+    write_page(results / "tables.md", "tables", table_results(rows, built, sources))
     return rows
 
 

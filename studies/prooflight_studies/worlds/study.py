@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.errors import InputError, RequestError
-from prooflight.files.atomic import whole_file
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
@@ -19,6 +18,7 @@ from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of, worlds_digest
 from prooflight_studies.edges.rig import Rig
+from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,7 +92,7 @@ def run_world_study(
     if len(rows) < wanted:
         what = f"only {len(rows)} of its PDFs have enough ink"
         raise RequestError(pages, what, remedy=f"give a folder of {wanted} printed pages")
-    _write(results, rows, seed)
+    write_page(results / "worlds.md", "worlds", world_results(rows, seed=seed))
     return rows
 
 
@@ -155,28 +155,16 @@ def together_rms(rows: list[Agreement]) -> tuple[float, float]:
     return over[0], over[1]
 
 
-def _write(results: Path, rows: list[Agreement], seed: int) -> None:
+def world_results(rows: list[Agreement], *, seed: int) -> dict[str, Any]:
+    """All figures of the page."""
     mean, variance = together_rms(rows)
-    head = [
-        "# Fast against full path in the press world",
-        "",
-        f"{len(rows)} pieces of {PIECE_MM[0]:g} x {PIECE_MM[1]:g} mm of as many pages, each with its own session and"
-        f" print (seed {seed}), the prototype's camera at s = 2, `worlds.toml` {worlds_digest()[:12]}. Fast: tables,"
-        " `simulating.fast`. Full: ink model, 36 bands, round diffraction, `simulating.exact`. Both get the same"
-        " session and print; noise is left out. Differences of means are in standard deviations of each pixel's noise"
-        " (temporal, halftone, rounding).",
-        "",
-        f"Over all pixels the means differ by **{mean:.3f} sigma** rms (goal {GOAL_SIGMA:g}), the variances by"
-        f" **{variance:.2%}** rms (goal {GOAL_VARIANCE:.0%}).",
-        "",
-        "| design | mean, rms | bias | greatest | variance, rms | bias | pixels over 3 % | fast, CPU s | full, CPU s |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    body = [
-        f"| {row.design} | {row.mean_rms_sigma:.3f} | {row.mean_bias_sigma:+.3f} | {row.mean_max_sigma:.2f} |"
-        f" {row.variance_rms:.2%} | {row.variance_bias:+.2%} | {row.over_3_percent:.2%} | {row.fast_cpu_s:.2f} |"
-        f" {row.full_cpu_s:.1f} |"
-        for row in rows
-    ]
-    with whole_file(results / "worlds.md") as unfinished:
-        unfinished.write_text("\n".join([*head, *body]) + "\n", encoding="utf-8")
+    return {
+        "seed": seed,
+        "worlds": worlds_digest(),
+        "piece_mm": PIECE_MM,
+        "mean_rms_sigma": mean,
+        "variance_rms": variance,
+        "goal_sigma": GOAL_SIGMA,
+        "goal_variance": GOAL_VARIANCE,
+        "pieces": rows,
+    }

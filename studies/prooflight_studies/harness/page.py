@@ -1,0 +1,172 @@
+"""The page of a study: what it found, kept as JSON, and written as Markdown by the template in the study's folder.
+
+A template sees the JSON and nothing else, so a page can be made again without measuring. What it names and the results
+do not have is an error.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
+
+from prooflight.detectors.operating import false_alarms_in_words
+from prooflight.errors import InputError
+from prooflight.files.atomic import whole_file
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+TEMPLATE: Final = "page.md.j2"
+STUDIES: Final = Path(__file__).resolve().parents[1]
+
+
+def write_page(path: Path, study: str, found: object) -> None:
+    """Write ``found`` beside ``path`` as JSON, and ``path`` from that; each whole or not at all.
+
+    study: the folder whose template is rendered. found: a dataclass or mapping that ``plain`` can take.
+    """
+    results = {"study": study, **plain(found)}
+    text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
+    _write(path.with_suffix(".json"), text + "\n")
+    _write(path, page_text(json.loads(text)))
+
+
+def page_again(results: Path, page: Path | None = None) -> Path:
+    """Write a page from results that ``write_page`` kept; returns its path, by default beside them.
+
+    InputError: the file is not a study's results, or lacks what the page says.
+    """
+    try:
+        kept = json.loads(results.read_text(encoding="utf-8"))
+        known = isinstance(kept, dict) and (STUDIES / str(kept["study"]) / TEMPLATE).is_file()
+    except (ValueError, KeyError, RecursionError) as error:
+        raise _not_results(results) from error
+    if not known:
+        raise _not_results(results)
+    page = page or results.with_suffix(".md")
+    try:
+        _write(page, page_text(kept))
+    except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise InputError(
+            results, f"lacks what its page says: {error}", remedy="run the study again"
+        ) from error
+    return page
+
+
+def page_text(results: Mapping[str, Any]) -> str:
+    """The page. UndefinedError: the template of ``results["study"]`` names what the results do not have."""
+    return _environment().get_template(f"{results['study']}/{TEMPLATE}").render(results)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(STUDIES),
+        undefined=StrictUndefined,
+        autoescape=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "number": number,
+        "short": short,
+        "interval": interval,
+        "slashed": slashed,
+        "row": row,
+        "false_alarms": false_alarms_in_words,
+    }
+    return environment
+
+
+def plain(value: Any) -> Any:
+    """The same in what JSON has: dataclasses become objects, tuples and arrays lists, NaN and infinities null.
+
+    TypeError: JSON has nothing for it.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            raise TypeError(f"keys of results are strings, not {list(value)}")
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (str, int)):
+        return value
+    raise TypeError(f"results hold no {type(value).__name__}")
+
+
+def number(value: float | None, spec: str, none: str = "-") -> str:
+    """A number by Python's format; ``none`` for null, where there is no number.
+
+    >>> number(1234.5, ",.2f"), number(0.1234, ".1%"), number(None, ".1f")
+    ('1,234.50', '12.3%', '-')
+    """
+    return none if value is None else format(+value, spec)  # the sign lets what is no number fail
+
+
+def short(value: float | None) -> str:
+    """Two or three digits, as few characters as the tables can do with.
+
+    >>> [short(v) for v in (0.0000123, 0.0123, 0.123, 1.234, 12.34, 0.0)]
+    ['1.2e-05', '0.012', '0.123', '1.23', '12.3', '0']
+    """
+    if value == 0:
+        return "0"
+    if value is not None and value < 0.001:
+        return number(value, ".1e")
+    return number(value, ".2g" if value is not None and value < 0.1 else ".3g")
+
+
+def interval(found: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
+    """An estimate with its interval; spec: as for ``number``, ``short`` where there is none.
+
+    >>> interval({"value": 0.5, "low": 0.25, "high": 1.0}, ".2f", "-")
+    '0.50 [0.25-1.00]'
+    """
+    value, low, high = (
+        short(found[name]) if spec is None else number(found[name], spec) for name in ("value", "low", "high")
+    )
+    return f"{value} [{low}{to}{high}]"
+
+
+def slashed(values: Iterable[object]) -> str:
+    """Counts and words beside each other.
+
+    >>> slashed([1000, 20, "many"])
+    '1,000 / 20 / many'
+    """
+    return " / ".join(f"{value:,}" if isinstance(value, int) else str(value) for value in values)
+
+
+def row(cells: Iterable[object]) -> str:
+    """A row of a table, where a template cannot know how many cells there are.
+
+    >>> row(["a", 1])
+    '| a | 1 |'
+    """
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+def _not_results(path: Path) -> InputError:
+    return InputError(
+        path, "is not the results of a study", remedy="give the JSON that lies beside a study's page"
+    )

@@ -1,0 +1,238 @@
+"""The press study's findings -> the figures of its page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy import special
+
+from prooflight.detectors.operating import at_threshold, bootstrap_cost
+from prooflight.rng import stream
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.worlds import worlds, worlds_digest
+from prooflight_studies.press.judging import (
+    ALPHAS,
+    FALSE_ALARM_RATE,
+    FOREST_OF_FAMILIES,
+    OURS,
+    promised_by_others,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.operating import Interval
+    from prooflight_studies.harness.result_cache import Rows
+    from prooflight_studies.press.findings import PressFindings
+    from prooflight_studies.press.judging import MethodResult
+
+THIRDS: Final = ("mild", "middle", "severe")
+NEAR_MM: Final = 5.0
+"""A place that is said lies right if its middle is no further from the misprint (assumed: what a person sees)."""
+SIGMA_OFF: Final = 1.3
+ALARMED: Final = 0.5
+REAL_PROMISE: Final = 0.05
+"""What so few real pages can promise with more than one of them above the threshold."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """Of how many, and which share of them. [-]"""
+
+    share: float | None
+    """None: there are none."""
+    of: int
+
+    @classmethod
+    def where(cls, alarm: NDArray[np.bool_]) -> Share:
+        """The share of those that are true."""
+        return cls(share=float(alarm.mean()) if alarm.size else None, of=alarm.size)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One way to judge."""
+
+    name: str
+    good: int
+    bad: int
+    costs: list[Interval]
+    """c at each of ``ALPHAS``, and the rates there."""
+    alarms: list[int]
+    missed: list[float]
+    promised_false_alarms: float
+    promised_misses: float
+    """At the promised 1 %."""
+    caught: float
+    area: float
+
+    @classmethod
+    def of(cls, name: str, one: MethodResult, rng: np.random.Generator) -> Method:
+        """rng: draws the designs of the intervals."""
+        at_promise = at_threshold(one.at(one.promised), ALARMED)
+        bad = one.scored.bad
+        return cls(
+            name=name,
+            good=int((~bad).sum()),
+            bad=int(bad.sum()),
+            costs=[
+                bootstrap_cost(one.at(alarm), alpha, threshold=ALARMED, rng=rng)
+                for alarm, alpha in zip(one.alarms, ALPHAS, strict=True)
+            ],
+            alarms=[int((alarm & ~bad).sum()) for alarm in one.alarms],
+            missed=[at_threshold(one.at(alarm), ALARMED).misses for alarm in one.alarms],
+            promised_false_alarms=at_promise.false_alarms,
+            promised_misses=at_promise.misses,
+            caught=one.caught,
+            area=one.area,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Promise:
+    """What was promised, and what came."""
+
+    rate: float
+    basis: str
+    pages: int
+    alarms: int
+    below: float
+    """The upper end of the rate's exact 95 % interval (Clopper and Pearson 1934, one-sided)."""
+    caught: float | None
+    """Share of misprints; None: there were none."""
+
+    @classmethod
+    def of(
+        cls, rate: float, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
+    ) -> Promise:
+        """alarms: of good pages; caught: alarms of misprints."""
+        count, pages = int(alarms.sum()), max(alarms.size, 1)
+        return cls(
+            rate=rate,
+            basis=basis,
+            pages=pages,
+            alarms=count,
+            below=float(special.betaincinv(count + 1, pages - count, 0.95)) if count < pages else 1.0,
+            caught=None if caught is None else float(caught.mean()),
+        )
+
+
+def press_results(found: PressFindings) -> dict[str, Any]:
+    """All figures of the page."""
+    rows, verdicts, plan = found.main, found.verdicts, found.plan
+    ours = verdicts.methods[OURS]
+    rng = stream(plan.seed, "press-bootstrap")
+    return {
+        "pitch_mm": found.pitch_mm,
+        "fringes": found.fringes,
+        "plan": plan,
+        "days": len(np.unique(rows["day"])),
+        "unmade": rows["unmade_kind"].size,
+        "worlds": worlds_digest(),
+        "alphas": ALPHAS,
+        "thirds": THIRDS,
+        "ours": OURS,
+        "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
+        "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
+        "caught": [
+            {"at": "the promised 1 %", **_by_severity(rows, ours.promised)},
+            {"at": "alpha = 1", **_by_severity(rows, ours.alarms[ALPHAS.index(1.0)])},
+        ],
+        "where": _places_and_kinds(rows, ours.promised, verdicts.kinds, verdicts.boxes),
+        "promises": list(_promises(found)),
+        "real": None if found.real is None else _real(found.real, ours, plan.seed),
+        "ideal": Method.of(OURS, found.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
+    }
+
+
+def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
+    """Caught by kind and severity third."""
+    kind = rows["kind"]
+    third = np.minimum((rows["severity"] * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
+    kinds = []
+    for one in (*KINDS, "all"):
+        here = (kind != "") if one == "all" else (kind == one)
+        shares = [Share.where(alarm[here & (third == place)]) for place in range(len(THIRDS))]
+        kinds.append({"kind": one, "shares": [*shares, Share.where(alarm[here])]})
+    return {"kinds": kinds, "upper": Share.where(alarm[(kind != "") & (third > 0)])}
+
+
+def _places_and_kinds(
+    rows: Rows, alarm: NDArray[np.bool_], kinds: NDArray[np.str_], boxes: NDArray[np.float32]
+) -> dict[str, Any]:
+    """How often place and kind of what was caught are right."""
+    scope = {entry["kind"]: entry["scope"] for entry in worlds()["misprint"]}
+    local = np.array([scope.get(kind) == "local" for kind in rows["kind"].tolist()])
+    caught = alarm & (rows["kind"] != "")
+    right = near(boxes, rows["places"])
+    of_kinds = []
+    for one in KINDS:
+        here = caught & (rows["kind"] == one)
+        wrong = kinds[here & (kinds != one)]
+        names, count = np.unique(wrong, return_counts=True)
+        of_kinds.append(
+            {
+                "kind": one,
+                "place": Share.where(right[here]) if scope[one] == "local" else None,
+                "named": Share.where(kinds[here] == one),
+                "taken_for": {"kind": names[count.argmax()], "times": count.max()} if wrong.size else None,
+            }
+        )
+    return {
+        "near_mm": NEAR_MM,
+        "place": Share.where(right[caught & local]),
+        "named": Share.where((kinds == rows["kind"])[caught]),
+        "kinds": of_kinds,
+    }
+
+
+def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Whether the middle of each box (n, 4) lies within ``NEAR_MM`` of one of the places (n, m, 4). [mm]"""
+    middle = boxes[:, None, :2] + boxes[:, None, 2:] / 2
+    low, high = places[..., :2], places[..., :2] + places[..., 2:]
+    with np.errstate(invalid="ignore"):
+        off = np.maximum(np.maximum(low - middle, middle - high), 0)
+        return np.asarray((np.hypot(off[..., 0], off[..., 1]) <= NEAR_MM).any(axis=1))
+
+
+def _promises(found: PressFindings) -> Iterator[Promise]:
+    ours, rows = found.verdicts.methods[OURS], found.main
+    good = ~ours.scored.bad
+    setting = round(int(good.sum()) / len(np.unique(ours.part))) + found.plan.promise
+    for kept in found.kept:
+        basis = f"{kept.designs} designs that did nothing else"
+        yield Promise.of(kept.rate, basis, kept.alarms[good], kept.alarms[~good])
+    for tried in found.tried:
+        basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
+        yield Promise.of(tried.rate, basis, tried.alarms)
+    basis = f"{setting} designs, these and those of another part"
+    yield Promise.of(FALSE_ALARM_RATE, basis, ours.promised[good], ours.promised[~good])
+    off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
+    about = f"{SIGMA_OFF - 1:.0%}"
+    yield Promise.of(
+        FALSE_ALARM_RATE, f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off]
+    )
+    yield Promise.of(
+        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", ours.promised[good & ~off]
+    )
+    for what, alarms in found.looser.items():
+        yield Promise.of(FALSE_ALARM_RATE, what, alarms)
+
+
+def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
+    """Real pages beside composed ones, and what they promise each other."""
+    rng = stream(seed, "press-bootstrap-real")
+    bad = real.scored.bad
+    rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))
+    alarms = promised_by_others(real.scored, rate)
+    return {
+        "pages": len(np.unique(real.scored.design)),
+        "methods": [Method.of(name, one, rng) for name, one in (("real", real), ("composed", ours))],
+        "rate": rate,
+        "false_alarms": float(alarms[~bad].mean()),
+        "caught": float(alarms[bad].mean()),
+    }

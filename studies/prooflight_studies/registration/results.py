@@ -1,0 +1,111 @@
+"""Rows of the registration study -> the figures of its page: how well pages are found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.registration.picture import draw_registration
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+MEASURES: Final = ("global", "rms", "p99", "worst", "mean")
+COLUMNS: Final = (
+    *("design", "real", "condition", "white", "found", "off_place"),
+    *(f"{area}_{measure}" for area in ("all", "content") for measure in MEASURES),
+    *("sd", "tiles", "matching", "foreign", "residual"),
+)
+NAMES: Final = ("good", "missing plane", "missing block", "far off", "another page")
+WHITE: Final = 0.6
+GOALS: Final = (
+    ("global part", "content_global", 0.05),
+    ("with the local field", "content_rms", 0.12),
+    ("99th percentile", "content_p99", 0.3),
+)
+"""In words, in ``summary``, and the limit. [pixels]"""
+
+
+def _column(rows: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    return rows[:, COLUMNS.index(name)]
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def summary(rows: NDArray[np.float64]) -> dict[str, float]:
+    """Root mean squares over scans that were found; p99 is the median and the mean over scans."""
+    kept = rows[_column(rows, "found") > 0]
+    measures: dict[str, float] = {"scans": len(rows), "found": len(kept)}
+    for area in ("content", "all"):
+        measures |= {f"{area}_{name}": _rms(_column(kept, f"{area}_{name}")) for name in ("global", "rms")}
+        measures[f"{area}_p99"] = float(np.nanmean(_column(kept, f"{area}_p99"))) if len(kept) else np.nan
+    return measures
+
+
+def register_results(
+    whole: NDArray[np.float64], crops: NDArray[np.float64], *, seed: int, facts: str
+) -> dict[str, Any]:
+    """All figures of the page, from rows of ``COLUMNS``; facts: of camera and raster, in words."""
+    condition, white = _column(whole, "condition"), _column(whole, "white")
+    good = condition == 0
+    groups = {
+        "good prints": whole[good],
+        "of them, real pages": whole[good & (_column(whole, "real") > 0)],
+        f"of them, under {WHITE:.0%} white": whole[good & (white < WHITE)],
+        f"of them, {WHITE:.0%} white or more": whole[good & (white >= WHITE)],
+        "a plane missing": whole[condition == 1],
+        "a block missing": whole[condition == 2],
+    }
+    table = {name: summary(rows) for name, rows in groups.items()}
+    silent = {name: _silent(crops[_column(crops, "condition") == i]) for i, name in enumerate(NAMES)}
+    designs, real = (
+        len(np.unique(rows[:, :2], axis=0)) for rows in (whole, whole[_column(whole, "real") > 0])
+    )
+    return {
+        "seed": seed,
+        "worlds": worlds_digest(),
+        "facts": facts,
+        "designs": designs,
+        "real": real,
+        "scans": len(whole),
+        "goals": [
+            {"name": name, "reached": table["good prints"][key], "limit": limit} for name, key, limit in GOALS
+        ],
+        "whole": table,
+        "silent": silent | {"whole pages": _silent(whole)},
+    }
+
+
+def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
+    """The picture of the errors of whole pages, from rows of ``COLUMNS``."""
+    condition, found = _column(whole, "condition"), _column(whole, "found") > 0
+    rms = _column(whole, "content_rms")
+    shown = (condition == 0) & found
+    draw_registration(
+        path,
+        {
+            name: rms[found & (condition == i)]
+            for i, name in enumerate(("good prints", "a plane missing", "a block missing"))
+        },
+        _column(whole, "white")[shown],
+        rms[shown],
+        _column(whole, "real")[shown] > 0,
+    )
+
+
+def _silent(rows: NDArray[np.float64]) -> dict[str, int]:
+    found = _column(rows, "found") > 0
+    return {
+        "scans": len(rows),
+        "found": int(found.sum()),
+        "off place": int((_column(rows, "off_place") > 0).sum()),
+        "wrong": int((found & (_column(rows, "content_mean") > 1)).sum()),
+        "wrong somewhere": int((found & (_column(rows, "content_worst") > 1)).sum()),
+    }

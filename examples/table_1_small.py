@@ -20,8 +20,7 @@ from matplotlib.figure import Figure
 import prooflight as pf
 from prooflight.press.press_file import TWO_SENSORS
 from prooflight_studies.harness.protocol import Plan
-from prooflight_studies.paper.page import PRINTED
-from prooflight_studies.paper.results import ALPHAS
+from prooflight_studies.paper.results import ALPHAS, PRINTED
 from prooflight_studies.paper.study import at_pitch, run_part
 
 PITCH_MM = 1.016

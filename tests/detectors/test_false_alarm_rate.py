@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, Promise
-from prooflight.detectors.operating import conformal_threshold
+from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, Promise, conformal_threshold
 
 
 def good(count: int, seed: int, *, scale: float = 1.0) -> GoodScores:

@@ -29,11 +29,11 @@ from prooflight.press.press_file import PressFile
 from prooflight.registration.register import prepare, register
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
-from prooflight.simulation.exact import Specimen, exact_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
+from prooflight_studies.exact.scans import Specimen, exact_scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable

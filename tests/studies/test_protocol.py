@@ -11,10 +11,11 @@ from scipy import stats
 from tests.fuzz.press_mutants import bytes_spoilt
 
 from prooflight.detectors.paper.evidence import INTERVALS
-from prooflight.detectors.paper.windows import window_means, window_statistics
+from prooflight.detectors.paper.windows import window_statistics
 from prooflight.prediction.predict import predict
 from prooflight.simulation.captures import Room, noisier_tables
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.error_map import window_means
 from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
 from prooflight_studies.harness.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.operating import bill, false_alarms_in_words
 from prooflight.files.atomic import whole_file
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.design.results import PAGES
+from prooflight_studies.harness.operating import bill, false_alarms_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.operating import Interval
     from prooflight_studies.design.choices import Prices
     from prooflight_studies.design.results import DesignRow
+    from prooflight_studies.harness.operating import Interval
     from prooflight_studies.harness.protocol import Plan
 
 _READING: Final = """\

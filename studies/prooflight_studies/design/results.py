@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import (
+from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.operating import (
     PERCENTILES,
     RESAMPLES,
     Interval,
@@ -16,7 +17,6 @@ from prooflight.detectors.operating import (
     bill,
     least_cost,
 )
-from prooflight_studies.harness.baselines import PEERS
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.operating import Scored
     from prooflight.simulation.captures import World
+    from prooflight_studies.harness.operating import Scored
     from prooflight_studies.harness.result_cache import Rows
 
 PAGES: Final = 10_000

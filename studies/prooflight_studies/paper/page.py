@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.operating import bill, false_alarms_in_words
 from prooflight.files.atomic import whole_file
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import bill, false_alarms_in_words
 from prooflight_studies.paper.results import ALPHAS, THIRDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.operating import Interval
+    from prooflight_studies.harness.operating import Interval
     from prooflight_studies.paper.results import Judged, Part, WorldResult
 
 PRINTED: Final = {

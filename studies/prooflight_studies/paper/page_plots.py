@@ -9,10 +9,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from prooflight.detectors.operating import area_under_roc, least_cost, roc
 from prooflight.detectors.paper.windows import SHARE_SIGMAS
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.harness.operating import area_under_roc, least_cost, roc
 from prooflight_studies.paper.page_samples import SIDE
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.detectors.operating import Scored
+    from prooflight_studies.harness.operating import Scored
     from prooflight_studies.paper.page_samples import Samples
 
 _NAMES: Final = ("mean", "minimum", f"share below {SHARE_SIGMAS:g}")

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import (
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.operating import (
     Interval,
     Scored,
     area_under_roc,
@@ -19,8 +21,6 @@ from prooflight.detectors.operating import (
     least_cost,
     roc,
 )
-from prooflight.simulation.misprints.kinds import KINDS
-from prooflight_studies.harness.baselines import PEERS
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
     bayes_scores,

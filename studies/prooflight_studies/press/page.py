@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy import special
 
-from prooflight.detectors.operating import at_threshold, bootstrap_cost, false_alarms_in_words
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
+from prooflight_studies.harness.operating import at_threshold, bootstrap_cost, false_alarms_in_words
 from prooflight_studies.press.judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
 
 if TYPE_CHECKING:

@@ -19,10 +19,11 @@ from prooflight.commissioning.training.learn import (
 )
 from prooflight.commissioning.training.simulated_days import good_prior, good_spread
 from prooflight.commissioning.training.train import calibrated_for
-from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
+from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.files.atomic import whole_file
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import Scored, least_cost
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
 from prooflight_studies.press.findings import PressFindings, PressPlan

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.operating import false_alarms_in_words
 from prooflight.files.atomic import whole_file
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import false_alarms_in_words
 from prooflight_studies.robustness.disturbances import NOTHING, SIZES
 from prooflight_studies.robustness.results import PRINTED, TUNED
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.false_alarm_rate import GoodScores, Promise, posterior_bound
+from prooflight.detectors.false_alarm_rate import GoodScores, Promise, least_promise, posterior_bound
 from prooflight.detectors.matched_filter.model import TolerancePress
 from prooflight.detectors.matched_filter.statistics.statistic import stated
-from prooflight.detectors.operating import least_promise
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError

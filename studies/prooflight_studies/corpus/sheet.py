@@ -12,9 +12,10 @@ import numpy as np
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
-from prooflight.simulation.corpus.corpus import Corpus, Folder
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.corpus.figures import PageFigures, page_figures, summary, table
 from prooflight_studies.corpus.page import write_corpus_page
+from prooflight_studies.harness.folder import Folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

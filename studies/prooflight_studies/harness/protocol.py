@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.commissioning.characterise import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
-from prooflight.simulation.captures import Printed, Room, World, noisier_tables
+from prooflight.simulation.captures import Printed, Room, World
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.session import true_sensors
 from prooflight.simulation.worlds import known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
@@ -169,7 +171,7 @@ class WatchWork:
     ) -> Iterator[dict[str, Any]]:
         seen = bench.room.seen(printed, rng)
         for noise in self.plan.noises:
-            scan = bench.room.recorded(bench.room.noisier(seen, noise), rng)
+            scan = bench.room.recorded(noisier(bench.room, seen, noise), rng)
             of_frames = [
                 measure(
                     measured,
@@ -254,3 +256,28 @@ def _cut(
     """One area of a scan and of its prediction, each in one piece of memory."""
     expected, variance = (np.ascontiguousarray(a[area]) for a in (seen.expected_dn, seen.variance_dn2))
     return np.ascontiguousarray(scan[area]), Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+def noisier(room: Room, seen: Prediction, times: float) -> Prediction:
+    """What ``room.seen`` gives, seen by a camera of ``times`` the temporal sigma (shot, dark and read together).
+
+    Rounding, fixed patterns and whatever the print does stay as they are.
+    """
+    if room.session is None or times == 1:
+        return noisier_tables(seen, times)
+    variance = seen.variance_dn2.copy()
+    for index, sensor in enumerate(true_sensors(room.session, room.press)):
+        light = seen.expected_dn[index] - sensor.model.column_offset_dn
+        steps = np.linspace(0, sensor.noise_top_dn, sensor.noise_dn2.size)
+        variance[index] += (times**2 - 1) * np.interp(light, steps, sensor.noise_dn2)
+    return replace(seen, variance_dn2=variance)
+
+
+def noisier_tables(expected: Prediction, times: float) -> Prediction:
+    """What tables expect that were made for ``times`` the temporal sigma; rounding stays as it is."""
+    if times == 1:
+        return expected
+    rounding = np.float32(ROUNDING_DN2)
+    return replace(
+        expected, variance_dn2=(expected.variance_dn2 - rounding) * np.float32(times**2) + rounding
+    )

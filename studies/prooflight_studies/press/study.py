@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
-    from prooflight.simulation.corpus.corpus import Folder
+    from prooflight_studies.harness.folder import Folder
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows, Work
     from prooflight_studies.press.judging import Verdicts

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from prooflight.commissioning.characterise import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction, predict
-from prooflight.simulation.captures import ROUNDING_DN2
 
 if TYPE_CHECKING:
     from prooflight.pages.raster import Page

@@ -84,16 +84,6 @@ class Evidence:
         """(sensors, intervals) of the whole page."""
         return self.tile_histogram.sum(axis=(1, 2))
 
-    @property
-    def tile_inside(self) -> NDArray[np.float64]:
-        """(sensors, tile rows, tile columns) fraction of pixels with |z| < 43/64: the paper's 0.675, half of N(0, 1).
-
-        From the histogram, so with rounding allowed for; 0.4984 on a good page.
-        """
-        quarter = INTERVALS // 4
-        inside = self.tile_histogram[..., quarter:-quarter].sum(axis=-1)
-        return np.asarray(inside / self.tile_histogram.sum(axis=-1))
-
 
 class Camera(NamedTuple):
     """Scales of a prediction in integers as the compiled loops want them."""

@@ -1,7 +1,6 @@
 """What tests use in place of data made by others, which lies in the folder ``shared`` beside the repository if at all.
 
-A test runs on the stand-in always, and on the others' data where it is there (``others``); ``test_others_data.py``
-says which data is missing, once a kind.
+A test runs on the stand-in always, and on the others' data where it is there.
 """
 
 from __future__ import annotations
@@ -16,23 +15,24 @@ from prooflight.inks.built_in import built_in_inks
 from prooflight.spectra import lab
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
-KINDS = {
-    "characterisation data": "data/charac",
-    "golden pairs": "data/deeppcb",
-    "ICC profiles": "data/icc",
-    "illuminants": "data/illum",
-    "numbers of ISETCam": "oracle",
-    "pages": "data/pages",
-    "a measured chart": "data/spectral",
+OTHERS = {
+    "a measured chart": ("data/spectral/APTEC_PC11_CCNB_2023_v1_Spectral.txt",),
+    "characterisation data": tuple(f"data/charac/{name}.ti3" for name in ("FOGRA39L", "TR002", "FOGRA28L")),
+    "golden pairs": ("data/deeppcb",),
+    "ICC profiles": tuple(
+        f"data/icc/{name}_mth.icc" for name in ("GRACoL2013coated_320", "PSOcoated_v3_300")
+    ),
+    "pages": ("data/pages/d000.pdf",),
 }
-"""What others made, and where it lies below ``SHARED``."""
+"""What others made, by its kind: files below ``SHARED``."""
 D50 = struct.pack(">3i", 63190, 65536, 54061)
 """X, Y, Z of ICC's white, s15Fixed16."""
 
 
-def others(*places: str) -> list[Path]:
-    """Those of these files below ``SHARED`` that are there."""
-    return [path for path in (SHARED / place for place in places) if path.exists()]
+def others(kind: str) -> list[Path]:
+    """The files of that kind, if they are there: what parametrises a test beside its stand-in."""
+    paths = [SHARED / place for place in OTHERS[kind]]
+    return paths if all(path.exists() for path in paths) else []
 
 
 @cache

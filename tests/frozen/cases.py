@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import tifffile
+from tests.stand_ins import SHARED
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import taught
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Figures = dict[str, Any]
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 SIGNS = 6
 """Sums of an array with signs drawn at random, that stand for all its numbers."""
 

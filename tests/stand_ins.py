@@ -8,11 +8,16 @@ from __future__ import annotations
 import struct
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image
 
 from prooflight.inks.built_in import built_in_inks
 from prooflight.spectra import lab
+
+if TYPE_CHECKING:
+    from prooflight.pages.raster import Page
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
 OTHERS = {
@@ -91,4 +96,12 @@ def _table(inputs: int, outputs: int, count: int, nodes: np.ndarray) -> bytes:
     )
     return (
         head + inputs * straight + np.rint(nodes).clip(0, 65535).astype(">u2").tobytes() + outputs * straight
+    )
+
+
+def write_jpeg(page: Page, path: Path, *, quality: int = 95) -> None:
+    """Write a page as a CMYK JPEG as Adobe stores it (inverted), not subsampled; the resolution is rounded."""
+    dpi = round(page.dpi)
+    Image.fromarray(page.cmyk, mode="CMYK").save(
+        path, format="JPEG", quality=quality, subsampling=0, dpi=(dpi, dpi)
     )

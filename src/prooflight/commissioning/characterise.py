@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.camera.camera import expose_flat
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.prediction.tables import node_fractions
 
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import FixedPattern, LineSensor
     from prooflight.inks.reflectance import ReflectanceModel
-
-ROUNDING_DN2 = 1 / 12
-"""Variance that rounding to integers adds (a uniform error of one code)."""
 
 
 def signal_dn(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:

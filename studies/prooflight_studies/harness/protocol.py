@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.characterise import ROUNDING_DN2
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
 from prooflight.simulation.captures import Printed, Room, World

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from prooflight.commissioning.characterise import ROUNDING_DN2
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction, predict
 
 if TYPE_CHECKING:

@@ -15,10 +15,11 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.journal.journal import Journal, RunFacts
 from prooflight.line.outcomes import absent, passed
-from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
+from prooflight.line.pager import MissingPage, Pager, SeenPage
 from prooflight.press.press_file import PressFile
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight_studies.soak.page import SoakFigures, write_soak_page
+from prooflight_studies.soak.repeated_job import RepeatedJob
 from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
 
 if TYPE_CHECKING:

@@ -35,17 +35,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     scan = ideal_scan(expected, press, np.random.default_rng(2))
     scatter = Scatter.white()
 
-    def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:
+    def prepared(*, fringes: bool = False) -> PreparedPage:
         in_place = predict(page, sensors=sensors, geometry=geometry, threads=1)
-        return prepare_page(
-            page, in_place, sensors=sensors, geometry=geometry, sharing=sharing, fringes=fringes
-        )
+        return prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=fringes)
 
-    own, shared, followed = (
-        prepared(sharing=False),
-        prepared(sharing=True),
-        prepared(sharing=False, fringes=True),
-    )
+    own, followed = prepared(), prepared(fringes=True)
 
     def seen(known: PreparedPage) -> Looked:
         return look(known, scan, sensors=sensors, geometry=geometry)
@@ -53,15 +47,14 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     def said(looked: Looked) -> object:
         return all_said(looked.sums, looked.fit, looked.found, scatter)
 
-    looked = seen(shared)
+    looked = seen(own)
     size = scan[0].size / 1e6
     return {
-        f"our detector: whole, shared prediction, {name}": (lambda: said(seen(shared)), size),
         f"our detector: whole, each predicted, {name}": (lambda: said(seen(own)), size),
-        f"our detector: whole, fresh design, {name}": (lambda: said(seen(prepared(sharing=False))), size),
+        f"our detector: whole, fresh design, {name}": (lambda: said(seen(prepared())), size),
         f"our detector: whole, each predicted, fringes, {name}": (lambda: said(seen(followed)), size),
-        f"our detector: prepare, {name}": (lambda: prepared(sharing=False), size),
-        f"our detector: prepare, fringes, {name}": (lambda: prepared(sharing=False, fringes=True), size),
-        f"our detector: look, {name}": (lambda: seen(shared), size),
+        f"our detector: prepare, {name}": (prepared, size),
+        f"our detector: prepare, fringes, {name}": (lambda: prepared(fringes=True), size),
+        f"our detector: look, {name}": (lambda: seen(own), size),
         f"our detector: statistics, {name}": (lambda: said(looked), size),
     }

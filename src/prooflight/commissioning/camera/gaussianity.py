@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.commissioning.characterise import ROUNDING_DN2, signal_dn, variance_dn2
+from prooflight.camera.sensor import ROUNDING_DN2
+from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.press.artefact import ClippedShare
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.false_alarm_rate import conformal_threshold, least_promise
+from prooflight.detectors.false_alarm_rate import conformal_threshold, least_false_alarm_rate
 from prooflight_studies.harness.operating import (
     Scored,
     area_under_roc,
@@ -135,7 +135,7 @@ def test_the_oracles_interval_holds_what_the_oracle_found() -> None:
 
 
 def test_a_promise_needs_enough_designs() -> None:
-    assert least_promise(199) == 0.005
+    assert least_false_alarm_rate(199) == 0.005
     score, design = np.arange(199.0), np.arange(199)
     assert conformal_threshold(score, design, false_alarm_rate=0.005) == 198
     assert conformal_threshold(score, design, false_alarm_rate=0.01) == 197

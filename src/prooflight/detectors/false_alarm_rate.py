@@ -20,7 +20,7 @@ UNSURE: Final = 1.28
 """Standard deviations by which a tail's mean excess is taken too large: its upper 90 % bound."""
 
 
-def least_promise(designs: int) -> float:
+def least_false_alarm_rate(designs: int) -> float:
     """Least false-alarm rate that so many exchangeable good designs can promise without a model: 1 / (n + 1). [-]"""
     return 1 / (designs + 1)
 
@@ -38,7 +38,7 @@ def conformal_threshold(
     np.maximum.at(worst, np.unique(design, return_inverse=True)[1], score)
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
     if rank > len(worst):
-        message = f"{len(worst)} designs cannot promise less than {least_promise(len(worst)):.2g}"
+        message = f"{len(worst)} designs cannot promise less than {least_false_alarm_rate(len(worst)):.2g}"
         raise ValueError(message)
     return float(np.sort(worst)[rank - 1])
 
@@ -67,7 +67,7 @@ class Promise:
         basis = " and ".join(sources)
         if self.conformal:
             return f"{odds}; by count, from {basis}"
-        least = 1 / least_promise(self.simulated + self.real)
+        least = 1 / least_false_alarm_rate(self.simulated + self.real)
         return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
 
 
@@ -89,7 +89,7 @@ class GoodScores:
     @property
     def least_rate(self) -> float:
         """Rarest rate that these designs allow to speak of, by drawing on their tail. [-]"""
-        return least_promise(self.worst.size) / FURTHEST
+        return least_false_alarm_rate(self.worst.size) / FURTHEST
 
     def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
         """Which score a new design's good page exceeds at most so often, and whether that is by count (conformal).
@@ -98,7 +98,7 @@ class GoodScores:
         times ln(share in the tail / rate), and no less than the greatest score seen.
         """
         count = self.worst.size
-        if false_alarm_rate >= least_promise(count):
+        if false_alarm_rate >= least_false_alarm_rate(count):
             every = np.arange(count)
             return conformal_threshold(self.worst, every, false_alarm_rate=false_alarm_rate), True
         begin, excess, share = self._tail

@@ -20,6 +20,7 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.sampling import LensCorrection, transfer
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight_studies.exact.exposure import MARGIN_PIXELS, page_electrons, page_taps
 
@@ -56,7 +57,7 @@ class Rig:
         camera = press_file.camera()
         sensors = tuple(replace(sensor, pixels=press.geometry.pixels) for sensor in camera.sensors)
         camera = replace(camera, sensors=sensors)
-        rng = np.random.default_rng(seed)
+        rng = stream(seed, "specimen")
         patterns = tuple(draw_fixed_pattern(sensor, rng) for sensor in camera.sensors)
         return cls(press_file=press_file, camera=camera, patterns=patterns, press=press)
 

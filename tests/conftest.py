@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests.stand_ins import SHARED
 
 from prooflight.camera.camera import Camera
 from prooflight.camera.light import Light
@@ -30,7 +31,6 @@ settings.register_profile("same everywhere", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=300)
 settings.load_profile("same everywhere")
 
-SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
 
 BLUE_SENSOR = """
 [[sensor]]

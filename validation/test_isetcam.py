@@ -21,22 +21,19 @@ if TYPE_CHECKING:
     Oracle = Callable[[str], dict[str, Any]]
     MakeCamera = Callable[[float], Camera]
 
-PATCH_CASES = range(18)
-NOISE_CASES = range(14)
+PATCH_CASES, NOISE_CASES = 18, 14
 STANDARD_ERRORS = 4
 DIFFRACTION_LOSS = 3e-4
 
 
-def patch(oracle: Oracle, make: MakeCamera, number: int) -> tuple[dict[str, Any], Camera, SensorResponse]:
-    case = oracle("patches")["cases"][number]
-    camera = make(case["distance_m"])
-    (answer,) = respond(camera, np.array(case["reflectance"]))
-    return case, camera, answer
-
-
-def test_every_case_is_compared(oracle: Oracle) -> None:
-    assert len(oracle("patches")["cases"]) == len(PATCH_CASES)
-    assert len(oracle("noise")["cases"]) == len(NOISE_CASES)
+def patches(oracle: Oracle, make: MakeCamera) -> list[tuple[dict[str, Any], Camera, SensorResponse]]:
+    cases = oracle("patches")["cases"]
+    assert len(cases) == PATCH_CASES
+    cameras = [make(case["distance_m"]) for case in cases]
+    answers = [
+        respond(camera, np.array(case["reflectance"])) for case, camera in zip(cases, cameras, strict=True)
+    ]
+    return [(case, camera, answer) for case, camera, (answer,) in zip(cases, cameras, answers, strict=True)]
 
 
 def test_photons_of_the_light(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
@@ -46,25 +43,14 @@ def test_photons_of_the_light(oracle: Oracle, isetcam_camera: MakeCamera) -> Non
     np.testing.assert_allclose(light.radiance_photons, patches["illuminant_photons"], rtol=1e-6)
 
 
-@pytest.mark.parametrize("number", PATCH_CASES)
-def test_where_the_image_lies(oracle: Oracle, isetcam_camera: MakeCamera, number: int) -> None:
-    case, camera, _ = patch(oracle, isetcam_camera, number)
-    assert camera.lens.image_distance_mm == pytest.approx(case["image_distance_m"] * 1e3, rel=1e-9)
-    assert camera.lens.magnification == pytest.approx(-case["magnification"], rel=1e-9)
-
-
-@pytest.mark.parametrize("number", PATCH_CASES)
-def test_irradiance_before_the_otf(oracle: Oracle, isetcam_camera: MakeCamera, number: int) -> None:
-    case, _, answer = patch(oracle, isetcam_camera, number)
-    np.testing.assert_allclose(answer.irradiance_photons, case["irradiance_photons_preOTF"], rtol=1e-6)
-
-
-@pytest.mark.parametrize("number", PATCH_CASES)
-def test_lux_electrons_and_volts(oracle: Oracle, isetcam_camera: MakeCamera, number: int) -> None:
-    case, _, answer = patch(oracle, isetcam_camera, number)
-    assert answer.illuminance_lux == pytest.approx(case["illuminance"], rel=DIFFRACTION_LOSS)
-    assert answer.electrons == pytest.approx(case["electrons_mean"], rel=DIFFRACTION_LOSS)
-    assert answer.volts == pytest.approx(case["volts_mean"], rel=DIFFRACTION_LOSS)
+def test_the_response_to_patches(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
+    for case, camera, answer in patches(oracle, isetcam_camera):
+        assert camera.lens.image_distance_mm == pytest.approx(case["image_distance_m"] * 1e3, rel=1e-9)
+        assert camera.lens.magnification == pytest.approx(-case["magnification"], rel=1e-9)
+        np.testing.assert_allclose(answer.irradiance_photons, case["irradiance_photons_preOTF"], rtol=1e-6)
+        assert answer.illuminance_lux == pytest.approx(case["illuminance"], rel=DIFFRACTION_LOSS)
+        assert answer.electrons == pytest.approx(case["electrons_mean"], rel=DIFFRACTION_LOSS)
+        assert answer.volts == pytest.approx(case["volts_mean"], rel=DIFFRACTION_LOSS)
 
 
 def test_mtf(oracle: Oracle) -> None:
@@ -85,19 +71,19 @@ def test_cos4(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
     np.testing.assert_allclose(lens.relative_illumination(at_image_mm), case["ratio"], rtol=1e-12)
 
 
-@pytest.mark.parametrize("place", range(4))
-def test_volts_to_digital_numbers(oracle: Oracle, isetcam_camera: MakeCamera, place: int) -> None:
+def test_volts_to_digital_numbers(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
     table = oracle("quantization")
-    bits = table["bits"][place]
-    sensor = replace(
-        isetcam_camera(0.5466).sensors[0], bits=bits, voltage_swing_v=float(table["voltageSwing"])
-    )
-    got = sensor.quantise(np.array(table["volts"]))
-    # ISETCam's top code is 2^bits, which no converter of so many bits has.
-    np.testing.assert_array_equal(got, np.minimum(table["dn"][place], 2**bits - 1))
-    chain = table["chain"]
-    got = sensor.quantise(np.array([link["volts"] for link in chain]))
-    np.testing.assert_array_equal(got, np.minimum([link[f"dn{bits}"] for link in chain], 2**bits - 1))
+    sensor = replace(isetcam_camera(0.5466).sensors[0], voltage_swing_v=float(table["voltageSwing"]))
+    assert len(table["bits"]) == 4
+    for bits, dn in zip(table["bits"], table["dn"], strict=True):
+        converter = replace(sensor, bits=bits)
+        # ISETCam's top code is 2^bits, which no converter of so many bits has.
+        np.testing.assert_array_equal(
+            converter.quantise(np.array(table["volts"])), np.minimum(dn, 2**bits - 1), err_msg=f"{bits} bits"
+        )
+        chain = table["chain"]
+        got = converter.quantise(np.array([link["volts"] for link in chain]))
+        np.testing.assert_array_equal(got, np.minimum([link[f"dn{bits}"] for link in chain], 2**bits - 1))
 
 
 def noisy(oracle: Oracle, make: MakeCamera, number: int) -> tuple[dict[str, Any], Any, float, float]:
@@ -118,30 +104,27 @@ def noisy(oracle: Oracle, make: MakeCamera, number: int) -> tuple[dict[str, Any]
     return case, sensor, case["noise_free_volts"] / gain, gain
 
 
-@pytest.mark.parametrize("number", NOISE_CASES)
-def test_mean_and_total_noise_in_volts(oracle: Oracle, isetcam_camera: MakeCamera, number: int) -> None:
-    case, sensor, electrons, gain = noisy(oracle, isetcam_camera, number)
-    mean_v, variance_v2 = clipped_gaussian(
-        np.array((electrons + sensor.dark_e) * gain),
-        np.sqrt(sensor.variance_total_e2(np.array(electrons))) * gain,
-        low=0.0,
-        high=sensor.voltage_swing_v,
-    )
-    if case["frac_saturated"] == 1:
-        assert mean_v == pytest.approx(case["mean_volts"], abs=1e-9)
-        assert variance_v2 == pytest.approx(0, abs=1e-12)
-        return
-    assert mean_v == pytest.approx(case["mean_volts"], abs=STANDARD_ERRORS * case["se_mean"])
-    assert np.sqrt(variance_v2) == pytest.approx(case["std_volts"], abs=STANDARD_ERRORS * case["se_std"])
-
-
-def test_mean_and_total_noise_in_digital_numbers(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
+def test_mean_and_total_noise(oracle: Oracle, isetcam_camera: MakeCamera) -> None:
+    assert len(oracle("noise")["cases"]) == NOISE_CASES
     compared = 0
-    for number in NOISE_CASES:
-        case, sensor, electrons, _ = noisy(oracle, isetcam_camera, number)
+    for number in range(NOISE_CASES):
+        case, sensor, electrons, gain = noisy(oracle, isetcam_camera, number)
+        total_e2 = sensor.variance_total_e2(np.array(electrons))
+        mean_v, variance_v2 = clipped_gaussian(
+            np.array((electrons + sensor.dark_e) * gain),
+            np.sqrt(total_e2) * gain,
+            low=0.0,
+            high=sensor.voltage_swing_v,
+        )
+        if case["frac_saturated"] == 1:
+            assert mean_v == pytest.approx(case["mean_volts"], abs=1e-9)
+            assert variance_v2 == pytest.approx(0, abs=1e-12)
+            continue
+        assert mean_v == pytest.approx(case["mean_volts"], abs=STANDARD_ERRORS * case["se_mean"])
+        assert np.sqrt(variance_v2) == pytest.approx(case["std_volts"], abs=STANDARD_ERRORS * case["se_std"])
         if case["frac_saturated"] > 0 or case["frac_zero"] > 0.01:
             continue  # clipped before rounding: rounding's error is not uniform there
-        mean, sigma = sensor.dn_moments(np.array(electrons), sensor.variance_total_e2(np.array(electrons)))
+        mean, sigma = sensor.dn_moments(np.array(electrons), total_e2)
         error = case["dn12_std"] / np.sqrt(case["n"])
         assert mean == pytest.approx(case["dn12_mean"], abs=STANDARD_ERRORS * error)
         assert sigma == pytest.approx(case["dn12_std"], abs=STANDARD_ERRORS * error / np.sqrt(2))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prooflight import spectra
-from prooflight.camera.camera import Camera, expose_flat, expose_raster, respond, with_pixels
+from prooflight.camera.camera import Camera, expose_flat, respond, with_pixels
 from prooflight.camera.sensor import FixedPattern, LineSensor, Noise
 
 if TYPE_CHECKING:
@@ -245,59 +245,3 @@ def test_a_flat_exposure_is_the_response_times_cos4(camera: Camera) -> None:
     (answer,) = respond(camera, 0.6 * WHITE)
     want = (answer.electrons * camera.column_light() + sensor.dark_e) * sensor.dn_per_e
     np.testing.assert_allclose(scan[0], np.broadcast_to(want, (3, 120)), atol=0.5 + 1e-6)
-
-
-def test_an_even_raster_looks_like_a_flat_exposure(camera: Camera) -> None:
-    sensor, pitch = camera.sensors[0], camera.pixel_pitch_mm
-    (answer,) = respond(camera, 0.6 * WHITE)
-    raster = np.full((1, 90, 90), answer.electrons, np.float32)
-    scan = expose_raster(
-        camera,
-        raster,
-        raster_pixel_mm=pitch / 0.7,
-        centres_x_mm=np.linspace(0.5, 119.5, 120) * pitch,
-        centres_y_mm=np.linspace(20, 59, 40) * pitch,
-        backing_e=[float(answer.electrons)],
-        patterns=[even(sensor)],
-        rng=np.random.default_rng(1),
-        noise=Noise.NONE,
-    )
-    flat = expose_flat(
-        camera,
-        0.6 * WHITE,
-        lines=40,
-        patterns=[even(sensor)],
-        rng=np.random.default_rng(1),
-        noise=Noise.NONE,
-    )
-    assert np.abs(scan.astype(int) - flat).max() <= 1
-
-
-def test_light_is_blurred_where_the_raster_says_left_is_left_and_top_is_top(camera: Camera) -> None:
-    sensor, pitch = camera.sensors[0], camera.pixel_pitch_mm
-    raster = np.full((1, 60, 100), 100_000, np.float32)
-    raster[0, :30, :50] = 0  # black top left
-    scan = expose_raster(
-        camera,
-        raster,
-        raster_pixel_mm=pitch,
-        centres_x_mm=np.linspace(-9.5, 109.5, 120) * pitch,
-        centres_y_mm=np.linspace(-9.5, 69.5, 80) * pitch,
-        backing_e=[8000.0],
-        patterns=[even(sensor)],
-        rng=np.random.default_rng(1),
-        noise=Noise.NONE,
-    )[0].astype(float)
-    light = camera.column_light()
-    dn = (scan - sensor.dark_e * sensor.dn_per_e) / sensor.dn_per_e / light  # photo-electrons, to a code
-    code = 1 / sensor.dn_per_e / light.min()
-    np.testing.assert_allclose(dn[15:34, 15:54], 0, atol=0.005 * 100_000)  # inside the black
-    np.testing.assert_allclose(dn[46:64, 15:104], 100_000, atol=code)
-    np.testing.assert_allclose(dn[15:64, 66:104], 100_000, atol=code)
-    np.testing.assert_allclose(dn[:5], 8000, atol=code)  # backing above, below, left and right
-    np.testing.assert_allclose(dn[-5:], 8000, atol=code)
-    np.testing.assert_allclose(dn[:, :5], 8000, atol=code)
-    np.testing.assert_allclose(dn[:, -5:], 8000, atol=code)
-    edge = dn[20, 50:70]  # from black to white, half-way at the edge between columns 59 and 60
-    assert (np.diff(edge) >= -code).all()
-    assert edge[9] + edge[10] == pytest.approx(100_000, abs=2 * code)

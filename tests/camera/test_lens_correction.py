@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from prooflight.camera.camera import with_pixels
-from prooflight.camera.exposure import page_electrons
 from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
 from prooflight.inks.built_in import built_in_inks
 from prooflight.kernels.prediction.lens_correction import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
 from prooflight.pages.raster import Page
-from prooflight.pages.sampling import page_taps
 from prooflight.prediction.lens_correction import correct_light
+from prooflight_studies.exact.exposure import page_electrons, page_taps
 
 if TYPE_CHECKING:
     from prooflight.camera.camera import Camera

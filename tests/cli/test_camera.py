@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.stand_ins import SHARED
 
 from prooflight.camera.camera import expose_flat, with_pixels
 from prooflight.camera.sensor import draw_fixed_pattern
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 ROOT = Path(__file__).resolve().parents[2]
-PATCHES = ROOT / ".." / "shared" / "oracle" / "isetcam_patches.json"
+PATCHES = SHARED / "oracle" / "isetcam_patches.json"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -157,16 +158,17 @@ def test_respond_refuses_in_one_line(
 @pytest.mark.skipif(
     not PATCHES.is_file(), reason="needs shared/oracle/isetcam_patches.json beside the repository"
 )
-@pytest.mark.parametrize("number", range(18))
-def test_respond_gives_isetcams_numbers(number: int, answer: Callable[..., Any], tmp_path: Path) -> None:
+def test_respond_gives_isetcams_numbers(answer: Callable[..., Any], tmp_path: Path) -> None:
     # The tolerances of the oracle's README: photons are single precision; its electrons lose 1.2e-4 by diffraction.
     oracle = json.loads(PATCHES.read_text(encoding="utf-8"))
-    case, given = oracle["cases"][number], oracle["params"]
+    given = oracle["params"]
     for name, values in (("lamp.csv", oracle["illuminant_energy"]), ("qe.csv", given["QE"])):
         rows = (f"{wave:g},{value!r}" for wave, value in zip(WAVE_NM, values, strict=True))
         (tmp_path / name).write_text("wavelength_nm,value\n" + "\n".join(rows))
     gain_v = given["conversionGain"]
-    (tmp_path / "iset.toml").write_text(f"""
+    assert len(oracle["cases"]) == 18
+    for case in oracle["cases"]:
+        (tmp_path / "iset.toml").write_text(f"""
 [light]
 file = "lamp.csv"
 luminance_cd_m2 = {given["Lwhite"]!r}
@@ -191,12 +193,14 @@ prnu_percent = {given["prnu"]!r}
 bits = 12
 quantum_efficiency = {{ file = "qe.csv" }}
 """)
-    patch = reflectances(tmp_path, case["reflectance"], wave_nm=WAVE_NM.tolist())
-    (sensor,) = answer("respond", tmp_path / "iset.toml", "--reflectance", patch)["sensors"]
-    np.testing.assert_allclose(sensor["irradiance_photons"][0], case["irradiance_photons_preOTF"], rtol=1e-6)
-    assert sensor["illuminance_lux"][0] == pytest.approx(case["illuminance"], rel=3e-4)
-    assert sensor["electrons"][0] == pytest.approx(case["electrons_mean"], rel=3e-4)
-    assert sensor["volts"][0] == pytest.approx(case["volts_mean"], rel=3e-4)
+        patch = reflectances(tmp_path, case["reflectance"], wave_nm=WAVE_NM.tolist())
+        (sensor,) = answer("respond", tmp_path / "iset.toml", "--reflectance", patch)["sensors"]
+        np.testing.assert_allclose(
+            sensor["irradiance_photons"][0], case["irradiance_photons_preOTF"], rtol=1e-6
+        )
+        assert sensor["illuminance_lux"][0] == pytest.approx(case["illuminance"], rel=3e-4)
+        assert sensor["electrons"][0] == pytest.approx(case["electrons_mean"], rel=3e-4)
+        assert sensor["volts"][0] == pytest.approx(case["volts_mean"], rel=3e-4)
 
 
 # --- mtf ---

@@ -11,7 +11,7 @@ from prooflight.commissioning.training.learn import Pages, learn_model, learn_sc
 from prooflight.commissioning.training.ranking import fitted_forest, fitted_logit
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.operating import Scored, area_under_roc
+from prooflight_studies.harness.operating import Scored, area_under_roc
 
 NAMES = ["box/add-C+/8", "box/add-C-/8", "streak/void/1/full", "ghost/C/0", "place/skew"]
 

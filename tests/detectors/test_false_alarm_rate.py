@@ -7,8 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.detectors.false_alarm_rate import FURTHEST, GoodScores, Promise, posterior_bound
-from prooflight.detectors.operating import conformal_threshold
+from prooflight.detectors.false_alarm_rate import (
+    FURTHEST,
+    GoodScores,
+    Promise,
+    conformal_threshold,
+    posterior_bound,
+)
 
 
 def good(count: int, seed: int, *, scale: float = 1.0) -> GoodScores:

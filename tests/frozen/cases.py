@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import tifffile
+from tests.stand_ins import SHARED
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
@@ -29,11 +30,11 @@ from prooflight.press.press_file import PressFile
 from prooflight.registration.register import prepare, register
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
-from prooflight.simulation.exact import Specimen, exact_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
+from prooflight_studies.exact.scans import Specimen, exact_scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Figures = dict[str, Any]
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 SIGNS = 6
 """Sums of an array with signs drawn at random, that stand for all its numbers."""
 

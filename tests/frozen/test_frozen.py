@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.frozen.cases import CASES, SHARED, figures_of, learns, needs_shared
+from tests.frozen.cases import CASES, figures_of, learns, needs_shared
+from tests.stand_ins import SHARED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import tifffile
 from PIL import Image
+from tests.stand_ins import write_jpeg
 
 from prooflight.commissioning.chart.scan import read_chart_scan
-from prooflight.pages.files import write_jpeg, write_tiff
+from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.pages.raster import Page
 from prooflight.scans.pictures import picture_files

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from tests.fuzz.harness import Target
 from tests.fuzz.spoiling import spoil_bytes, spoil_text
+from tests.stand_ins import cmyk_profile
 
 PRESETS = ("prototype.toml", "two-sensors.toml", "rgb-line.toml")
 MOVING = "[transport]\nspeed_mm_s = 292.0\nbinning_along = 1\nlead_in_mm = 2.0\nbacking_reflectance = 0.05\n"
@@ -283,39 +284,7 @@ def read_marks(path: Path) -> None:
 
 def profile_samples() -> list[bytes]:
     """The least that an output profile of CMYK needs: tables both ways, two nodes an ink and three a colour."""
-    straight = struct.pack(">2H", 0, 65535)
-    identity = struct.pack(">9i", *(65536 * (at % 4 == 0) for at in range(9)))
-    inks = np.indices((2,) * 4).reshape(4, -1)
-    light = np.full((16, 3), 0x8000, ">u2")
-    light[:, 0] = 0xFF00 * (1 - inks.max(axis=0) * 0.9)
-    colours = np.zeros((27, 4), ">u2")
-    colours[:, 3] = np.repeat([65535, 32768, 0], 9)
-
-    def table(sides: tuple[int, int, int], nodes: np.ndarray) -> bytes:
-        inputs, outputs, count = sides
-        head = b"mft2" + bytes(4) + struct.pack(">4B", inputs, outputs, count, 0) + identity
-        curves = (inputs * straight, outputs * straight)
-        return head + struct.pack(">2H", 2, 2) + curves[0] + nodes.tobytes() + curves[1]
-
-    tags = {
-        b"desc": b"desc" + bytes(4) + struct.pack(">I", 6) + b"table\0" + bytes(78),
-        b"cprt": b"text" + bytes(4) + b"none\0",
-        b"wtpt": b"XYZ " + bytes(4) + struct.pack(">3i", 63190, 65536, 54061),
-        b"A2B0": table((4, 3, 2), light),
-        b"B2A0": table((3, 4, 3), colours),
-    }
-    first, index, body = 128 + 4 + 12 * len(tags), struct.pack(">I", len(tags)), b""
-    for name, data in tags.items():
-        index += name + struct.pack(">II", first + len(body), len(data))
-        body += data + bytes(-len(data) % 4)
-    head = struct.pack(">I4sI4s4s4s", first + len(body), bytes(4), 0x02400000, b"prtr", b"CMYK", b"Lab ")
-    head += (
-        struct.pack(">6H", 2001, 1, 1, 0, 0, 0)
-        + b"acsp"
-        + bytes(28)
-        + struct.pack(">3i", 63190, 65536, 54061)
-    )
-    return [head + bytes(128 - len(head)) + index + body]
+    return [cmyk_profile(ink_nodes=2, colour_nodes=3)]
 
 
 def spoil_profile(data: bytes, rng: np.random.Generator) -> bytes:

@@ -5,13 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.stand_ins import others
 
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.chart import Chart, read_chart
 from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.spectra import WAVE_NM
 
-MEASURED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "spectral"
+MEASURED = others("a measured chart")
+SPREADING = 1.7
+"""How far paper spreads light between dots (Yule and Nielsen's n); offset on coated paper has about that. [-]"""
+TRAPPED = 0.93
+"""How much of an ink's density is left for each ink that it lies on; assumed. [-]"""
 
 WriteChart = Callable[..., Path]
 
@@ -76,10 +81,34 @@ def built_in_chart(
     return read_chart(path)
 
 
+def offset_spectra(cmyk: np.ndarray) -> np.ndarray:
+    """What an offset press makes of recipes (n, 4): (n, 36). No model of the package is of just this form.
+
+    The built-in inks trap worse the more lie below, dots gain less where other inks lie, and light spreads.
+    """
+    inks = built_in_inks()
+    gained = cmyk + 0.25 * cmyk * (1 - cmyk) * (1 - 0.15 * (cmyk.sum(axis=1, keepdims=True) - cmyk))
+    root = np.zeros((len(cmyk), WAVE_NM.size))
+    for solid in np.ndindex(2, 2, 2, 2):
+        share = np.where(np.array(solid) == 1, gained, 1 - gained).prod(axis=1)
+        density = (np.array(solid) * TRAPPED ** np.cumsum((0, *solid[:3]))) @ inks.density
+        root += share[:, None] * (0.005 + inks.paper * 10**-density) ** (1 / SPREADING)
+    return root**SPREADING
+
+
 @pytest.fixture(scope="session")
-def measured_chart() -> Chart:
-    """An offset chart of 1617 patches, smoothed by its makers."""
-    files = sorted(MEASURED.glob("*Spectral.txt")) if MEASURED.is_dir() else []
-    if not files:
-        pytest.skip("needs shared/data/spectral beside the repository")
-    return read_chart(files[0])
+def offset_chart(tmp_path_factory: pytest.TempPathFactory, chart_text: Callable[..., str]) -> Chart:
+    """Ramps and mixtures as usual charts have them, of a press between the built-in one and no model's form."""
+    mixed = np.stack(np.meshgrid(*[[0, 20, 40, 70, 100]] * 4, indexing="ij"), axis=-1).reshape(-1, 4)
+    ramps = np.kron(np.eye(4, dtype=int), np.arange(5, 100, 5)[:, None])
+    cmyk = np.concatenate([mixed[mixed.sum(axis=1) <= 360], ramps]) / 100
+    cmyk = np.unique(cmyk, axis=0)
+    path = tmp_path_factory.mktemp("chart") / "offset.txt"
+    path.write_text(chart_text(100 * cmyk, offset_spectra(cmyk)))
+    return read_chart(path)
+
+
+@pytest.fixture(scope="session", params=["offset", "measured"] if MEASURED else ["offset"])
+def measured_chart(request: pytest.FixtureRequest, offset_chart: Chart) -> Chart:
+    """A chart of hundreds of patches without noise: constructed, and measured on a press and smoothed by its makers."""
+    return read_chart(MEASURED[0]) if request.param == "measured" else offset_chart

@@ -2,12 +2,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.stand_ins import others
 
-from prooflight.inks.built_in import COATED_AIMS, COEFFICIENTS, built_in_inks, built_in_spectra
+from prooflight.inks.built_in import COEFFICIENTS, built_in_inks, built_in_spectra
 from prooflight.spectra import BANDS, delta_e00, lab
-from prooflight_studies.ink.built_in_fit import aim_differences, fit_built_in
+from prooflight_studies.ink.built_in_fit import COATED_AIMS, aim_differences, fit_built_in
 
-FOGRA39 = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "charac" / "FOGRA39L.ti3"
 MODEL = built_in_inks()
 GRID = np.stack(np.meshgrid(*[np.linspace(0, 256 / 255, 9)] * 4, indexing="ij"), axis=-1)
 
@@ -46,9 +46,9 @@ def test_spectra_are_plausible() -> None:
     assert (np.abs(np.diff(density, axis=1)).max(axis=1) < 0.5 * density.max(axis=1)).all()
 
 
-@pytest.mark.skipif(not FOGRA39.exists(), reason="needs shared/data/charac beside the repository")
-def test_aims_and_tints_against_the_characterisation_data() -> None:
-    rows = [line.split() for line in FOGRA39.read_text(encoding="latin-1").splitlines()]
+@pytest.mark.parametrize("table", others("characterisation data")[:1])
+def test_aims_and_tints_against_the_characterisation_data(table: Path) -> None:
+    rows = [line.split() for line in table.read_text(encoding="latin-1").splitlines()]
     data = {}
     for row in rows:
         if len(row) == 11 and row[0].isdigit():

@@ -3,13 +3,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.stand_ins import others
 
 from prooflight.errors import ChartError
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.chart import Chart, read_chart, write_chart
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 
-CHARAC = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "charac"
+CHARAC = others("characterisation data")
+TABLE = """CTI3
+
+DESCRIPTOR "{}"
+NUMBER_OF_FIELDS 11
+BEGIN_DATA_FORMAT
+SAMPLE_ID CMYK_C CMYK_M CMYK_Y CMYK_K XYZ_X XYZ_Y XYZ_Z LAB_L LAB_A LAB_B
+END_DATA_FORMAT
+NUMBER_OF_SETS 2
+BEGIN_DATA
+1  0  0  0  0  80.00  83.00  68.00  93.01  0.05  -0.06
+2  0  0  0  100  1.80  1.90  1.50  14.96  -0.24  0.58
+END_DATA
+"""
 PERCENT = np.array(
     [[0, 0, 0, 0], [100, 0, 0, 0], [0, 100, 0, 0], [10.196078431372548, 0, 50, 0], [0, 0, 0, 100]]
 )
@@ -196,14 +210,23 @@ def test_charts_without_spectra_or_inks_say_what_is_missing(tmp_path: Path) -> N
         read(tmp_path, text.format("RGB_R", "0"))
 
 
-@pytest.mark.skipif(not CHARAC.is_dir(), reason="needs shared/data/charac beside the repository")
-@pytest.mark.parametrize("name", ["FOGRA39L", "TR002", "FOGRA28L"])
-def test_published_data_without_spectra(name: str) -> None:
+@pytest.mark.parametrize("table", [None, *CHARAC], ids=lambda path: path.stem if path else "made")
+def test_tables_without_spectra(table: Path | None, tmp_path: Path) -> None:
+    if table is None:
+        table = tmp_path / "made.ti3"
+        table.write_text(TABLE)
     with pytest.raises(ChartError, match="spectra are missing: it holds CMYK and LAB and XYZ only"):
-        read_chart(CHARAC / f"{name}.ti3")
+        read_chart(table)
 
 
-def test_a_measured_chart(measured_chart: Chart, tmp_path: Path) -> None:
+def test_a_chart_is_written_as_it_was_read(measured_chart: Chart, tmp_path: Path) -> None:
+    write_chart(tmp_path / "again.txt", measured_chart)
+    assert read_chart(tmp_path / "again.txt").digest == measured_chart.digest
+
+
+@pytest.mark.parametrize("path", others("a measured chart"))
+def test_a_measured_chart(path: Path) -> None:
+    measured_chart = read_chart(path)
     assert len(measured_chart) == 1617
     assert len(measured_chart.recipes().cmyk) == 1588
     scatter = measured_chart.scatter()
@@ -211,5 +234,3 @@ def test_a_measured_chart(measured_chart: Chart, tmp_path: Path) -> None:
     assert scatter.max_delta_e00 == 0  # its makers averaged repeats
     assert dict(measured_chart.keywords)["WEIGHTING_FUNCTION"] == "OBSERVER,\t2 degree"
     assert 89 < lab(measured_chart.paper())[0] < 90  # a clay-coated news back board
-    write_chart(tmp_path / "again.txt", measured_chart)
-    assert read_chart(tmp_path / "again.txt").digest == measured_chart.digest

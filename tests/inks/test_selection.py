@@ -11,7 +11,6 @@ from prooflight.inks.selection import (
     fit_model,
     fold_of_recipe,
     learn,
-    score_chart,
 )
 from prooflight.spectra import delta_e00, lab
 
@@ -72,7 +71,6 @@ def test_auto_takes_the_best_and_says_why(built_in_chart: Chart) -> None:
     assert choice.best.score.mean_delta_e00 <= 1.02 * best.mean_delta_e00
     assert choice.why.startswith(f"{choice.best.model}: mean CIEDE2000 ")
     assert "next " in choice.why
-    assert score_chart(built_in_chart, "auto", folds=4).model == choice.best.model
     assert learn(built_in_chart, "auto", folds=4).name == choice.best.model
     assert learn(built_in_chart, "neugebauer").name == "neugebauer"
 
@@ -85,7 +83,7 @@ def test_auto_prefers_the_simpler_of_equals(built_in_chart: Chart, monkeypatch: 
 
 def test_requests_that_make_no_sense(built_in_chart: Chart) -> None:
     with pytest.raises(RequestError, match="there is no ink model cubist; take auto, log-linear"):
-        score_chart(built_in_chart, "cubist")
+        cross_validate(built_in_chart, "cubist")
     for folds in (1, 101):
         with pytest.raises(RequestError, match=f"{folds} folds of 100 recipes"):
             cross_validate(built_in_chart, "log-linear", folds=folds)

@@ -10,7 +10,7 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.monitor.run import Announcement, PageEvidence, RunMonitor
-from prooflight.line.outcomes import SPOILT, RunWatch, absent, outcome, skipped, strange
+from prooflight.line.outcomes import SPOILT, RunWatch, missing_page, outcome, skipped, unknown_sheet
 from prooflight.line.pager import Fault, MissingPage, SeenPage
 
 NOTHING = np.zeros((1, 1, 1), np.uint16)
@@ -47,20 +47,20 @@ def test_sheets_are_named_by_the_page_that_they_show() -> None:
     assert skipped(7, seen(3), "why", name="back").record.verdict.page == "back"
 
 
-def test_a_strange_sheet_is_a_misprint_and_says_why() -> None:
-    blank = strange(7, seen(None, fault("blank"), fault("slip", "lines are lost"))).record.verdict
+def test_an_unknown_sheet_is_a_misprint_and_says_why() -> None:
+    blank = unknown_sheet(7, seen(None, fault("blank"), fault("slip", "lines are lost"))).record.verdict
     assert (blank.page, blank.verdict, blank.action) == ("sheet 7", "misprint", "stop")
     assert (blank.kind, blank.reason) == ("missing-content", "it is blank; lines are lost")
-    other = strange(7, seen(None)).record.verdict
+    other = unknown_sheet(7, seen(None)).record.verdict
     assert (other.kind, other.reason) == ("wrong-page", "the sheet shows no page of the job")
 
 
 def test_a_page_that_did_not_come_was_not_inspected() -> None:
-    done = absent(7, MissingPage(job_page=3, faults=(fault("missing", "3 of 4 came"),)), 9.0)
+    done = missing_page(7, MissingPage(job_page=3, faults=(fault("missing", "3 of 4 came"),)), 9.0)
     assert done.record.verdict == Verdict.skipped("p0004", "3 of 4 came")
     assert (done.came, done.record.late, done.record.job_page) == (False, False, 3)
     assert (done.record.first_line, done.record.time_s, done.record.faults) == (70, 9.0, ("missing",))
-    bare = absent(7, MissingPage(job_page=3, faults=()), 9.0, name="back").record
+    bare = missing_page(7, MissingPage(job_page=3, faults=()), 9.0, name="back").record
     assert (bare.first_line, bare.faults, bare.verdict.page) == (0, ("missing",), "back")
 
 

@@ -188,7 +188,7 @@ def test_size_does_not_grow() -> None:
             arrays = (run.recent, run.sheets, run.ranks.first, run.ranks.counts, run.sums.total)
             sizes.append(sum(array.nbytes for array in arrays))
     assert sizes[0] == sizes[1]
-    assert run.history("shift-x").size == RECENT
+    assert run.sheets.size == RECENT
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e38, -1e300])

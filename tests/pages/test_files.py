@@ -12,6 +12,7 @@ import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from tests.stand_ins import write_jpeg
 
 from prooflight.errors import JobError, RequestError
 from prooflight.pages import files, memory
@@ -171,7 +172,7 @@ def test_photoshop_resolution_is_the_last_resort(tmp_path: Path) -> None:
 
 
 def test_jpeg_round_trip(tmp_path: Path) -> None:
-    files.write_jpeg(page_of(smooth(), 300), tmp_path / "a.jpg", quality=98)
+    write_jpeg(page_of(smooth(), 300), tmp_path / "a.jpg", quality=98)
     (page,) = files.read_image(tmp_path / "a.jpg")
     assert page.dpi == 300
     np.testing.assert_allclose(page.cmyk.astype(int), smooth(), atol=4)

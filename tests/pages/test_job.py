@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.stand_ins import write_jpeg
 
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages import files
@@ -35,7 +36,7 @@ def folder(tmp_path: Path, write_pdf: Callable[..., Path]) -> Path:
     inside = tmp_path / "job"
     inside.mkdir()
     files.write_tiff(flat(2), inside / "p2.tif")
-    files.write_jpeg(flat(10), inside / "p10.JPG")
+    write_jpeg(flat(10), inside / "p10.JPG")
     with pymupdf.open(write_pdf("0 0 0 0.6 k 0 0 100 100 re f")) as pdf:
         pdf.fullcopy_page(0)
         pdf.save(inside / "p9.pdf")

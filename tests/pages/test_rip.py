@@ -10,6 +10,8 @@ import pytest
 
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
+from tests.stand_ins import cmyk_profile, others
+
 from prooflight.pages.pdf.rip import PdfJob
 
 if TYPE_CHECKING:
@@ -174,9 +176,21 @@ def test_device_n_without_separations_of_its_own_uses_its_transform(write_pdf: W
     assert rip(job)[50, 50].tolist() == [77, 64, 0, 0]  # 0.5 * 153 = 76.5: a half either way is right
 
 
-SHARED_ICC = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "icc"
-needs_icc = pytest.mark.skipif(not SHARED_ICC.is_dir(), reason="needs the profiles in ../shared/data/icc")
-GRACOL, COATED = (SHARED_ICC / f"{name}_mth.icc" for name in ("GRACoL2013coated_320", "PSOcoated_v3_300"))
+PUBLISHED = others("ICC profiles")
+
+
+@pytest.fixture(params=["made", "published"] if PUBLISHED else ["made"])
+def profiles(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
+    """Two output profiles: of a job, and another."""
+    if request.param == "published":
+        output, other = PUBLISHED
+        return output, other
+    output, other = tmp_path / "output.icc", tmp_path / "other.icc"
+    output.write_bytes(cmyk_profile())
+    other.write_bytes(cmyk_profile(gamma=2.4, black=0.3))
+    return output, other
+
+
 INTENT = (
     "/OutputIntents[<</Type/OutputIntent/S/GTS_PDFX/OutputConditionIdentifier(x)/DestOutputProfile 5 0 R>>]"
 )
@@ -200,20 +214,22 @@ def centres(cmyk: NDArray[np.uint8]) -> NDArray[np.int64]:
     return cmyk[::-1][10::20, 10::20].reshape(25, 4).astype(np.int64)
 
 
-@needs_icc
 @pytest.mark.parametrize("by", ["document", "page", "argument", "argument over document"])
 @pytest.mark.parametrize("kind", ["fill", "image"])
-def test_rgb_is_converted_as_lcms_does(write_pdf: WritePdf, by: str, kind: str) -> None:
+def test_rgb_is_converted_as_lcms_does(
+    write_pdf: WritePdf, profiles: tuple[Path, Path], by: str, kind: str
+) -> None:
     from PIL import Image, ImageCms
 
+    output, other = profiles
     rgb = np.random.default_rng(7).integers(0, 256, (25, 3), dtype=np.uint8)
     rgb[:4] = [[0, 0, 0], [255, 255, 255], [255, 0, 0], [0, 0, 255]]
-    more, catalogue, page, argument = [profile_stream(GRACOL)], INTENT, BOX, None
+    more, catalogue, page, argument = [profile_stream(output)], INTENT, BOX, None
     if by == "page":
         catalogue, page = "", BOX + INTENT
     if by.startswith("argument"):
-        argument = GRACOL
-        more, catalogue = ([profile_stream(COATED)], INTENT) if "over" in by else ([b"null"], "")
+        argument = output
+        more, catalogue = ([profile_stream(other)], INTENT) if "over" in by else ([b"null"], "")
     if kind == "fill":
         job = write_pdf(squares(rgb / 255, "rg"), catalogue=catalogue, page=page, more=more)
     else:
@@ -232,7 +248,7 @@ def test_rgb_is_converted_as_lcms_does(write_pdf: WritePdf, by: str, kind: str) 
     # Reference: no precalculated link at all; 2 is the fine link's grid (measured: 1) and rounding.
     link = ImageCms.buildTransform(
         ImageCms.createProfile("sRGB"),
-        str(GRACOL),
+        str(output),
         "RGB",
         "CMYK",
         ImageCms.Intent.RELATIVE_COLORIMETRIC,
@@ -242,14 +258,14 @@ def test_rgb_is_converted_as_lcms_does(write_pdf: WritePdf, by: str, kind: str) 
     np.testing.assert_allclose(centres(rip(job, profile=argument)), expected, atol=2)
 
 
-@needs_icc
 @pytest.mark.parametrize("by", ["document", "page", "argument"])
-def test_no_profile_touches_native_ink(write_pdf: WritePdf, by: str) -> None:
+def test_no_profile_touches_native_ink(write_pdf: WritePdf, profiles: tuple[Path, Path], by: str) -> None:
+    output, _ = profiles
     inks = np.random.default_rng(8).integers(0, 1001, (25, 4)) / 1000
     black = inks[:, 3]
     where = {"document": {"catalogue": INTENT}, "page": {"page": BOX + INTENT}, "argument": {}}[by]
-    argument = GRACOL if by == "argument" else None
-    more = [profile_stream(GRACOL)]
+    argument = output if by == "argument" else None
+    more = [profile_stream(output)]
     cmyk = rip(write_pdf(squares(inks, "k"), more=more, **where), profile=argument)
     np.testing.assert_array_equal(centres(cmyk), [[round(255 * v) for v in ink] for ink in inks.tolist()])
     grey = centres(rip(write_pdf(squares(1 - black[:, None], "g"), more=more, **where), profile=argument))
@@ -260,18 +276,18 @@ def test_no_profile_touches_native_ink(write_pdf: WritePdf, by: str) -> None:
     assert gold[50, 50].tolist() == GOLD
 
 
-@needs_icc
-def test_lab_is_converted_as_lcms_does(write_pdf: WritePdf) -> None:
+def test_lab_is_converted_as_lcms_does(write_pdf: WritePdf, profiles: tuple[Path, Path]) -> None:
     imagecodecs = pytest.importorskip("imagecodecs")
     from PIL import ImageCms
 
+    output, _ = profiles
     lab = np.random.default_rng(9).uniform([10, -40, -40], [95, 40, 40], (25, 3)).round(2)
     space = "/L[/Lab<</WhitePoint[0.9642 1 0.8249]/Range[-128 127 -128 127]>>]"
-    cmyk = rip(write_pdf("/L cs " + squares(lab, "scn"), resources=f"/ColorSpace<<{space}>>"), profile=GRACOL)
+    cmyk = rip(write_pdf("/L cs " + squares(lab, "scn"), resources=f"/ColorSpace<<{space}>>"), profile=output)
     expected = imagecodecs.cms_transform(
         lab[None],
         ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(),
-        GRACOL.read_bytes(),
+        output.read_bytes(),
         colorspace="lab",
         outcolorspace="cmyk",
         outdtype="uint8",
@@ -410,9 +426,10 @@ def test_gradients_are_as_smooth_as_eight_bits_allow(write_pdf: WritePdf) -> Non
         np.testing.assert_array_equal(job.page(1, 720).cmyk, cmyk)
 
 
-@needs_icc
 @pytest.mark.parametrize("space", ["[/Indexed/DeviceRGB 2<204080FF000010E030>]", "/DeviceRGB"])
-def test_images_and_fills_of_one_colour_print_alike(write_pdf: WritePdf, space: str) -> None:
+def test_images_and_fills_of_one_colour_print_alike(
+    write_pdf: WritePdf, profiles: tuple[Path, Path], space: str
+) -> None:
     colours = bytes.fromhex("204080FF000010E030")
     data = colours if space == "/DeviceRGB" else bytes([0, 1, 2])
     more = [image(f"/Width 3/Height 1/ColorSpace{space}/BitsPerComponent 8", data)]
@@ -425,23 +442,24 @@ def test_images_and_fills_of_one_colour_print_alike(write_pdf: WritePdf, space: 
         resources="/XObject<</I 5 0 R>>",
         more=more,
     )
-    cmyk = rip(job, 72, GRACOL)
+    cmyk = rip(job, 72, profiles[0])
     np.testing.assert_array_equal(cmyk[25, [16, 50, 83]], cmyk[75, [16, 50, 83]])
 
 
-@needs_icc
-def test_ink_of_the_output_profile_is_native(write_pdf: WritePdf) -> None:
+def test_ink_of_the_output_profile_is_native(write_pdf: WritePdf, profiles: tuple[Path, Path]) -> None:
     inks = np.random.default_rng(10).integers(0, 256, (25, 4)) / 255
     paint = squares(inks, "scn")
-    more = [profile_stream(GRACOL), profile_stream(COATED)]
+    more = [profile_stream(path) for path in profiles]
     for number, native in ((5, True), (6, False)):
         spaces = f"/ColorSpace<</P[/ICCBased {number} 0 R]>>"
         cmyk = centres(rip(write_pdf("/P cs " + paint, resources=spaces, catalogue=INTENT, more=more)))
         assert (cmyk == np.rint(255 * inks)).all() == native
 
 
-@pytest.mark.parametrize("profile", [None, pytest.param(GRACOL, marks=needs_icc)])
-def test_images_and_gradients_in_a_spot_colour(write_pdf: WritePdf, profile: Path | None) -> None:
+@pytest.mark.parametrize("managed", [False, True])
+def test_images_and_gradients_in_a_spot_colour(
+    write_pdf: WritePdf, profiles: tuple[Path, Path], managed: bool
+) -> None:
     more = [image(f"/Width 3/Height 1/ColorSpace[{SPOT}]/BitsPerComponent 8", bytes([0, 102, 255]))]
     function = "<</FunctionType 2/Domain[0 1]/C0[0]/C1[1]/N 1>>"
     shading = f"/Shading<</S<</ShadingType 2/ColorSpace[{SPOT}]/Coords[0 0 90 0]/Function {function}>>>>"
@@ -452,7 +470,7 @@ def test_images_and_gradients_in_a_spot_colour(write_pdf: WritePdf, profile: Pat
             page="/MediaBox[0 0 90 100]",
             more=more,
         ),
-        profile=profile,
+        profile=profiles[0] if managed else None,
     )
     assert cmyk[30, [15, 45, 75]].tolist() == [[0, 0, 0, 0], [0, 20, 82, 10], GOLD]
     tints = (np.arange(90) + 0.5) / 90

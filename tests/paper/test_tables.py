@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.operating import bill
 from prooflight.press.press_file import PressFile
+from prooflight_studies.harness.operating import bill
 from prooflight_studies.paper.results import ALPHAS as STUDIED_ALPHAS
 from prooflight_studies.paper.results import PRINTED
 

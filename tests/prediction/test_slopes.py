@@ -7,15 +7,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.kernels.prediction.look_up import NODES
-from prooflight.prediction.slopes import SLOPE_NODES, mean_slopes, slopes_at
+from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
 from prooflight.prediction.tables import node_fractions
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
 
 STEP = 1e-4
+
+
+def slopes_at(slopes: NDArray[np.float32], cmyk: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """``mean_slopes`` at recipes (n, 4), interpolated linearly in every ink: (n, 4) [DN per whole ink]."""
+    width = NODE_STEP * EVERY
+    cell = cmyk.astype(np.intp) // width
+    upper = (cmyk % width).astype(np.float32) / width
+    strides = SLOPE_NODES ** np.arange(3, -1, -1)
+    flat = slopes.reshape(-1, 4)
+    first = cell @ strides
+    result = np.zeros((len(cmyk), 4), np.float32)
+    for corner in np.ndindex(2, 2, 2, 2):
+        weight = np.prod(np.where(np.array(corner) == 1, upper, 1 - upper), axis=1, dtype=np.float32)
+        result += weight[:, None] * flat[first + int(strides @ np.array(corner))]
+    return result
 
 
 def test_slopes_meet_the_exact_models(press: Press, prototype: PressFile) -> None:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from prooflight.camera.camera import with_pixels
-from prooflight.camera.exposure import expose_page
 from prooflight.camera.sensor import Noise, draw_fixed_pattern
 from prooflight.commissioning.build import build_press
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.press.press_file import PressFile
+from prooflight_studies.exact.exposure import expose_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable

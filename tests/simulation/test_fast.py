@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from prooflight.camera.exposure import page_electrons
 from prooflight.pages.planes import displaced
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement, Warp
-from prooflight.simulation.exact import PrintedInks, Specimen, exact_mean_variance
 from prooflight.simulation.fast import fast_mean_variance, fast_scan, half_normals, noisy
 from prooflight.simulation.prints import Print, Speck
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 from prooflight_studies.edges.rig import Rig
+from prooflight_studies.exact.exposure import page_electrons
+from prooflight_studies.exact.scans import PrintedInks, Specimen, exact_mean_variance
 
 if TYPE_CHECKING:
     from collections.abc import Callable

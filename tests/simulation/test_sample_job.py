@@ -16,9 +16,9 @@ pytest.importorskip("reportlab", reason="making the sample job needs the extra [
 pytest.importorskip("skimage", reason="making the sample job needs the extra [demo]")
 
 from prooflight.pages.pdf.rip import PdfJob  # noqa: E402
-from prooflight.simulation.corpus.sample_job import inks, separation  # noqa: E402
-from prooflight.simulation.corpus.sample_job.known import KnownPatch, KnownPicture  # noqa: E402
+from prooflight.simulation.corpus.sample_job import inks, pictures  # noqa: E402
 from prooflight.simulation.corpus.sample_job.sample_job import SampleJob, make_sample_job  # noqa: E402
+from prooflight.simulation.corpus.sample_job.sheet import KnownPatch, KnownPicture  # noqa: E402
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,18 +121,18 @@ def test_photographs_keep_the_total_ink_limit(job: SampleJob) -> None:
     photographs = [
         known for known in job.known if isinstance(known, KnownPicture) and known.what == "photograph"
     ]
-    limit = separation.TOTAL_INK_LIMIT * inks.FULL
+    limit = pictures.TOTAL_INK_LIMIT * inks.FULL
     heaviest = max(int(picture.cmyk.sum(axis=-1, dtype=np.int64).max()) for picture in photographs)
     assert 0.97 * limit < heaviest <= limit  # shadows use the room, and none exceeds it
 
 
 @given(rgb=arrays(np.uint8, (4, 5, 3)))
 def test_separation_keeps_limit_and_colour(rgb: NDArray[np.uint8]) -> None:
-    cmyk = separation.separate(rgb).astype(float) / 255
+    cmyk = pictures.separate(rgb).astype(float) / 255
     total = cmyk.sum(axis=-1)
-    assert (total <= separation.TOTAL_INK_LIMIT + 1e-9).all()
+    assert (total <= pictures.TOTAL_INK_LIMIT + 1e-9).all()
     free = (
-        total < separation.TOTAL_INK_LIMIT - 4 / 255
+        total < pictures.TOTAL_INK_LIMIT - 4 / 255
     )  # where nothing was held back the multiplicative model holds
     back = (1 - cmyk[..., :3]) * (1 - cmyk[..., 3:])
     assert np.abs(back - rgb / 255.0)[free].max(initial=0.0) <= 1 / 255 + 1e-9  # one byte of rounding per ink
@@ -140,7 +140,7 @@ def test_separation_keeps_limit_and_colour(rgb: NDArray[np.uint8]) -> None:
 
 def test_separation_of_white_and_grey_order() -> None:
     greys = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, axis=2)
-    cmyk = separation.separate(greys)[:, 0].astype(int)
+    cmyk = pictures.separate(greys)[:, 0].astype(int)
     assert cmyk[255].tolist() == [0, 0, 0, 0]
     assert (np.diff(cmyk[:, 3]) <= 0).all()  # the lighter, the less black
     assert (np.ptp(cmyk[:, :3], axis=1) == 0).all()  # a grey stays a grey of equal inks

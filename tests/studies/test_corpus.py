@@ -21,7 +21,6 @@ from prooflight.simulation.corpus.corpus import (
     IN_COLOUR,
     SIZES_MM,
     Corpus,
-    Folder,
     design_page,
 )
 from prooflight.simulation.corpus.designs.faces import OutlineFace
@@ -32,6 +31,7 @@ from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight_studies.corpus.figures import corpus_results, page_figures, summary, table
 from prooflight_studies.corpus.picture import draw_distributions
 from prooflight_studies.corpus.sheet import THUMBNAIL_PX, summary_of, write_contact_sheet
+from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import page_text, plain
 
 if TYPE_CHECKING:

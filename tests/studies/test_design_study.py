@@ -13,11 +13,11 @@ from PIL import Image
 
 from prooflight.cli import run
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.operating import Scored, at_threshold, bill
 from prooflight.errors import InputError, RequestError
 from prooflight_studies.design.choices import Choice, Prices, choices, parse_prices
 from prooflight_studies.design.results import cents_per_unit, efficient, resampled_costs
 from prooflight_studies.design.study import run_design_study
+from prooflight_studies.harness.operating import Scored, at_threshold, bill
 from prooflight_studies.harness.protocol import Plan
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 from scipy import stats
 
-from prooflight.detectors.operating import area_under_roc
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.press.press_file import PressFile
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest
+from prooflight_studies.harness.operating import area_under_roc
 from prooflight_studies.paper.figures import (
     COLOURS,
     Exhibit,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from PIL import Image
+from tests.stand_ins import others
 
 from prooflight.errors import RequestError, ScanError
 from prooflight_studies.golden.figures import Outcome, Setting, figures
@@ -113,14 +114,29 @@ def test_a_folder_without_pairs(tmp_path: Path) -> None:
         read_pairs(tmp_path)
 
 
-# --- real pairs ---
+# --- pairs in files ---
 
 
-def test_a_few_real_pairs(shared: Path) -> None:
-    folder = shared / "data" / "deeppcb"
-    if not folder.is_dir():
-        pytest.skip("needs shared/data/deeppcb beside the repository")
-    tuning, _ = halves(read_pairs(folder))
+@pytest.fixture(params=[None, *others("golden pairs")], ids=lambda path: path.stem if path else "drawn")
+def pairs_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A folder of pairs, drawn here or of the data set."""
+    if request.param is None:
+        for seed in range(6):
+            drawn = drawn_pair(f"pair{seed}", seed)
+            for which, values in (("temp", drawn.golden), ("test", drawn.scan)):
+                Image.fromarray(values[0].astype(np.uint8)).save(
+                    tmp_path / f"{drawn.name}_{which}.jpg", quality=95
+                )
+            marks = [(*box, kind) for box, kind in zip(drawn.marked, drawn.kinds, strict=True)]
+            (tmp_path / f"{drawn.name}.txt").write_text(
+                "".join(f"{' '.join(map(str, mark))}\n" for mark in marks)
+            )
+    return request.param or tmp_path
+
+
+def test_every_defect_of_a_few_pairs_is_found_and_nothing_else(pairs_folder: Path) -> None:
+    tuning, _ = halves(read_pairs(pairs_folder))
     said = [judged(pair, differences(pair, "golden"), SETTING) for pair in tuning[:3]]
+    assert len(said) == 3
     assert sum(one.hits for one in said) == sum(len(one.kinds) for one in said)
     assert sum(one.false for one in said) == 0

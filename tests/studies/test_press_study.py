@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.operating import Scored
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.operating import Scored
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.press.findings import FIRST
 from prooflight_studies.press.judging import (

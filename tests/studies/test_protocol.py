@@ -11,12 +11,21 @@ from scipy import stats
 from tests.fuzz.press_mutants import bytes_spoilt
 
 from prooflight.detectors.paper.evidence import INTERVALS
-from prooflight.detectors.paper.windows import window_means, window_statistics
+from prooflight.detectors.paper.windows import window_statistics
 from prooflight.prediction.predict import predict
-from prooflight.simulation.captures import SimulatedDay, noisier_tables
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.error_map import window_means
 from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
-from prooflight_studies.harness.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
+from prooflight_studies.harness.protocol import (
+    SETS,
+    PilotWork,
+    Plan,
+    WatchWork,
+    noisier,
+    noisier_tables,
+    variation_models,
+)
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 
@@ -146,14 +155,14 @@ def test_days_differ_in_the_press_world(two_sensor_press: Press, page: Page) -> 
 
 def test_noise_scales_but_rounding_does_not(two_sensor_press: Press, page: Page) -> None:
     expected = predict(page, sensors=two_sensor_press.sensors, geometry=two_sensor_press.geometry)
-    noisier = noisier_tables(expected, 3.0)
-    np.testing.assert_allclose(noisier.variance_dn2 - 1 / 12, 9 * (expected.variance_dn2 - 1 / 12), rtol=1e-4)
+    tables = noisier_tables(expected, 3.0)
+    np.testing.assert_allclose(tables.variance_dn2 - 1 / 12, 9 * (expected.variance_dn2 - 1 / 12), rtol=1e-4)
     assert noisier_tables(expected, 1.0) is expected
     # a day whose true sigma is the table's scales as the tables do, where no halftone adds to it
     day = SimulatedDay.begin("press", two_sensor_press, np.random.default_rng(3))
     assert day.session is not None
     seen = day.seen(day.good(page), np.random.default_rng(4))
-    added = day.noisier(seen, 3.0).variance_dn2 - seen.variance_dn2
+    added = noisier(day, seen, 3.0).variance_dn2 - seen.variance_dn2
     for sensor, own in enumerate(day.session.sensors):
         paper = np.abs(seen.expected_dn[sensor] - seen.expected_dn[sensor].max()) < 20
         table = two_sensor_press.sensors[sensor].variance_dn2[0, 0, 0, 0] - 1 / 12

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.stand_ins import others
 
 from prooflight.errors import JobError
 from prooflight.inks.built_in import built_in_inks
@@ -15,6 +16,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
 from prooflight.press.press_file import PressFile
+from prooflight.simulation.corpus.corpus import design_page
 from prooflight_studies.tables.study import (
     FREQUENT,
     OTHERS,
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from prooflight.press.artefact import Press
-
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 
 
 def page_of(colours: np.ndarray) -> Page:
@@ -127,11 +127,15 @@ def test_a_chart_joins_a_press_file_without_naming_its_folder(prototype: PressFi
     assert joined.camera().pixel_pitch_mm == prototype.camera().pixel_pitch_mm
 
 
-@pytest.mark.skipif(
-    not (SHARED / "data" / "pages").is_dir(), reason="needs shared/data/pages beside the repository"
+@pytest.mark.parametrize(
+    "first", [None, *others("pages")], ids=lambda path: path.stem if path else "composed"
 )
-def test_tables_are_within_a_tenth_of_sigma_on_a_real_page(press: Press, prototype: PressFile) -> None:
-    first = sorted((SHARED / "data" / "pages").glob("*.pdf"))[0]
+def test_tables_are_within_a_tenth_of_sigma_on_a_page(
+    press: Press, prototype: PressFile, tmp_path: Path, first: Path | None
+) -> None:
+    if first is None:
+        first = tmp_path / "composed.tif"
+        write_tiff(design_page(1, 0, dpi=60.0), first)
     colours = job_colours("real", first, seed=1, progress=lambda _text: None)
     with open_job(first, dpi=100.0) as job:
         assert colours.pixels.sum() == pytest.approx(job.page(1).cmyk[..., 0].size)

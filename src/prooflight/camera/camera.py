@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight import spectra
 from prooflight.camera.sensor import FixedPattern, LineSensor, Noise, read_out
-from prooflight.pages.sampling import Footprint, page_taps
+from prooflight.pages.sampling import Footprint
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -185,43 +185,6 @@ def expose_flat(
         line_e = sensor.electrons(camera.irradiance_photons(reflectance)) * column_light
         electrons = np.broadcast_to(line_e, (lines, sensor.pixels))
         scan.append(read_out(sensor, electrons, pattern=pattern, rng=rng, noise=noise))
-    return np.stack(scan)
-
-
-def expose_raster(
-    camera: Camera,
-    electrons: NDArray[np.float32],
-    *,
-    raster_pixel_mm: float,
-    centres_x_mm: NDArray[np.float64],
-    centres_y_mm: NDArray[np.float64],
-    backing_e: Sequence[float],
-    patterns: Sequence[FixedPattern],
-    rng: np.random.Generator,
-    noise: Noise = Noise.ALL,
-) -> NDArray[np.uint16]:
-    """A scan of a page, given what each raster pixel alone would yield on the axis.
-
-    electrons (sensors, rows, columns) [e-]: reflected light of the raster, in photo-electrons of a whole pixel; blur
-    and area sampling act on it, as they act on light, never on ink values. centres_x_mm (pixels,) and centres_y_mm
-    (lines,): where camera pixels lie on the page; off the page the camera sees backing_e (sensors,).
-    Returns (sensors, lines, pixels) [DN].
-    """
-    column_light = camera.column_light()
-    scan = []
-    for index, (sensor, pattern) in enumerate(zip(camera.sensors, patterns, strict=True)):
-        footprint = camera.footprint(sensor)
-        across, along = page_taps(
-            footprint,
-            centres_x_mm=centres_x_mm,
-            centres_y_mm=centres_y_mm,
-            raster_pixel_mm=raster_pixel_mm,
-            raster_shape=electrons[index].shape,
-        )
-        # Only the light above the backing's is filtered, so what is off the page comes out as backing.
-        seen = across.apply(along.apply(electrons[index] - np.float32(backing_e[index])).T).T
-        light = (seen + backing_e[index]) * column_light
-        scan.append(read_out(sensor, light.astype(np.float64), pattern=pattern, rng=rng, noise=noise))
     return np.stack(scan)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Flag, auto
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy import special
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LARGEST_BITS = 16
+ROUNDING_DN2: Final = 1 / 12
+"""Variance of rounding to integers, a uniform error of one code (EMVA 1288, quantisation noise). [DN^2]"""
 
 
 class Noise(Flag):
@@ -141,7 +143,7 @@ class LineSensor:
         clipped_mean, clipped_variance = clipped_gaussian(
             mean, np.sqrt(variance_e2) * self.dn_per_e, low=0.0, high=float(self.top_code_dn)
         )
-        return clipped_mean, np.sqrt(clipped_variance + 1 / 12)
+        return clipped_mean, np.sqrt(clipped_variance + ROUNDING_DN2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

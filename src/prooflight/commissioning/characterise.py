@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.camera.camera import expose_flat
-from prooflight.camera.sensor import read_out
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.prediction.tables import node_fractions
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import FixedPattern, LineSensor
     from prooflight.inks.reflectance import ReflectanceModel
-
-ROUNDING_DN2 = 1 / 12
-"""Variance that rounding to integers adds (a uniform error of one code)."""
 
 
 def signal_dn(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,23 +65,6 @@ def unbiased_nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
         result[1:-1] -= second / 12
         result[-1] -= second[-1] / 12
     return moved.astype(np.float32)
-
-
-def repeated_moments(
-    sensor: LineSensor,
-    electrons: NDArray[np.float64],
-    *,
-    pattern: FixedPattern,
-    lines: int,
-    rng: np.random.Generator,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and variance of the digital number by repeated exposure, the paper's own way.
-
-    electrons (n,) [e-], at most as many as the sensor has pixels: each colour stays in its column for ``lines`` lines.
-    Returns two (n,) arrays [DN, DN^2].
-    """
-    exposed = read_out(sensor, np.broadcast_to(electrons, (lines, electrons.size)), pattern=pattern, rng=rng)
-    return exposed.mean(axis=0), exposed.var(axis=0, ddof=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

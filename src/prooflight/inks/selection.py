@@ -177,20 +177,6 @@ def choose(
     return Choice(best=best, scores={name: trial.score for name, trial in tried.items()}, why=why)
 
 
-def score_chart(
-    chart: Chart,
-    model: str = AUTO,
-    *,
-    folds: int = FOLDS,
-    seed: int = 0,
-    progress: Callable[[str], None] | None = None,
-) -> CrossValidation:
-    """What ``chart score`` reports: the cross-validation of a model, or of the one that ``auto`` chooses."""
-    if model == AUTO:
-        return choose(chart, folds=folds, seed=seed, progress=progress).best
-    return cross_validate(chart, model, folds=folds, seed=seed)
-
-
 def learn(
     chart: Chart,
     model: str = AUTO,

@@ -22,11 +22,11 @@ from prooflight.kernels.thumbnails import SHRINK, STEPS
 from prooflight.line.sheets.edges import EDGE_LINES, STRETCH, Sheet, SheetFinder
 from prooflight.line.sheets.fitting import inside, lay
 from prooflight.line.sheets.following import Expected, Following
-from prooflight.line.sheets.records import FAULT_KINDS, Fault, FaultKind, MissingPage, SeenPage
+from prooflight.line.sheets.records import Fault, FaultKind, MissingPage, SeenPage
 from prooflight.line.sheets.rhythm import Rhythm
 from prooflight.line.sheets.sheet_faults import length_fault, splice_fault
 from prooflight.line.sheets.store import LineStore
-from prooflight.line.sheets.thumbnails import RepeatedJob, Shrinker, Thumbnail, thumbnail_of
+from prooflight.line.sheets.thumbnails import Shrinker, Thumbnail, thumbnail_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,14 +36,12 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineBlock
 
 __all__ = [
-    "FAULT_KINDS",
     "Expected",
     "Fault",
     "FaultKind",
     "MissingPage",
     "PageStart",
     "Pager",
-    "RepeatedJob",
     "SeenPage",
     "SheetEdge",
     "Thumbnail",
@@ -105,17 +103,16 @@ class Pager:
         *,
         expected: Expected,
         start: PageStart | None = None,
-        first_page: int = 0,
     ) -> None:
         """expected: thumbnails in job order, asked for when near; the same object for the same design; None: not known
-        yet. first_page: where in it the run begins.
+        yet.
         """
         geometry = press.geometry
         self._geometry, self._start = geometry, start or SheetEdge()
         self._lead_in, self._lead_out = (
             round(mm / geometry.line_pitch_mm) for mm in (geometry.lead_in_mm, geometry.lead_out_mm)
         )
-        self._following = Following(expected=expected, geometry=geometry, frontier=first_page)
+        self._following = Following(expected=expected, geometry=geometry, frontier=0)
         self._longest = max(self._lengths(), default=2 * geometry.pixels)
         self._store = LineStore(press, longest=self._longest)
         self._finder = SheetFinder(self._store, lengths=self._lengths, like_gap=self._like_gap)

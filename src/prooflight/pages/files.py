@@ -252,16 +252,3 @@ def write_tiff(page: Page, path: Path) -> None:
             metadata=None,
             maxworkers=1,
         )
-
-
-def write_jpeg(page: Page, path: Path, *, quality: int = 95) -> None:
-    """Write a page as a CMYK JPEG as Adobe stores it (inverted), not subsampled; whole or not at all.
-
-    quality: 1 to 100, the IJG scale. JPEG holds whole pixels per inch: the resolution is rounded.
-    """
-    from PIL import Image
-
-    with whole_file(Path(path)) as unfinished:
-        Image.fromarray(page.cmyk, mode="CMYK").save(
-            unfinished, format="JPEG", quality=quality, subsampling=0, dpi=(round(page.dpi), round(page.dpi))
-        )

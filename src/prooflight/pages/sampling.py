@@ -83,11 +83,6 @@ class Taps:
         matrix = sparse.csr_array((self.weights.ravel(), columns, starts), shape=(count, image.shape[0]))
         return np.asarray(matrix @ image, dtype=np.float32)
 
-    @property
-    def coverage(self) -> NDArray[np.float32]:
-        """(camera pixels,) share of each camera pixel that lies on the page."""
-        return self.weights.sum(axis=1)
-
 
 def taps(
     cumulative: NDArray[np.float64],
@@ -117,32 +112,6 @@ def transfer(
     weights = np.diff(cumulative)
     offsets = (np.arange(weights.size) + 0.5 - weights.size / 2) * (2 * reach_pixels / weights.size)
     return np.asarray(np.cos(2 * np.pi * frequency[:, None] * offsets) @ weights, dtype=np.float64)
-
-
-def page_taps(
-    footprint: Footprint,
-    *,
-    centres_x_mm: NDArray[np.float64],
-    centres_y_mm: NDArray[np.float64],
-    raster_pixel_mm: float,
-    raster_shape: tuple[int, ...],
-) -> tuple[Taps, Taps]:
-    """Taps across the web and along the travel of a raster of raster_shape (rows, columns)."""
-    across = taps(
-        footprint.across,
-        reach_mm=footprint.reach_mm,
-        centres_mm=centres_x_mm,
-        raster_pixel_mm=raster_pixel_mm,
-        raster_pixels=raster_shape[1],
-    )
-    along = taps(
-        footprint.along,
-        reach_mm=footprint.reach_mm,
-        centres_mm=centres_y_mm,
-        raster_pixel_mm=raster_pixel_mm,
-        raster_pixels=raster_shape[0],
-    )
-    return across, along
 
 
 def _kept_inside(first: NDArray[np.int64], weights: NDArray[np.float64], raster_pixels: int) -> Taps:

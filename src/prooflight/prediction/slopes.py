@@ -38,18 +38,3 @@ def mean_slopes(model: SensorModel) -> NDArray[np.float32]:
         other[0] = (4 * thin[1] - thin[2] - 3 * thin[0]) / (2 * step)
         other[-1] = (3 * thin[-1] + thin[-3] - 4 * thin[-2]) / (2 * step)
     return slopes
-
-
-def slopes_at(slopes: NDArray[np.float32], cmyk: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """``mean_slopes`` at recipes (n, 4), interpolated linearly in every ink: (n, 4) [DN per whole ink]."""
-    width = NODE_STEP * EVERY
-    cell = cmyk.astype(np.intp) // width
-    upper = (cmyk % width).astype(np.float32) / width
-    strides = SLOPE_NODES ** np.arange(3, -1, -1)
-    flat = slopes.reshape(-1, 4)
-    first = cell @ strides
-    result = np.zeros((len(cmyk), 4), np.float32)
-    for corner in np.ndindex(2, 2, 2, 2):
-        weight = np.prod(np.where(np.array(corner) == 1, upper, 1 - upper), axis=1, dtype=np.float32)
-        result += weight[:, None] * flat[first + int(strides @ np.array(corner))]
-    return result

@@ -80,10 +80,6 @@ class Landmarks:
     """(tiles,) first line of each tile, the page in its place."""
     columns: NDArray[np.int64]
     """(tiles,) first column."""
-    centres_mm: NDArray[np.float64]
-    """(tiles, 2) x, y of their centres on the page. [mm]"""
-    information: NDArray[np.float32]
-    """(tiles, 2) about what displacement across and along each tells. [1/pixel^2]"""
     shares: NDArray[np.float64]
     """(tiles, 2, 4) how far each tile seems to go across and along where an ink plane goes by 1: that ink's part of its
     edges. What is missing to 1 is the part of the page's own edge. [-]"""
@@ -148,8 +144,6 @@ def prepare(
         ratio=(float(ratio[0]), float(ratio[1])),
         lines=lines,
         columns=left,
-        centres_mm=centres,
-        information=information[rows, columns],
         shares=shares,
         beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(apart, 0, 1),
         windows=windows,

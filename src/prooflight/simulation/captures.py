@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from prooflight.simulation.fast import fast_mean_variance, noisy
 from prooflight.simulation.misprints.kinds import draw_misprint
 from prooflight.simulation.prints import Print, together
 from prooflight.simulation.scans import TRIES, ideal_scan, passes_gate
-from prooflight.simulation.session import Session, true_sensors
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of, gate
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from prooflight.simulation.misprints.kinds import Misprint
 
 World = Literal["ideal", "press"]
-ROUNDING_DN2: Final = 1 / 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,30 +116,6 @@ class SimulatedDay:
         moved = replace(print_, placement=together(placement, print_.placement))
         return fast_mean_variance(page, self.press, self.session, moved)
 
-    def noisier(self, seen: Prediction, times: float) -> Prediction:
-        """The same seen by a camera of ``times`` the temporal sigma (shot, dark and read together).
-
-        Rounding, fixed patterns and whatever the print does stay as they are.
-        """
-        if self.session is None or times == 1:
-            return noisier_tables(seen, times)
-        variance = seen.variance_dn2.copy()
-        for index, sensor in enumerate(true_sensors(self.session, self.press)):
-            light = seen.expected_dn[index] - sensor.model.column_offset_dn
-            steps = np.linspace(0, sensor.noise_top_dn, sensor.noise_dn2.size)
-            variance[index] += (times**2 - 1) * np.interp(light, steps, sensor.noise_dn2)
-        return replace(seen, variance_dn2=variance)
-
     def recorded(self, seen: Prediction, rng: np.random.Generator) -> NDArray[np.uint16]:
         """The scan. (sensors, lines, pixels) [DN]"""
         return ideal_scan(seen, self.press, rng) if self.session is None else noisy(seen, self.press, rng)
-
-
-def noisier_tables(expected: Prediction, times: float) -> Prediction:
-    """What tables expect that were made for ``times`` the temporal sigma; rounding stays as it is."""
-    if times == 1:
-        return expected
-    rounding = np.float32(ROUNDING_DN2)
-    return replace(
-        expected, variance_dn2=(expected.variance_dn2 - rounding) * np.float32(times**2) + rounding
-    )

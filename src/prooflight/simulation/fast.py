@@ -6,7 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage, special
+from scipy import special
 
 from prooflight.kernels.simulation.lines import add_noise, light_lines, scan_lines
 from prooflight.prediction.lens_correction import correct_light
@@ -97,8 +97,8 @@ def light_scan(
         (sensor.columns * print_.lamp).astype(np.float32),
         print_.flicker.astype(np.float32),
         print_.cloud.astype(np.float32),
-        _cloud_place(geometry.centres_y_mm(above_backing.shape[0]), page.height_mm),
-        _cloud_place(geometry.centres_x_mm(page.width_mm), page.width_mm),
+        cloud_places(geometry.centres_y_mm(above_backing.shape[0]), page.height_mm),
+        cloud_places(geometry.centres_x_mm(page.width_mm), page.width_mm),
         model.column_offset_dn,
         model.column_gain,
         np.float32(session.amounts.ink.halftone_contrast * CONTRAST_PITCH_MM / geometry.pixel_pitch_mm),
@@ -127,17 +127,7 @@ def half_normals() -> NDArray[np.float32]:
     return (quantiles * (np.sqrt(0.5) / quantiles.std())).astype(np.float32)
 
 
-def _cloud_place(centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
+def cloud_places(centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
     """Where camera pixels lie among the cloud's nodes; -1 off the page, where there is no paper."""
     on_page = (centres_mm >= 0) & (centres_mm < extent_mm)
     return np.where(on_page, centres_mm / CLOUD_PITCH_MM, -1).astype(np.float32)
-
-
-def cloud_factor(print_: Print, page: Page, press: Press) -> NDArray[np.float64]:
-    """What cloudy paper does to every pixel's light, as ``light_lines`` does it: (lines, pixels) [-]."""
-    geometry = press.geometry
-    down = _cloud_place(geometry.centres_y_mm(geometry.lines(page.height_mm)), page.height_mm)
-    across = _cloud_place(geometry.centres_x_mm(page.width_mm), page.width_mm)
-    places = np.stack(np.meshgrid(down, across, indexing="ij"))
-    factor = 1 + ndimage.map_coordinates(print_.cloud, places.clip(min=0), order=1)
-    return np.asarray(np.where((places >= 0).all(axis=0), factor, 1.0))

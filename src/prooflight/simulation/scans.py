@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 from prooflight.prediction.predict import predict
@@ -81,7 +82,7 @@ class SimulatedScan:
 
 def ideal_scan(prediction: Prediction, press: Press, rng: np.random.Generator) -> NDArray[np.uint16]:
     """The ideal world: expected plus temporal noise, rounded and clipped to the converter's codes."""
-    rounding = np.float32(1 / 12)
+    rounding = np.float32(ROUNDING_DN2)
     noise = rng.standard_normal(prediction.expected_dn.shape, dtype=np.float32)
     noise *= np.sqrt(np.maximum(prediction.variance_dn2 - rounding, 0))
     noise += prediction.expected_dn

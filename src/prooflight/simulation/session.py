@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
 from prooflight.simulation.fields import ColourWaves, smooth_line
@@ -220,4 +221,4 @@ def noise_curve(model: SensorModel, top_dn: float) -> NDArray[np.float64]:
     curve = np.interp(light, at, seen)
     beyond = light > at[-1]
     curve[beyond] = seen[-1] + (light[beyond] - at[-1]) * (seen[-1] - seen[0]) / at[-1]
-    return (curve - 1 / 12).clip(min=0)
+    return (curve - ROUNDING_DN2).clip(min=0)

@@ -56,7 +56,7 @@ def press(
     from dataclasses import replace
 
     from prooflight.press.press_file import TWO_SENSORS, PressFile
-    from prooflight.simulation.corpus.corpus import Folder
+    from prooflight_studies.harness.folder import Folder
     from prooflight_studies.paper.study import REDUCED_PITCH_MM
     from prooflight_studies.press.study import PressPlan, run_press_study
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
-from prooflight.simulation.corpus.corpus import Corpus, Folder
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.corpus.figures import PageFigures, corpus_results, page_figures, summary, table
 from prooflight_studies.corpus.picture import draw_distributions
+from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import (
+from prooflight.rng import stream
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.baselines import BASELINES
+from prooflight_studies.harness.operating import (
     PERCENTILES,
     RESAMPLES,
     Interval,
@@ -16,9 +19,6 @@ from prooflight.detectors.operating import (
     bill,
     least_cost,
 )
-from prooflight.rng import stream
-from prooflight.simulation.worlds import worlds_digest
-from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.operating import Scored
     from prooflight.simulation.captures import World
     from prooflight_studies.design.choices import Prices
+    from prooflight_studies.harness.operating import Scored
     from prooflight_studies.harness.protocol import Plan
     from prooflight_studies.harness.result_cache import Rows
 

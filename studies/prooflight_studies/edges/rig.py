@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import fft, ndimage
 
-from prooflight.camera.exposure import MARGIN_PIXELS, page_electrons
 from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.commissioning.build import build_press
@@ -18,11 +17,12 @@ from prooflight.errors import RequestError
 from prooflight.kernels.prediction.lines import look_up_row
 from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.sampling import LensCorrection, page_taps, transfer
+from prooflight.pages.sampling import LensCorrection, transfer
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
+from prooflight_studies.exact.exposure import MARGIN_PIXELS, page_electrons, page_taps
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 """How well a page is predicted where it matters and is hardest: at the edges of letters and thin lines.
 
-The truth is the exact camera (``camera.exposure``) without noise, on a raster much finer than any that prediction
+The truth is the exact camera (``exact.exposure``) without noise, on a raster much finer than any that prediction
 uses, and once more on the very raster that prediction is given; the prediction is the one that presses run.
 """
 

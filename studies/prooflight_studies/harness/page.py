@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
-from prooflight.detectors.operating import false_alarms_in_words
 from prooflight.errors import InputError
 from prooflight.files.atomic import whole_file
+from prooflight_studies.harness.operating import false_alarms_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import Scored, least_cost
 from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesianNetwork
 from prooflight.simulation.worlds import worlds
 from prooflight_studies.harness.measures import (
@@ -21,6 +20,7 @@ from prooflight_studies.harness.measures import (
     WINDOWS,
     Windows,
 )
+from prooflight_studies.harness.operating import Scored, least_cost
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

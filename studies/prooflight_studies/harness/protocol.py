@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
 from prooflight.rng import stream
-from prooflight.simulation.captures import Printed, SimulatedDay, World, noisier_tables
+from prooflight.simulation.captures import Printed, SimulatedDay, World
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.session import true_sensors
 from prooflight.simulation.worlds import known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
@@ -170,7 +172,7 @@ class WatchWork:
     ) -> Iterator[dict[str, Any]]:
         seen = bench.day.seen(printed, rng)
         for noise in self.plan.noises:
-            scan = bench.day.recorded(bench.day.noisier(seen, noise), rng)
+            scan = bench.day.recorded(noisier(bench.day, seen, noise), rng)
             of_frames = [
                 measure(
                     measured,
@@ -255,3 +257,28 @@ def _cut(
     """One area of a scan and of its prediction, each in one piece of memory."""
     expected, variance = (np.ascontiguousarray(a[area]) for a in (seen.expected_dn, seen.variance_dn2))
     return np.ascontiguousarray(scan[area]), Prediction(expected_dn=expected, variance_dn2=variance)
+
+
+def noisier(day: SimulatedDay, seen: Prediction, times: float) -> Prediction:
+    """What ``day.seen`` gives, seen by a camera of ``times`` the temporal sigma (shot, dark and read together).
+
+    Rounding, fixed patterns and whatever the print does stay as they are.
+    """
+    if day.session is None or times == 1:
+        return noisier_tables(seen, times)
+    variance = seen.variance_dn2.copy()
+    for index, sensor in enumerate(true_sensors(day.session, day.press)):
+        light = seen.expected_dn[index] - sensor.model.column_offset_dn
+        steps = np.linspace(0, sensor.noise_top_dn, sensor.noise_dn2.size)
+        variance[index] += (times**2 - 1) * np.interp(light, steps, sensor.noise_dn2)
+    return replace(seen, variance_dn2=variance)
+
+
+def noisier_tables(expected: Prediction, times: float) -> Prediction:
+    """What tables expect that were made for ``times`` the temporal sigma; rounding stays as it is."""
+    if times == 1:
+        return expected
+    rounding = np.float32(ROUNDING_DN2)
+    return replace(
+        expected, variance_dn2=(expected.variance_dn2 - rounding) * np.float32(times**2) + rounding
+    )

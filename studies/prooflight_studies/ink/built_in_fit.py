@@ -4,16 +4,37 @@ coated offset.
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from prooflight.inks.built_in import COATED_AIMS, built_in_spectra
+from prooflight.inks.built_in import built_in_spectra
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
+
+# (recipe, CIELAB under D50, 2 degrees): ISO 12647-2:2004/Amd 1:2007, tables 1 and 2, paper types 1 and 2,
+# white backing, as they stand in the characterisation data FOGRA39L (Fogra, December 2006), ISO 13655
+# geometry 45/0.
+COATED_AIMS: Final[Mapping[str, tuple[tuple[int, int, int, int], tuple[float, float, float]]]] = (
+    MappingProxyType(
+        {
+            "paper": ((0, 0, 0, 0), (95.0, 0.0, -2.0)),
+            "cyan": ((1, 0, 0, 0), (55.0, -37.0, -50.0)),
+            "magenta": ((0, 1, 0, 0), (48.0, 74.0, -3.0)),
+            "yellow": ((0, 0, 1, 0), (89.0, -5.0, 93.0)),
+            "black": ((0, 0, 0, 1), (16.0, 0.0, 0.0)),
+            "red": ((0, 1, 1, 0), (47.0, 68.0, 48.0)),
+            "green": ((1, 0, 1, 0), (50.0, -65.0, 27.0)),
+            "blue": ((1, 1, 0, 0), (24.0, 22.0, -46.0)),
+        }
+    )
+)
 
 # Start and one standard deviation of the belief in it. Assumed: shapes drawn by hand after what is generally
 # known of these pigments (phthalocyanine's double band, lithol rubine's shoulder, a steep yellow edge, a grey

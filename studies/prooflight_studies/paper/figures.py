@@ -17,13 +17,12 @@ from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import open_job
 from prooflight.prediction.tables import node_fractions
-from prooflight.reporting import paper_pictures
-from prooflight.reporting.paper_pictures import ErrorMap, Repeated, Slice
 from prooflight.reporting.pictures import page_frame, page_picture, signals
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
-from prooflight_studies.paper import page_plots
+from prooflight_studies.paper import page_plots, pictures
 from prooflight_studies.paper.page_samples import Samples, judged_samples, page_samples
+from prooflight_studies.paper.pictures import ErrorMap, Repeated, Slice
 from prooflight_studies.paper.study import at_pitch
 
 if TYPE_CHECKING:
@@ -82,20 +81,20 @@ def draw_figures(
     samples = _samples(press_file, press, exhibit, seed, progress)
     progress("drawing")
     written = [out / "figure-3-light-and-sensors.png"]
-    paper_pictures.draw_curves(
+    pictures.draw_curves(
         written[0],
         light=(camera.light.name, camera.light.relative_power),
         sensors={sensor.name: sensor.quantum_efficiency for sensor in camera.sensors},
     )
     for model in press.sensors:
         written.append(out / f"figure-4-tables-{model.name}.png")
-        paper_pictures.draw_slices(written[-1], model.name, slices(model))
+        pictures.draw_slices(written[-1], model.name, slices(model))
     for index, model in enumerate(press.sensors):
         written.append(out / f"figure-5-noise-{model.name}.png")
         repeated = repeated_exposures(camera, inks, index, stream(seed, "figure-exposures", index))
-        paper_pictures.draw_histograms(written[-1], model.name, repeated)
+        pictures.draw_histograms(written[-1], model.name, repeated)
     written.append(out / "figure-6-error-map.png")
-    paper_pictures.draw_error_map(written[-1], shown)
+    pictures.draw_error_map(written[-1], shown)
     written += [out / "figure-7-statistics.png", out / "figure-8-roc-and-cost.png"]
     page_plots.draw_statistics(written[-2], samples)
     page_plots.draw_operating(written[-1], judged_samples(samples))

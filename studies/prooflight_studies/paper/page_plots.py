@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import area_under_roc, least_cost, roc
 from prooflight.detectors.paper.windows import SHARE_SIGMAS
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight_studies.harness.operating import area_under_roc, least_cost, roc
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 from prooflight_studies.paper.page_samples import SIDE
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.detectors.operating import Scored
+    from prooflight_studies.harness.operating import Scored
     from prooflight_studies.paper.page_samples import Samples
 
 _NAMES: Final = ("mean", "minimum", f"share below {SHARE_SIGMAS:g}")

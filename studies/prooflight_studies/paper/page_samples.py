@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import Scored
 from prooflight.detectors.paper.bayes import CORRECT, BayesianNetwork
 from prooflight.detectors.paper.chi_square import pearson
-from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import gather, interval_shares
-from prooflight.detectors.paper.windows import window_means, window_statistics
+from prooflight.detectors.paper.windows import window_statistics
 from prooflight.pages.job import open_job
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.error_map import normalised_error, window_means
+from prooflight_studies.harness.operating import Scored
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, types_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.operating import (
+from prooflight.rng import stream
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.baselines import BASELINES
+from prooflight_studies.harness.operating import (
     Interval,
     Scored,
     area_under_roc,
@@ -22,10 +26,6 @@ from prooflight.detectors.operating import (
     least_cost,
     roc,
 )
-from prooflight.rng import stream
-from prooflight.simulation.misprints.kinds import KINDS
-from prooflight.simulation.worlds import worlds_digest
-from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
     bayes_scores,

@@ -9,16 +9,11 @@ import numpy as np
 
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model, with_threshold
 from prooflight.commissioning.training.ranking import even, fitted_forest
+from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
-from prooflight.detectors.operating import (
-    Scored,
-    area_under_roc,
-    caught_at,
-    conformal_threshold,
-    least_cost,
-)
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
+from prooflight_studies.harness.operating import Scored, area_under_roc, caught_at, least_cost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy import special
 
-from prooflight.detectors.operating import at_threshold, bootstrap_cost
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
+from prooflight_studies.harness.operating import at_threshold, bootstrap_cost
 from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.operating import Interval
+    from prooflight_studies.harness.operating import Interval
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.press.findings import PressFindings
     from prooflight_studies.press.judging import MethodResult

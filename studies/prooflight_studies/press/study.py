@@ -19,10 +19,11 @@ from prooflight.commissioning.training.learn import (
 )
 from prooflight.commissioning.training.simulated_days import good_prior, good_residual_variance
 from prooflight.commissioning.training.train import calibrated_for
-from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
+from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import Scored, least_cost
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
-    from prooflight.simulation.corpus.corpus import Folder
+    from prooflight_studies.harness.folder import Folder
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows, Work
     from prooflight_studies.press.judging import Verdicts

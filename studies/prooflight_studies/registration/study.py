@@ -13,11 +13,12 @@ from prooflight.prediction.predict import predict
 from prooflight.registration.register import prepare, register
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
-from prooflight.simulation.corpus.corpus import Corpus, Folder
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print, plane_pixels, together
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts, worlds_digest
+from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results

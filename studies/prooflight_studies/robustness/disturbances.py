@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.rng import stream
-from prooflight.simulation.captures import ROUNDING_DN2
 
 if TYPE_CHECKING:
     from prooflight.pages.raster import Page

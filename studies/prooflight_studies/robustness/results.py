@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from scipy import special
 
-from prooflight.detectors.operating import (
+from prooflight.detectors.paper.bayes import BayesianNetwork
+from prooflight.detectors.paper.evidence import interval_edges, interval_shares
+from prooflight.kernels.comparison.dither import CODE_STEPS
+from prooflight.rng import stream
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import (
     Interval,
     area_under_roc,
     at_threshold,
@@ -17,11 +22,6 @@ from prooflight.detectors.operating import (
     caught_at,
     least_cost,
 )
-from prooflight.detectors.paper.bayes import BayesianNetwork
-from prooflight.detectors.paper.evidence import interval_edges, interval_shares
-from prooflight.kernels.comparison.dither import CODE_STEPS
-from prooflight.rng import stream
-from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, scored, types_of
 from prooflight_studies.robustness.disturbances import NOTHING, SIZES, Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (

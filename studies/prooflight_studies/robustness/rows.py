@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.paper.chi_square import pearson
-from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import gather, interval_shares
-from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means, window_unit
+from prooflight.detectors.paper.windows import SHARE_SIGMAS
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
 from prooflight.rng import stream
@@ -24,6 +23,7 @@ from prooflight_studies.harness.baselines import (
     dissimilarity,
     variation_moments,
 )
+from prooflight_studies.harness.error_map import normalised_error, window_means, window_unit
 from prooflight_studies.harness.protocol import SETS
 from prooflight_studies.robustness.disturbances import Disturbance, all_disturbances
 
@@ -55,7 +55,7 @@ class Learned:
     """What good copies of the pilot's designs teach under each disturbance."""
 
     units: NDArray[np.float64]
-    """(disturbances, sides, sensors) scatter of window means, ``detectors.paper.windows.window_unit``."""
+    """(disturbances, sides, sensors) scatter of window means, ``harness.error_map.window_unit``."""
     variations: tuple[VariationModel, ...]
 
 

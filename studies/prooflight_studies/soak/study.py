@@ -15,12 +15,13 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.journal.journal import Journal, RunFacts
 from prooflight.line.outcomes import missing_page, skipped
-from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
+from prooflight.line.pager import MissingPage, Pager, SeenPage
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
 from prooflight.simulation.drum import AMOUNTS, LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.soak.repeated_job import RepeatedJob
 from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
 
 if TYPE_CHECKING:

@@ -34,17 +34,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     scan = ideal_scan(expected, press, stream(None, "bench-scan"))
     scatter = Scatter.white()
 
-    def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:
+    def prepared(*, fringes: bool = False) -> PreparedPage:
         in_place = predict(page, sensors=sensors, geometry=geometry, threads=1)
-        return prepare_page(
-            page, in_place, sensors=sensors, geometry=geometry, sharing=sharing, fringes=fringes
-        )
+        return prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=fringes)
 
-    own, shared, followed = (
-        prepared(sharing=False),
-        prepared(sharing=True),
-        prepared(sharing=False, fringes=True),
-    )
+    own, followed = prepared(), prepared(fringes=True)
 
     def seen(known: PreparedPage) -> ScanAnalysis:
         return analyse(known, scan, sensors=sensors, geometry=geometry)
@@ -52,18 +46,14 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     def statistics(analysis: ScanAnalysis) -> object:
         return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter)
 
-    analysis = seen(shared)
+    analysis = seen(own)
     size = scan[0].size / 1e6
     return {
-        f"our detector: whole, shared prediction, {name}": (lambda: statistics(seen(shared)), size),
         f"our detector: whole, each predicted, {name}": (lambda: statistics(seen(own)), size),
-        f"our detector: whole, fresh design, {name}": (
-            lambda: statistics(seen(prepared(sharing=False))),
-            size,
-        ),
+        f"our detector: whole, fresh design, {name}": (lambda: statistics(seen(prepared())), size),
         f"our detector: whole, each predicted, fringes, {name}": (lambda: statistics(seen(followed)), size),
-        f"our detector: prepare, {name}": (lambda: prepared(sharing=False), size),
-        f"our detector: prepare, fringes, {name}": (lambda: prepared(sharing=False, fringes=True), size),
-        f"our detector: look, {name}": (lambda: seen(shared), size),
+        f"our detector: prepare, {name}": (prepared, size),
+        f"our detector: prepare, fringes, {name}": (lambda: prepared(fringes=True), size),
+        f"our detector: look, {name}": (lambda: seen(own), size),
         f"our detector: statistics, {name}": (lambda: statistics(analysis), size),
     }

@@ -12,12 +12,12 @@ from prooflight.errors import InputError, RequestError
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
-from prooflight.simulation.exact import Specimen, exact_mean_variance
 from prooflight.simulation.fast import fast_mean_variance
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of, worlds_digest
 from prooflight_studies.edges.rig import Rig
+from prooflight_studies.exact.scans import Specimen, exact_mean_variance
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:

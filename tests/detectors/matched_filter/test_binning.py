@@ -11,17 +11,12 @@ import pytest
 from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_geometry,
-    binned_prediction,
     binned_sensors,
     bins_of,
-    phased,
     thinned,
 )
-from prooflight.detectors.matched_filter.fit.modes import pixel_map, prepare_modes
-from prooflight.detectors.matched_filter.fit.shared_prediction import SharedPrediction
-from prooflight.kernels.residuals.moving import move
+from prooflight.detectors.matched_filter.fit.modes import prepare_modes
 from prooflight.pages.raster import Page
-from prooflight.prediction.predict import predict
 from prooflight.scans.placement import Placement
 
 if TYPE_CHECKING:
@@ -37,10 +32,6 @@ def test_squares_hold_their_means(bins: int) -> None:
     whole = np.concatenate([image, np.repeat(image[-1:], bins, axis=0)]).astype(np.float64)
     asked = whole[: 7 * bins].reshape(7, bins, 8, bins).mean(axis=(1, 3))
     np.testing.assert_allclose(binned(image, bins), asked, rtol=1e-6)
-    phases = phased(image.astype(np.float32), bins)
-    np.testing.assert_allclose(phases[0, 0], asked, rtol=1e-6)
-    later = whole[1 : 6 * bins + 1, 1 : 7 * bins + 1].reshape(6, bins, 7, bins).mean(axis=(1, 3))
-    np.testing.assert_allclose(phases[1, 1, :6, :7], later, rtol=1e-6)
 
 
 def test_fine_pixels_are_binned_and_coarse_ones_are_not(press: Press) -> None:
@@ -60,33 +51,6 @@ def test_a_binned_scan_has_the_lines_that_its_geometry_says(press: Press, bins: 
         for lines in range(1, 400):
             image = np.zeros((1, geometry.lines(lines * pitch_mm), 60), np.uint16)
             assert at.lines(lines * pitch_mm) == binned(image, bins).shape[1]
-
-
-def test_a_shared_prediction_moves_as_each_would_be_predicted(press: Press) -> None:
-    """Bars as thin as text's strokes."""
-    cmyk = np.zeros((600, 640, 4), np.uint8)
-    cmyk[50:-50, 60:-60, 3] = 255 * (np.arange(520) % 14 < 5)
-    page = Page(cmyk=cmyk, dpi=481.8, name="bars", number=1)
-    sensors, geometry = press.sensors, press.geometry
-    at = binned_geometry(geometry, BINS)
-    in_place, moved = (
-        predict(page, sensors=sensors, geometry=geometry, threads=1, **where)
-        for where in ({}, {"placement": MOVED})
-    )
-    shared = SharedPrediction.of(page, in_place, sensors=sensors, geometry=geometry, bins=BINS)
-    where = pixel_map(page, at, MOVED)
-    found = shared.seen(
-        where, np.zeros((4, 2)), sensors=binned_sensors(sensors, BINS, geometry.pixel_pitch_mm)
-    )
-    asked = binned_prediction(moved, BINS)
-    contrast = np.ptp(asked.expected_dn)
-    off = np.abs(found.expected_dn - asked.expected_dn)[:, where.inside]
-    late = np.empty_like(asked.expected_dn[0])
-    move(binned(in_place.expected_dn[0], BINS)[None, None], where.across, where.along, late)
-    coarse = (late - asked.expected_dn[0])[where.inside]
-    assert np.sqrt((off**2).mean()) < 0.02 * contrast
-    assert (off**2).mean() < 0.2 * (coarse**2).mean()  # binned pixels moved would err more than twice as much
-    assert np.median(found.variance_dn2 / asked.variance_dn2) == pytest.approx(1, abs=0.01)
 
 
 def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:

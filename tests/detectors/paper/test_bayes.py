@@ -13,7 +13,8 @@ from scipy import special
 
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence
-from prooflight.detectors.paper.windows import window_means, window_statistics, window_unit
+from prooflight.detectors.paper.windows import window_statistics
+from prooflight_studies.harness.error_map import window_means, window_unit
 
 LABELS = np.array(["correct", "global", "local"])
 RATE = 0.01

@@ -10,7 +10,6 @@ from scipy import special, stats
 
 from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.detectors.paper.chi_square import pearson, tile_statistics
-from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import (
     CODE_STEPS,
     INTERVALS,
@@ -24,6 +23,7 @@ from prooflight.detectors.paper.evidence import (
     parts,
 )
 from prooflight.prediction.compact import Scale, compact
+from prooflight_studies.harness.error_map import normalised_error
 
 TOP = 4095
 EXTREME = 1e-4

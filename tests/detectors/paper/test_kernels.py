@@ -98,12 +98,6 @@ def assert_as_in_numpy(evidence: Evidence, measured: np.ndarray, codes: Codes) -
         rows, columns = lines // BLOCK, pixels // BLOCK
         blocks = z[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3))
         np.testing.assert_array_equal(evidence.block_z[s], (blocks / 1024).astype(np.float32))
-        np.testing.assert_array_equal(evidence.tile_energy[s], per_tile(z, lambda t: (t**2).sum()) / 2**14)
-        lowest, highest = per_tile(z, lambda t: min(t.min(), 0)), per_tile(z, lambda t: max(t.max(), 0))
-        np.testing.assert_array_equal(evidence.tile_extremes[s], np.stack([lowest, highest], axis=-1) / 128)
-        np.testing.assert_array_equal(evidence.line_sum[s], z.sum(axis=1) / 128)
-        of_rows = [np.concatenate([tile.sum(axis=0) for tile in row]) for row in tiles(z)]
-        np.testing.assert_array_equal(evidence.column_sum[s], np.array(of_rows) / 128)
         np.testing.assert_array_equal(
             evidence.tile_histogram[s].sum(axis=-1), per_tile(z, lambda tile: tile.size)
         )
@@ -224,7 +218,7 @@ needs_avx2 = pytest.mark.skipif(
         ("dither_row", ("vpmulhw", "vpaddw"), ("vpmulld", "vpmuldq")),
         ("dither_soft_row", ("vpmulhw", "vpaddw"), ("vpmulld", "vpmuldq")),
         ("count_lines", ("vpaddb|vpsubb",), ()),
-        ("fold_lines", ("vpminsw", "vpmaxsw", "vpaddw"), ()),
+        ("fold_lines", ("vpaddw", "vpsraw"), ()),
     ],
 )
 def test_loops_are_vector_instructions_of_words(
@@ -238,12 +232,10 @@ def test_loops_are_vector_instructions_of_words(
         "dither_row": (z, words, few, words, codes),
         "dither_soft_row": (z, words, few, words, codes),
         "count_lines": (many.astype(np.int8), codes[:15], np.zeros((15, 64), np.uint8)),
-        "fold_lines": (many, z, many[: 2 * kernels.STRIP].copy(), np.ones(64, np.int32)),
+        "fold_lines": (many, z),
     }[name]
     code = instructions(getattr(dither_kernels if "dither" in name else kernels, name), *arguments)
-    # Beside squares of 32 bits some processors' compilers take half a register of words: as many of either.
-    whole = "%[xyz]mm" if name == "fold_lines" else "%[yz]mm"
     for pattern in wanted:
-        assert re.search(rf"\b(?:{pattern})\b.*{whole}", code), f"no {pattern} of whole registers in {name}"
+        assert re.search(rf"\b(?:{pattern})\b.*%[yz]mm", code), f"no {pattern} of whole registers in {name}"
     for pattern in unwanted:
         assert not re.search(rf"\b{pattern}\b", code), f"{pattern}: {name} has left 16-bit words"

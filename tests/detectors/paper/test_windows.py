@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from prooflight.detectors.paper.windows import window_means, window_statistics, window_unit
+from prooflight.detectors.paper.windows import window_statistics
+from prooflight_studies.harness.error_map import window_means, window_unit
 
 
 @given(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import optimize, special
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.errors import ScanError
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.camera.exposures import Exposure
 
-ROUNDING_DN2 = 1 / 12
-"""Variance of rounding to integers (EMVA 1288, quantisation noise). [DN^2]"""
 HIGH_PASS_COLUMNS = 25
 """As many as the 5 x 5 box of EMVA 1288's high-pass filter holds."""
 HIGH_PASS_DEGREE = 2

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.commissioning.camera.fixed_pattern import (
-    ROUNDING_DN2,
     ColumnLines,
     Measured,
     level_of_clipped,

@@ -61,9 +61,6 @@ class Calibration:
 
     press: Press
     learned: Learned
-    halftone_dn2: NDArray[np.float64]
-    """(2, sensors, readings) sum_i (d signal / d ink_i)^2 a_i (1 - a_i) of every reading, and the same without
-    a (1 - a) over inks that are there. [DN^2]"""
     patches: tuple[PatchResidual, ...]
     left_out_sigma: tuple[float, ...]
     """Of each sensor: rms over recipes, each predicted from all others, in a single pixel's sigma. [-]"""
@@ -116,7 +113,6 @@ def calibrate_from(
     return Calibration(
         press=assemble_press(name, placed.layout, learned, origin=origin),
         learned=learned,
-        halftone_dn2=halftone,
         patches=_residuals(learned, placed),
         left_out_sigma=_left_out_sigma(learned),
     )
@@ -151,7 +147,9 @@ def _refuse_few(scans: Sequence[ScanRead], placed: PlacedRecipes) -> None:
 
 
 def _halftone_dn2(fit: JointFit, placed: PlacedRecipes, scans: Sequence[ScanRead]) -> NDArray[np.float64]:
-    """See ``Calibration.halftone_dn2``."""
+    """(2, sensors, readings) sum_i (d signal / d ink_i)^2 a_i (1 - a_i) of every reading, and the same without
+    a (1 - a) over inks that are there. [DN^2]
+    """
     cmyk = placed.cmyk[fit.recipe]
     recipes, which = np.unique(cmyk, axis=0, return_inverse=True)
     white = np.mean([scan.patches.white_dn for scan in scans], axis=0)

@@ -56,11 +56,6 @@ class JointFit:
     used: NDArray[np.bool_]
     """(n,) not set aside as spoilt."""
 
-    def left_out_light(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Measured minus predicted from all other recipes, as light, (recipes, sensors), for the model's recipes."""
-        root = self.model.root(cmyk)
-        return np.asarray(2 * root * self.model.left_out)
-
 
 def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> JointFit:
     """The inks of a chart from the readings of all its scans."""

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
+from prooflight.camera.sensor import ROUNDING_DN2
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-ROUNDING_DN2 = 1 / 12
 _ROUNDS = 8
 _OUTLIER = 4.0
 _AREA_KNOWN = 0.03  # assumed: how far a solid's ink may be from closed; a few per cent of gaps are grain too

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import optimize
 
 from prooflight.commissioning.training.ranking import even, fitted_forest, fitted_logit
+from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed, families_of
@@ -23,7 +24,6 @@ from prooflight.detectors.matched_filter.ranking import (
     scores_of,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.operating import conformal_threshold
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -33,7 +33,6 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
-from prooflight.detectors.matched_filter.fit.shared_prediction import SharedPrediction, planes_taken
 from prooflight.detectors.matched_filter.statistics.local_evidence import summed
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of
@@ -67,8 +66,6 @@ class PreparedPage:
     """Where planes share edges, if prediction is to follow their fringes; None: it follows registration alone."""
     images: NDArray[np.float32]
     """``Modes.images`` of the page in its place, in binned pixels."""
-    shared: SharedPrediction | None
-    """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
     colours: Colours
     page_features: NDArray[np.float64]
 
@@ -79,33 +76,27 @@ def prepare_page(
     *,
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
-    sharing: bool = False,
     fringes: bool = False,
     prior: PrintPrior | None = None,
 ) -> PreparedPage:
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
-    sharing: copies share that prediction, moved to where each lies, instead of one each. fringes: where planes share
-    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share. prior: what good
+    fringes: where planes share edges, prediction follows their fringes (``register_by_fringes``). prior: what good
     prints do, by default those of the press world; ``analyse`` has to be given the same.
     """
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
-    shared = None
-    if sharing:
-        shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
     landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
     overlaps = None
-    if fringes and not sharing:
+    if fringes:
         overlaps = overlaps_of(page, landmarks, good_mm=(prior or PrintPrior()).most_plane_mm)
     return PreparedPage(
         page=page,
         landmarks=landmarks,
         overlaps=overlaps,
         images=modes.images,
-        shared=shared,
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
     )
@@ -152,13 +143,9 @@ def analyse(
     where = pixel_map(page, at, placement)
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
-    if prepared.shared is None:
-        printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
-        fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
-        seen = binned_prediction(fine, bins)
-    else:
-        taken_mm, planes_mm = planes_taken(planes_mm, good_mm=prior.most_plane_mm)
-        seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
+    printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
+    fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+    seen = binned_prediction(fine, bins)
     modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
     measured = lengthened(binned_scan(scan, bins), where.inside.shape[0])
     fit = fit_nuisances(

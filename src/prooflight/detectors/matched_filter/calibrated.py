@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.false_alarm_rate import GoodScores, Promise, posterior_bound
+from prooflight.detectors.false_alarm_rate import GoodScores, Promise, least_false_alarm_rate, posterior_bound
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
-from prooflight.detectors.operating import least_false_alarm_rate
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError

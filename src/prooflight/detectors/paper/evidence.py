@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -54,10 +54,6 @@ def interval_shares() -> NDArray[np.float64]:
     return np.asarray(shares)
 
 
-def _not_gathered() -> NDArray[np.float32]:
-    return np.zeros((0, 0, 0), np.float32)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
     """What one scan says against its prediction. z is cut off at 32 sigma, to the nearest 128th of a sigma."""
@@ -71,29 +67,11 @@ class Evidence:
     Empty unless asked for."""
     block_z: NDArray[np.float32]
     """(sensors, block rows, block columns) mean of z over 8 x 8 pixels times 8: N(0, 1) on a good page. [-]"""
-    tile_energy: NDArray[np.float64] = field(default_factory=_not_gathered)  # type: ignore[arg-type]
-    """(sensors, tile rows, tile columns) sum of z^2: as many as pixels on a good page. [-]"""
-    tile_extremes: NDArray[np.float32] = field(default_factory=_not_gathered)
-    """(sensors, tile rows, tile columns, 2) the least z, 0 if none is below, and the greatest, 0 if none above. [-]"""
-    line_sum: NDArray[np.float32] = field(default_factory=_not_gathered)
-    """(sensors, lines) sum of z over a line. [-]"""
-    column_sum: NDArray[np.float32] = field(default_factory=_not_gathered)
-    """(sensors, tile rows, pixels) sum of z over the lines of a row of tiles. [-]"""
 
     @property
     def histogram(self) -> NDArray[np.int64]:
         """(sensors, intervals) of the whole page."""
         return self.tile_histogram.sum(axis=(1, 2))
-
-    @property
-    def tile_inside(self) -> NDArray[np.float64]:
-        """(sensors, tile rows, tile columns) fraction of pixels with |z| < 43/64: the paper's 0.675, half of N(0, 1).
-
-        From the histogram, so with rounding allowed for; 0.4984 on a good page.
-        """
-        quarter = INTERVALS // 4
-        inside = self.tile_histogram[..., quarter:-quarter].sum(axis=-1)
-        return np.asarray(inside / self.tile_histogram.sum(axis=-1))
 
 
 class Camera(NamedTuple):
@@ -122,45 +100,41 @@ class Camera(NamedTuple):
         )
 
 
-class Part(NamedTuple):
-    """What the compiled pass says of some rows of tiles of one sensor, in integers; all 0 at first."""
+class Counts(NamedTuple):
+    """What the compiled pass fills in, all 0 at first."""
 
     reached: NDArray[np.int64]
     """(tile rows, tile columns, INTERVALS - 1) pixels at or above each edge."""
-    energy: NDArray[np.int64]
-    """(tile rows, tile columns) [sigma^2 / 128^2]"""
-    extremes: NDArray[np.int16]
-    """(tile rows, tile columns, 2) [sigma / 128]"""
     block_sum: NDArray[np.int32]
     """(block rows, block columns) [sigma / 128]"""
-    line_sum: NDArray[np.int32]
-    """(lines,) [sigma / 128]"""
-    column_sum: NDArray[np.int32]
-    """(tile rows, pixels) [sigma / 128]"""
+
+
+class Part(NamedTuple):
+    """What the pass says of some rows of tiles of one sensor, in integers."""
+
+    lines: int
+    pixels: int
+    counts: Counts
 
     @classmethod
     def empty(cls, lines: int, pixels: int) -> Part:
         """Of so many lines, which begin a row of tiles."""
         rows, columns = max(lines // TILE, 1), max(pixels // TILE, 1)
-        return cls(
+        counts = Counts(
             reached=np.zeros((rows, columns, INTERVALS - 1), np.int64),
-            energy=np.zeros((rows, columns), np.int64),
-            extremes=np.zeros((rows, columns, 2), np.int16),
             block_sum=np.zeros((lines // LINES, pixels // LINES), np.int32),
-            line_sum=np.zeros(lines, np.int32),
-            column_sum=np.zeros((rows, pixels), np.int32),
         )
+        return cls(lines=lines, pixels=pixels, counts=counts)
 
     def histogram(self) -> NDArray[np.int64]:
         """(tile rows, tile columns, INTERVALS) pixels in each interval."""
+        reached = self.counts.reached
         sides = (
             np.diff([*range(0, count * TILE, TILE), size])
-            for count, size in zip(
-                self.energy.shape, (self.line_sum.size, self.column_sum.shape[1]), strict=True
-            )
+            for count, size in zip(reached.shape, (self.lines, self.pixels), strict=False)
         )
         pixels = np.multiply.outer(*sides)
-        return np.asarray(-np.diff(self.reached, axis=-1, prepend=pixels[..., None], append=0))
+        return np.asarray(-np.diff(reached, axis=-1, prepend=pixels[..., None], append=0))
 
 
 @cache
@@ -214,7 +188,8 @@ def compare(
         edges,
         reach,
         dither,
-        part,
+        part.pixels,
+        part.counts,
     )
     return part
 
@@ -237,11 +212,7 @@ def join(of_sensors: Sequence[Sequence[Part]], naive: Sequence[Sequence[Part]] =
     return Evidence(
         tile_histogram=stack(Part.histogram),
         naive_histogram=np.array(naive_histogram, np.int64).reshape(-1, INTERVALS),
-        block_z=stack(lambda part: part.block_sum * (step / np.float32(BLOCK_PIXELS))),
-        tile_energy=stack(lambda part: part.energy / Z_STEPS**2),
-        tile_extremes=stack(lambda part: part.extremes * step),
-        line_sum=stack(lambda part: part.line_sum * step),
-        column_sum=stack(lambda part: part.column_sum * step),
+        block_z=stack(lambda part: part.counts.block_sum * (step / np.float32(BLOCK_PIXELS))),
     )
 
 

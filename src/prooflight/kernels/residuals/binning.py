@@ -1,4 +1,4 @@
-"""Compiled loops: means over squares of pixels, in their places and from every pixel on."""
+"""Compiled loops: means over squares of pixels."""
 
 from __future__ import annotations
 
@@ -43,20 +43,6 @@ def binned_rows(image, bins, out):  # type: ignore[no-untyped-def]
         for i in range(bins):
             add_row(image[min(line * bins + i, image.shape[0] - 1)], sums)
         gather_row(sums, bins, 0, out[line])
-
-
-@kernel("image (L, P), out (B, B, -(-L // B), P // B)")
-def running_means(image, out):  # type: ignore[no-untyped-def]
-    """Means over squares from every pixel on, by phases: out (bins, bins, ., .) of an image (lines, pixels)."""
-    bins = out.shape[0]
-    sums = np.empty(image.shape[1], np.float32)
-    for line in range(out.shape[2]):
-        for down in range(bins):
-            sums[:] = 0
-            for i in range(bins):
-                add_row(image[min(line * bins + down + i, image.shape[0] - 1)], sums)
-            for right in range(bins):
-                gather_row(sums, bins, right, out[down, right, line])
 
 
 @kernel("packed (H, W), bins, out (-(-H // bins), -(-W // bins))")

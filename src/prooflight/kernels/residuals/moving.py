@@ -11,20 +11,6 @@ STRETCH = 16
 _HALF = np.float32(0.5)
 
 
-@inner_kernel(fastmath=True, error_model="numpy")
-def cubic(f):  # type: ignore[no-untyped-def]
-    """Weights of four neighbours at f between the inner two: the cubic convolution that is exact for parabolas.
-
-    Keys (1981), Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29, a = -1/2.
-    """
-    return (
-        _HALF * f * (f * (np.float32(2) - f) - np.float32(1)),
-        np.float32(1) + f * f * (np.float32(1.5) * f - np.float32(2.5)),
-        _HALF * f * (np.float32(1) + f * (np.float32(4) - np.float32(3) * f)),
-        _HALF * f * f * (f - np.float32(1)),
-    )
-
-
 @inner_kernel()
 def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
     """Values of one line at node columns, linear between rows of nodes ``STRETCH`` lines apart."""
@@ -40,104 +26,6 @@ def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
     slope = (off[k + 1] - off[k]) / np.float32(STRETCH)
     whole = np.int64(np.floor(off[k] + slope * np.float32(count) * _HALF))
     return whole, np.float32(off[k] - whole), np.float32(slope)
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def weigh_stretch(x0, x_slope, y0, y_slope, weights):  # type: ignore[no-untyped-def]
-    """``cubic`` at every pixel of a stretch, weights (8 ``STRETCH``,): four across, then four along."""
-    for i in range(STRETCH):
-        a, b, c, d = cubic(x0 + x_slope * np.float32(i))
-        weights[i], weights[STRETCH + i] = a, b
-        weights[2 * STRETCH + i], weights[3 * STRETCH + i] = c, d
-    for i in range(STRETCH):
-        a, b, c, d = cubic(y0 + y_slope * np.float32(i))
-        weights[4 * STRETCH + i], weights[5 * STRETCH + i] = a, b
-        weights[6 * STRETCH + i], weights[7 * STRETCH + i] = c, d
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def add_tap(first, second, third, fourth, weights, tap, out):  # type: ignore[no-untyped-def]
-    """Add one line of neighbours, the ``tap``-th of four, to a stretch of an image that is moved by ``cubic``."""
-    heights = weights[(4 + tap) * STRETCH : (5 + tap) * STRETCH]
-    for i in range(out.size):
-        left = weights[i] * first[i] + weights[STRETCH + i] * second[i]
-        right = weights[2 * STRETCH + i] * third[i] + weights[3 * STRETCH + i] * fourth[i]
-        out[i] += heights[i] * (left + right)
-
-
-@inner_kernel()
-def following(phase, place, n):  # type: ignore[no-untyped-def]
-    """The phase and the place in it of the next of pixels dealt out to n phases; quicker than to divide again."""
-    return (phase + 1, place) if phase + 1 < n else (0, place + 1)
-
-
-@kernel(
-    "phases (N, N, L, P), across (R, C), along (R, C), out (L, P)",
-    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
-)
-def move(phases, across, along, out):  # type: ignore[no-untyped-def]
-    """An image seen at pixel + across, line + along (nodes) of out (lines, pixels), by ``cubic``.
-
-    phases (n, n, lines, pixels): [p, q] is an image n times as fine as out at lines n i + p and pixels n j + q; its
-    edge goes on beyond.
-    """
-    n, lines, pixels = phases.shape[0], phases.shape[2], phases.shape[3]
-    room = np.empty(8 * STRETCH, np.float32)
-    right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
-    for line in range(lines):
-        node_row(across, line, right)
-        node_row(along, line, down)
-        right *= np.float32(n)
-        down *= np.float32(n)
-        for k in range(right.size - 1):
-            start = k * STRETCH
-            count = min(STRETCH, pixels - start)
-            if count <= 0:
-                break
-            whole_x, x0, x_slope = aimed(right, k, start, count)
-            whole_y, y0, y_slope = aimed(down, k, start, count)
-            left, top = n * start + whole_x - 1, n * line + whole_y - 1
-            target = out[line, start : start + count]
-            target[:] = 0
-            inner = left >= 0 and left + n * (count - 1) + 4 <= n * pixels
-            if inner and top >= 0 and top + 4 <= n * lines:
-                weigh_stretch(x0, x_slope, y0, y_slope, room)
-                p, y = top % n, top // n
-                q, x = left % n, left // n
-                r, x1 = following(q, x, n)
-                s, x2 = following(r, x1, n)
-                t, x3 = following(s, x2, n)
-                for tap in range(4):
-                    a, b = phases[p, q, y, x : x + count], phases[p, r, y, x1 : x1 + count]
-                    c, d = phases[p, s, y, x2 : x2 + count], phases[p, t, y, x3 : x3 + count]
-                    add_tap(a, b, c, d, room, tap, target)
-                    p, y = following(p, y, n)
-            else:
-                for i in range(count):
-                    weights = cubic(x0 + x_slope * np.float32(i))
-                    heights = cubic(y0 + y_slope * np.float32(i))
-                    for j in range(4):
-                        y = min(max(top + j, 0), n * lines - 1)
-                        for m in range(4):
-                            x = min(max(left + n * i + m, 0), n * pixels - 1)
-                            target[i] += heights[j] * weights[m] * phases[y % n, x % n, y // n, x // n]
-
-
-@kernel(
-    "shadow (1, 1, L, P), across (R, C), along (R, C), right, down, light (L, P)",
-    where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
-    fastmath=True,
-    error_model="numpy",
-)
-def move_shadow(shadow, across, along, right, down, light):  # type: ignore[no-untyped-def]
-    """Light (lines, pixels) with a plane's shadow (1, 1, lines, pixels), as ``move`` takes it, cast right and down."""
-    here, there = np.empty_like(light), np.empty_like(light)
-    move(shadow, across, along, here)
-    move(shadow, across - right, along - down, there)
-    for line in range(light.shape[0]):
-        target, more, less = light[line], here[line], there[line]
-        for x in range(target.size):
-            target[x] += more[x] - less[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -213,7 +101,7 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
 )
 def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
-    """``move`` of some of images (n, lines, pixels), bilinear; 0 beyond.
+    """Some of images (n, lines, pixels) seen at pixel + across, line + along (nodes) of out, bilinear; 0 beyond.
 
     Some lines of all, and an image's one after the other: so what is read and where to look stay at hand.
     """

@@ -167,13 +167,6 @@ class RunMonitor:
         told = self._told(channel, change, 0, sheet, pages_left, excursion=True)
         return self._news([(channel, told)])
 
-    def history(self, name: str) -> NDArray[np.float32]:
-        """The last values of a drift channel, oldest first; not all pages have one."""
-        index = next(i for i, channel in enumerate(self.channels) if channel.name == name)
-        order = np.argsort(self.sheets)
-        values = self.recent[order, index]
-        return values[(self.sheets[order] >= 0) & np.isfinite(values)]
-
     def _values(self, evidence: PageEvidence) -> NDArray[np.float32]:
         values = np.full(len(self.channels), np.nan)
         for index, channel in enumerate(self.channels[: self.drifts]):

@@ -12,8 +12,6 @@ from prooflight.kernels.thumbnails import SHRINK, STEPS, shrink
 from prooflight.registration.foreign import detail
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
@@ -97,18 +95,3 @@ def thumbnail_of(page: Page, prediction: Prediction, press: Press) -> Thumbnail:
         lines = expected[:, SHRINK * row : SHRINK * (row + len(rows))]
         rows[:] = shrinker.rows(np.rint(np.maximum(lines, 0)).astype(np.uint16))
     return thumbnail(light, width_mm=page.width_mm, height_mm=page.height_mm)
-
-
-class RepeatedJob:
-    """A job's thumbnails, printed over and over until so many sheets have passed; ``following.Expected``."""
-
-    def __init__(self, designs: Sequence[Thumbnail | None], sheets: int) -> None:
-        self._designs, self._sheets = designs, sheets
-
-    def __len__(self) -> int:
-        return self._sheets
-
-    def __getitem__(self, sheet: int) -> Thumbnail | None:
-        if not 0 <= sheet < self._sheets:
-            raise IndexError(sheet)
-        return self._designs[sheet % len(self._designs)]

@@ -1,4 +1,4 @@
-"""Pages for studies: composed designs, any number from a seed, or the pages of a folder.
+"""Composed page designs, any number from a seed.
 
 Designs are drawn directly into CMYK rasters and not by way of a PDF: 2,500 designs are wanted, and one at 200 dpi then
 takes about a tenth of the time that writing and ripping the same page takes, while the contents (hard-edged type and
@@ -10,13 +10,12 @@ Nothing is shared between designs: words, pictures, colours and layout are all d
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 from prooflight.errors import RequestError
-from prooflight.pages.job import JobSource, opened
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.simulation.corpus.designs import books, display, office, sheets
@@ -27,7 +26,6 @@ from prooflight.simulation.corpus.designs.sheet import Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     Layout = Callable[[Sheet, np.random.Generator, Look], None]
 
@@ -136,34 +134,6 @@ class Corpus:
     def page(self, index: int) -> Page:
         """Design ``index``, from 0; there is no last one."""
         return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Folder:
-    """The pages of a folder of PDF, CMYK TIFF or JPEG files, or of one such file, each page a design."""
-
-    path: Path
-    dpi: float
-    """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
-
-    def __len__(self) -> int:
-        return len(opened(self._source))
-
-    def page(self, index: int) -> Page:
-        """Design ``index``, from 0; RequestError: there is none; JobError: it cannot be used."""
-        job = opened(self._source)
-        if not 0 <= index < len(job):
-            raise RequestError(self.path, f"there is no design {index}", remedy=f"give 0 to {len(job) - 1}")
-        return replace(job.page(index + 1), name=design_name(index))
-
-    @property
-    def sizes_mm(self) -> tuple[tuple[float, float], ...]:
-        """Width and height of every design. [mm]"""
-        return opened(self._source).page_sizes_mm
-
-    @property
-    def _source(self) -> JobSource:
-        return JobSource(path=self.path, dpi=self.dpi)
 
 
 def design_name(index: int) -> str:

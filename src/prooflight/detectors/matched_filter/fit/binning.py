@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.kernels.residuals.binning import binned_rows, running_means, take_turns
+from prooflight.kernels.residuals.binning import binned_rows, take_turns
 from prooflight.pages.sampling import Footprint, LensCorrection
 from prooflight.prediction.predict import Prediction
 from prooflight.scans.geometry import ScanGeometry
@@ -140,15 +140,3 @@ def binned_prediction(seen: Prediction, bins: int) -> Prediction:
     variance = binned(seen.variance_dn2, bins)
     variance /= np.float32(bins * bins)
     return Prediction(expected_dn=binned(seen.expected_dn, bins), variance_dn2=variance)
-
-
-def phased(image: NDArray[np.float32], bins: int) -> NDArray[np.float32]:
-    """What a binned pixel would see from each of the camera's pixels on: (bins, bins, lines, pixels).
-
-    [p, q, i, j] is the mean over the square that begins at line i bins + p and pixel j bins + q of image (lines,
-    pixels); its edge goes on beyond.
-    """
-    lines, pixels = image.shape
-    out = np.empty((bins, bins, -(-lines // bins), pixels // bins), np.float32)
-    running_means(image, out)
-    return out

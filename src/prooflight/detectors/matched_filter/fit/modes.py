@@ -113,13 +113,6 @@ def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
     )
 
 
-@lru_cache(maxsize=8)
-def shadow_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
-    """Sensor models that see how much lighter it would be without one ink. [DN]"""
-    mean = sensor.mean_dn
-    return tuple(_as_sensor(sensor, np.take(mean, [0], axis=ink) - mean) for ink in range(INKS))
-
-
 def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:
     values = np.ascontiguousarray(table, np.float32)
     pixels = sensor.column_gain.size

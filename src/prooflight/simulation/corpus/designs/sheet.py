@@ -187,29 +187,15 @@ class Sheet:
         return length
 
     def turned_words(
-        self,
-        x: float,
-        y: float,
-        text: str,
-        face: Face,
-        size_pt: float,
-        ink: Ink = BLACK,
-        *,
-        down: bool = False,
+        self, x: float, y: float, text: str, face: Face, size_pt: float, ink: Ink = BLACK
     ) -> None:
-        """One line of type running up from (x, y), its baseline on the right; or down, its baseline on the left."""
+        """One line of type running up from (x, y), its baseline on the right."""
         size_mm = size_pt * MM_PER_PT
         size_px, packed, pen = size_mm * self.per_mm, _pack(ink), 0.0
         for letter in text:
             glyph = face.glyph(letter, size_px)
-            tall, wide = glyph.mask.shape
-            if down:
-                mask, left = np.rot90(glyph.mask, -1), self._px(x) - glyph.top - tall
-                top = self._px(y + pen) + glyph.left
-            else:
-                mask, left = np.rot90(glyph.mask), self._px(x) + glyph.top
-                top = self._px(y - pen) - glyph.left - wide
-            self._stamp(mask, left, top, packed, over=ink == BLACK)
+            left, top = self._px(x) + glyph.top, self._px(y - pen) - glyph.left - glyph.mask.shape[1]
+            self._stamp(np.rot90(glyph.mask), left, top, packed, over=ink == BLACK)
             pen += size_mm * face.advance(letter)
 
     def modules(self, x: float, y: float, side: float, dark: NDArray[np.bool_], ink: Ink = BLACK) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from reportlab.lib.units import mm
 from reportlab.platypus import Paragraph
 
-from prooflight.simulation.corpus.sample_job import faces, figures, inks, prose
+from prooflight.simulation.corpus.sample_job import copy_text, faces, figures, inks
 from prooflight.simulation.corpus.sample_job.pictures import Shot, develop
 from prooflight.simulation.corpus.sample_job.sheet import (
     BOTTOM_MM,
@@ -24,7 +24,7 @@ from prooflight.simulation.corpus.sample_job.sheet import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.simulation.corpus.sample_job.prose import Chapter
+    from prooflight.simulation.corpus.sample_job.copy_text import Chapter
 
 MEASURE_MM = column(0, 4)[1]  # 112 mm: 64 characters a line at 11.8 pt
 MARGIN_X_MM, MARGIN_MM = column(4, 2)
@@ -42,9 +42,9 @@ def cover(sheet: Sheet) -> None:
     sheet.rect(LEFT_MM, 118, 36, 1.2, inks.EMBER)
     for place, words in enumerate(("Ink, Light", "& Paper")):
         sheet.text(LEFT_MM - 1, 144 + 25 * place, words, faces.SERIF, 68, ink=inks.PAPER)
-    sheet.text(LEFT_MM, 185, prose.SUBTITLE, faces.ITALIC, 22, ink=inks.SAND)
-    sheet.label(LEFT_MM, 275, prose.SERIES, ink=inks.SAND)
-    sheet.label(RIGHT_MM, 275, prose.IMPRINT, ink=inks.SAND, align="right")
+    sheet.text(LEFT_MM, 185, copy_text.SUBTITLE, faces.ITALIC, 22, ink=inks.SAND)
+    sheet.label(LEFT_MM, 275, copy_text.SERIES, ink=inks.SAND)
+    sheet.label(RIGHT_MM, 275, copy_text.IMPRINT, ink=inks.SAND, align="right")
 
 
 def title_page(sheet: Sheet) -> None:
@@ -52,7 +52,7 @@ def title_page(sheet: Sheet) -> None:
     sheet.begin("Title page")
     sheet.text(LEFT_MM, 84, "Ink, Light", faces.SERIF, 44, ink=inks.NIGHT)
     sheet.text(LEFT_MM, 101, "& Paper", faces.SERIF, 44, ink=inks.NIGHT)
-    sheet.text(LEFT_MM, 114, prose.SUBTITLE, faces.ITALIC, 16)
+    sheet.text(LEFT_MM, 114, copy_text.SUBTITLE, faces.ITALIC, 16)
     sheet.rule(LEFT_MM, 124, LEFT_MM + 36, 124, inks.EMBER, 1.2)
     lead = (
         "Three short chapters on white that nobody prints, on the quarrels of four inks, and on how to tell a good "
@@ -63,7 +63,7 @@ def title_page(sheet: Sheet) -> None:
     full = inks.FULL
     for place, ink in enumerate(((full, 0, 0, 0), (0, full, 0, 0), (0, 0, full, 0), inks.BLACK)):
         sheet.rect(LEFT_MM + 9 * place, 252, 8, 8, ink, known=True)
-    sheet.text(LEFT_MM, 269, prose.IMPRINT, faces.SERIF, 12)
+    sheet.text(LEFT_MM, 269, copy_text.IMPRINT, faces.SERIF, 12)
     sheet.label(LEFT_MM, 274.5, "Harrowick")
 
 
@@ -82,7 +82,7 @@ def contents(sheet: Sheet, entries: Sequence[tuple[str, str, int]]) -> None:
     y = 224.0
     sheet.label(LEFT_MM, y - 4, "Colophon")
     x, width = column(0, 2)
-    for words in prose.COLOPHON:
+    for words in copy_text.COLOPHON:
         sheet.paragraph(x, y, width, words, faces.style(size_pt=8.2, leading_pt=11))
         x += width + 4
     _folio(sheet)
@@ -131,7 +131,7 @@ def glossary(sheet: Sheet) -> None:
         faces.style(faces.ITALIC, 11, 15, ink=inks.GREY),
     )
     small = faces.style(size_pt=8.0, leading_pt=10.4, align="justified", after_pt=2.6)
-    story: list[Any] = [Paragraph(f"<b>{term}.</b> {meaning}", small) for term, meaning in prose.GLOSSARY]
+    story: list[Any] = [Paragraph(f"<b>{term}.</b> {meaning}", small) for term, meaning in copy_text.GLOSSARY]
     for x, width in halves():
         sheet.flow(x, 122, width, GLOSSARY_HEIGHT_MM, story)
     if story:
@@ -172,7 +172,7 @@ def _footnote(sheet: Sheet, words: str) -> float:
 
 
 def _running_head(sheet: Sheet, words: str) -> None:
-    sheet.label(LEFT_MM, TOP_MM + 3, prose.TITLE)
+    sheet.label(LEFT_MM, TOP_MM + 3, copy_text.TITLE)
     sheet.text(RIGHT_MM, TOP_MM + 3, words, faces.ITALIC, 9.4, ink=inks.GREY, align="right")
     sheet.rule(LEFT_MM, TOP_MM + 5.6, RIGHT_MM, TOP_MM + 5.6, inks.HAIRLINE, 0.3)
 

@@ -62,7 +62,6 @@ def style(
     ink: Ink = inks.BLACK,
     align: str = "left",
     indent_pt: float = 0.0,
-    before_pt: float = 0.0,
     after_pt: float = 0.0,
 ) -> Any:
     """A reportlab paragraph style in CMYK; ``align`` is left, right, centre or justified."""
@@ -74,7 +73,6 @@ def style(
         textColor=inks.colour(ink),
         alignment=_ALIGNMENTS[align],
         firstLineIndent=indent_pt,
-        spaceBefore=before_pt,
         spaceAfter=after_pt,
         allowWidows=0,
         allowOrphans=0,

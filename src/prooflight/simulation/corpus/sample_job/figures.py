@@ -5,24 +5,28 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from prooflight.simulation.corpus.sample_job import faces, inks, prose
+from prooflight.simulation.corpus.sample_job import copy_text, faces, inks
 from prooflight.simulation.corpus.sample_job.pictures import Shot, develop
 
 if TYPE_CHECKING:
+    from prooflight.simulation.corpus.sample_job.copy_text import Chapter
     from prooflight.simulation.corpus.sample_job.inks import Ink
-    from prooflight.simulation.corpus.sample_job.prose import Chapter
     from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 
 def beside(sheet: Sheet, chapter: Chapter, x: float, y: float, width: float) -> None:
     """Draw the figure that belongs to a chapter into the margin column at (x, y). [mm]"""
-    draw = {prose.LIGHT.number: light_in_paper, prose.INKS.number: three_discs, prose.RUN.number: coins}
+    draw = {
+        copy_text.LIGHT.number: light_in_paper,
+        copy_text.INKS.number: three_discs,
+        copy_text.RUN.number: coins,
+    }
     draw[chapter.number](sheet, x, y, width)
 
 
 def below(sheet: Sheet, chapter: Chapter, x: float, bottom: float, width: float) -> None:
     """Fill the foot of a chapter's last page, where it has one to fill, down to ``bottom``. [mm]"""
-    draw = {prose.INKS.number: screens, prose.RUN.number: photographer}
+    draw = {copy_text.INKS.number: screens, copy_text.RUN.number: photographer}
     if chapter.number in draw:
         draw[chapter.number](sheet, x, bottom, width)
 

@@ -116,7 +116,8 @@ def brochure(sheet: Sheet) -> None:
         sheet.rect(x, 174, 12, 1.0, quay.APRICOT)
         sheet.text(x, 184, title, faces.SERIF, 17, ink=quay.BEAN)
         sheet.paragraph(x, 188, width, text, faces.style(size_pt=10, leading_pt=14.2))
-    for place, (name, note, price, ink) in enumerate(words.OFFERS):
+    coffees = (quay.BEAN, inks.percent(0, 58, 88, 4), quay.TEAL)
+    for place, ((name, note, price), ink) in enumerate(zip(words.OFFERS, coffees, strict=True)):
         x, width = column(2 * place, 2)
         sheet.rect(x, 236, width, 40, ink)
         sheet.know(x, 270, width, 6, ink)

@@ -17,16 +17,15 @@ from prooflight.rng import stream
 from prooflight.simulation.corpus.sample_job import (
     book,
     charts,
+    copy_text,
     invoices,
     office,
     plates,
     poster,
-    prose,
     quay,
     tints,
 )
-from prooflight.simulation.corpus.sample_job.known import KnownPatch, KnownPicture
-from prooflight.simulation.corpus.sample_job.sheet import Sheet
+from prooflight.simulation.corpus.sample_job.sheet import KnownPatch, KnownPicture, Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +59,7 @@ def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
     """
     rng = stream(seed, "sample-job")
     with whole_file(path) as unfinished:
-        sheet = Sheet(unfinished, prose.TITLE)
+        sheet = Sheet(unfinished, copy_text.TITLE)
         for section in _sections(rng):
             first = sheet.number
             section.draw(sheet)
@@ -78,7 +77,7 @@ def _sections(rng: np.random.Generator) -> list[_Section]:
     sections = [
         *(
             _Section(pages=2, draw=partial(book.chapter, text=text), entry=(text.title, text.summary))
-            for text in prose.CHAPTERS
+            for text in copy_text.CHAPTERS
         ),
         _Section(pages=1, draw=book.glossary, entry=("Words of the trade", "A glossary")),
         _Section(pages=1, draw=plates.single, entry=("Plates", "An eye, a contact sheet and a cat")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import imagecodecs
@@ -15,7 +16,6 @@ from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import Frame, Paragraph
 
 from prooflight.simulation.corpus.sample_job import faces, inks
-from prooflight.simulation.corpus.sample_job.known import Box, KnownPatch, KnownPicture
 from prooflight.simulation.corpus.sample_job.pictures import PIXEL_MM
 
 if TYPE_CHECKING:
@@ -25,6 +25,45 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.simulation.corpus.sample_job.inks import Ink
+
+Box = tuple[float, float, float, float]
+"""x, y, width, height from the page's top-left corner. [mm]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownPatch:
+    """A flat rectangle: every pixel that lies wholly inside it has one CMYK value, at any resolution.
+
+    (0, 0) is the page's top-left corner, x to the right, y down.
+    """
+
+    page: int
+    """Place in the job, from 1."""
+    x_mm: float
+    y_mm: float
+    width_mm: float
+    height_mm: float
+    cmyk: Ink
+    what: str
+    """How the flat is made, e.g. ``process``, ``overprint``, ``spot``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownPicture:
+    """A picture placed square to the page; its pixels lie on a 0.1 mm grid, so 254 dpi meets each of them."""
+
+    page: int
+    x_mm: float
+    y_mm: float
+    width_mm: float
+    height_mm: float
+    cmyk: NDArray[np.uint8]
+    """(rows, columns, 4), C M Y K, 0 = no ink; row 0 is the top."""
+    what: str
+    """``photograph`` or ``gradient``."""
+    covered: tuple[Box, ...] = ()
+    """Where type or another picture lies on top, in page coordinates."""
+
 
 WIDTH_MM, HEIGHT_MM = 210.0, 297.0  # A4, ISO 216
 LEFT_MM, RIGHT_MM = 20.0, 190.0

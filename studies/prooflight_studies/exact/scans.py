@@ -1,6 +1,6 @@
 """The same session and print through the full spectral path: the reference that the fast path is judged by.
 
-Ink model -> spectra -> round diffraction of every wavelength (``camera.exposure``) -> electrons -> noise. Nothing is
+Ink model -> spectra -> round diffraction of every wavelength (``exact.exposure``) -> electrons -> noise. Nothing is
 taken from the press's tables.
 """
 
@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
-from prooflight.camera.exposure import distinct_colours, page_electrons
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.pages.planes import displaced
-from prooflight.pages.sampling import page_taps
 from prooflight.prediction.predict import Prediction
-from prooflight.simulation.fast import cloud_factor, noisy
+from prooflight.simulation.fast import cloud_places, noisy
 from prooflight.simulation.prints import CONTRAST_PITCH_MM, plane_pixels, speck_pixels
+from prooflight_studies.exact.exposure import distinct_colours, page_electrons, page_taps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -307,3 +306,13 @@ def _texture(
         raster_shape=image.shape,
     )
     return across.apply(along.apply(image).T).T
+
+
+def cloud_factor(print_: Print, page: Page, press: Press) -> NDArray[np.float64]:
+    """What cloudy paper does to every pixel's light, as ``light_lines`` does it: (lines, pixels) [-]."""
+    geometry = press.geometry
+    down = cloud_places(geometry.centres_y_mm(geometry.lines(page.height_mm)), page.height_mm)
+    across = cloud_places(geometry.centres_x_mm(page.width_mm), page.width_mm)
+    places = np.stack(np.meshgrid(down, across, indexing="ij"))
+    factor = 1 + ndimage.map_coordinates(print_.cloud, places.clip(min=0), order=1)
+    return np.asarray(np.where((places >= 0).all(axis=0), factor, 1.0))

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.operating import (
+from prooflight.detectors.false_alarm_rate import conformal_threshold, least_false_alarm_rate
+from prooflight_studies.harness.operating import (
     Scored,
     area_under_roc,
     at_threshold,
@@ -14,10 +15,8 @@ from prooflight.detectors.operating import (
     bootstrap_cost,
     bootstrap_oracle,
     caught_at,
-    conformal_threshold,
     false_alarms_in_words,
     least_cost,
-    least_false_alarm_rate,
     roc,
 )
 

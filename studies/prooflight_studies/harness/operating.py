@@ -173,29 +173,6 @@ def false_alarms_in_words(alarms: int, good_pages: int) -> str:
     return f"{alarms / good_pages:.1e}"
 
 
-def least_false_alarm_rate(designs: int) -> float:
-    """Least false-alarm rate that so many exchangeable good designs can promise without a model: 1 / (n + 1). [-]"""
-    return 1 / (designs + 1)
-
-
-def conformal_threshold(
-    score: NDArray[np.float64], design: NDArray[np.int64], *, false_alarm_rate: float
-) -> float:
-    """Threshold that a new design's good page exceeds with at most this probability (split conformal over designs).
-
-    score, design (pages,) of good pages. Each design counts once, with the worst of its copies; the threshold is the
-    ceil((n + 1)(1 - rate))-th smallest of these (Vovk et al. 2005, chapter 4). ValueError if n designs cannot promise
-    that rate.
-    """
-    worst = np.full(np.unique(design).size, -np.inf)
-    np.maximum.at(worst, np.unique(design, return_inverse=True)[1], score)
-    rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
-    if rank > len(worst):
-        message = f"{len(worst)} designs cannot promise less than {least_false_alarm_rate(len(worst)):.2g}"
-        raise ValueError(message)
-    return float(np.sort(worst)[rank - 1])
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bill:
     """What errors cost on so many pages. [cent]"""

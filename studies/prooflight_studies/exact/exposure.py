@@ -22,6 +22,7 @@ from prooflight import spectra
 from prooflight.camera.sensor import Noise, read_out
 from prooflight.camera.spectral_blur import RANK, spectral_blur
 from prooflight.errors import RequestError
+from prooflight.pages.sampling import taps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from prooflight.camera.spectral_blur import SpectralBlur
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.raster import Page
+    from prooflight.pages.sampling import Footprint, Taps
 
 MARGIN_PIXELS = 48
 """Camera pixels around a tile that are computed and thrown away; 0.02 % of an edge lies beyond (f_c = 7.5)."""
@@ -111,6 +113,32 @@ def expose_page(
             for sensor, light, pattern in zip(camera.sensors, electrons, patterns, strict=True)
         ]
     )
+
+
+def page_taps(
+    footprint: Footprint,
+    *,
+    centres_x_mm: NDArray[np.float64],
+    centres_y_mm: NDArray[np.float64],
+    raster_pixel_mm: float,
+    raster_shape: tuple[int, ...],
+) -> tuple[Taps, Taps]:
+    """Taps across the web and along the travel of a raster of raster_shape (rows, columns)."""
+    across = taps(
+        footprint.across,
+        reach_mm=footprint.reach_mm,
+        centres_mm=centres_x_mm,
+        raster_pixel_mm=raster_pixel_mm,
+        raster_pixels=raster_shape[1],
+    )
+    along = taps(
+        footprint.along,
+        reach_mm=footprint.reach_mm,
+        centres_mm=centres_y_mm,
+        raster_pixel_mm=raster_pixel_mm,
+        raster_pixels=raster_shape[0],
+    )
+    return across, along
 
 
 def distinct_colours(codes: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -10,12 +10,11 @@ import pytest
 
 from prooflight import spectra
 from prooflight.camera.camera import Camera, respond, with_pixels
-from prooflight.camera.exposure import distinct_colours, expose_page, page_electrons
 from prooflight.camera.sensor import FixedPattern, Noise
 from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.errors import RequestError
 from prooflight.pages.raster import MM_PER_INCH, Page
-from prooflight.pages.sampling import page_taps
+from prooflight_studies.exact.exposure import distinct_colours, expose_page, page_electrons, page_taps
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,66 @@
+"""The error map (paper, equation 2) whole, and means over its windows, as the paper's own detectors read it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+MEDIAN_SIGMAS: Final = 0.6745
+"""Half of a Gaussian lies within so many standard deviations."""
+
+
+def normalised_error(
+    measured_dn: NDArray[np.uint16],
+    expected_dn: NDArray[np.float32],
+    variance_dn2: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Z = (measured - expected) / sigma (paper, equation 2).
+
+    All (..., lines, pixels); variance_dn2 > 0 is the tables' promise and not checked again. Inputs are not changed.
+    """
+    error: NDArray[np.float32] = measured_dn.astype(np.float32) - expected_dn
+    error /= np.sqrt(variance_dn2)
+    return error
+
+
+def window_means(z: NDArray[np.float32], *, side: int, overlapping: bool = False) -> NDArray[np.float32]:
+    """Means of z over side x side windows, times side: N(0, 1) on a good page.
+
+    z (..., lines, pixels). Separate windows start at the first line and pixel, and what is left over is dropped:
+    (..., lines // side, pixels // side). Overlapping ones lie at every pixel: (..., lines - side + 1, pixels - side +
+    1). ValueError if not a single window fits.
+    """
+    lines, pixels = z.shape[-2:]
+    if not 1 <= side <= min(lines, pixels):
+        message = f"windows of {side} x {side} pixels do not fit {lines} x {pixels}"
+        raise ValueError(message)
+    if not overlapping:
+        rows, columns = lines // side, pixels // side
+        cut = z[..., : rows * side, : columns * side]
+        blocks = cut.reshape(*z.shape[:-2], rows, side, columns, side)
+        return np.asarray(blocks.mean(axis=(-3, -1), dtype=np.float64) * side, np.float32)
+    planes = [_box_sums(plane, side) for plane in z.reshape(-1, lines, pixels)]
+    return (np.stack(planes) / np.float32(side)).reshape(*z.shape[:-2], *planes[0].shape)
+
+
+def _box_sums(plane: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Sums over the windows that lie wholly inside; OpenCV's anchor is the window's first pixel here."""
+    whole = np.ascontiguousarray(plane, np.float32)
+    sums = cv2.boxFilter(
+        whole, -1, (side, side), anchor=(0, 0), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(sums[: plane.shape[0] - side + 1, : plane.shape[1] - side + 1], np.float32)
+
+
+def window_unit(means: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How wide window means (..., rows, columns) really scatter: their median magnitude over a Gaussian's. (...)
+
+    1 where sigma is right; a sigma that is wrong by a factor shows as its inverse.
+    """
+    return np.asarray(np.median(np.abs(means), axis=(-2, -1)) / MEDIAN_SIGMAS, np.float64)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.registration.measuring import SUMS
 from prooflight.kernels.registration.shared_edges import fringe_sums, shared_cost, without_light
 from prooflight.prediction.quantised_table import bricks_of
 from prooflight.registration.landmarks import SIGNAL_NOISE
-from prooflight.registration.overlaps import INKS, LEAST_PATCHES, PATCH_PIXELS
+from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Room
 
 if TYPE_CHECKING:

@@ -21,7 +21,6 @@ KINDS = {
     "wrong-page": "Wrong or displaced content",
     "scum": "Ink where there should be paper",
 }
-INKS = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 ACTIONS: dict[Action, str] = {
     "stop": "press stopped",
     "reprint": "page to be printed again",

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     COMMON,
     MODES,
@@ -40,7 +41,6 @@ STREAK_WIDTH: Final = 2
 PATCH_TILES: Final = 32
 """Side of the patches whose density is asked for: 16 mm. [tiles]"""
 SPOT: Final = "add-K"
-INKS: Final = "CMYK"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -202,7 +202,7 @@ def _inks(fit: Fit, said: Sequence[Said]) -> dict[str, float]:
     """T is an ink's estimate over what good prints scatter by; inks that the page tells nothing of are left out."""
     of, prior = {one.name: one.value for one in said}, fit.tolerance.gain
     found = {}
-    for ink, letter in enumerate(INKS):
+    for ink, letter in enumerate(INK_LETTERS):
         surprise, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
         if surprise >= 1e-6 and gain >= 1e-6:
             found[letter] = min(gain / surprise, 1.0) / prior  # sqrt(1 - what stays unknown)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector, expecting
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
@@ -191,7 +192,7 @@ def present_inks(page: Page) -> str:
         inks = np.array([any_of]).view(np.uint8)
         if inks.all():
             break
-    return "".join(letter for letter, ink in zip("CMYK", inks, strict=True) if ink)
+    return "".join(letter for letter, ink in zip(INK_LETTERS, inks, strict=True) if ink)
 
 
 def block_means(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import NAME_OF_INK
 from prooflight.detectors.placing import place_reason
 from prooflight.detectors.verdict import Ink, Region
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Said
     from prooflight.registration.register import Registration
 
-INKS: Final = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 LIGHTENING: Final = ("light", "void")
 """Modes of which more makes a place lighter."""
 MOST_OF_PLANE: Final = 0.5
@@ -41,7 +41,7 @@ def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
             dot_gain_percent=round(100 * float(fit.dot[ink]), 2),
             register_mm=(round(float(register_mm[ink, 0]), 4), round(float(register_mm[ink, 1]), 4)),
         )
-        for ink, letter in enumerate(INKS)
+        for ink, letter in enumerate(NAME_OF_INK)
         if letter in present
     }
 
@@ -133,7 +133,7 @@ def _of_register(ink: str, inks: dict[str, Ink]) -> str:
         return "planes out of register"
     worst = ink if ink in off else max(off, key=lambda letter: off[letter])
     amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
-    return f"register of {INKS[worst]}{amount}"
+    return f"register of {NAME_OF_INK[worst]}{amount}"
 
 
 def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, region: Region | None) -> str:
@@ -146,10 +146,10 @@ def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, regio
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
         word = "missing" if gain < GONE_PERCENT or (local and not _darker(said)) else "weak"
-        return f"{word} {INKS[named]}{where}"
+        return f"{word} {NAME_OF_INK[named]}{where}"
     if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
         return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
-    return f"{INKS[named]} {_amount(gain)}{where}"
+    return f"{NAME_OF_INK[named]} {_amount(gain)}{where}"
 
 
 def _amount(percent: float) -> str:
@@ -165,7 +165,7 @@ def _ink_of(said: Said | None) -> str:
     """
     for part in (said.name if said else "").split("/")[1:]:
         letter = part.rstrip("+-").rpartition("-")[2]
-        if letter in INKS:
+        if letter in NAME_OF_INK:
             return letter
     return ""
 
@@ -179,7 +179,7 @@ def _darker(said: Said | None) -> bool:
 
 
 def _in(ink: str) -> str:
-    return f" in {INKS[ink]}" if ink else ""
+    return f" in {NAME_OF_INK[ink]}" if ink else ""
 
 
 def _around(region: Region | None) -> str:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.modes import PORTRAIT
-from prooflight.detectors.matched_filter.fit.nuisance import INKS, Spread, Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import INK_NAMES, PrintState
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
+from prooflight.cmyk import INK_NAMES, INKS
+from prooflight.detectors.base import PrintState
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 
-INKS = 4
 SHAPES = 16
 """Most features of colour; those that a page does not have are 0."""
 LEVELS = 256

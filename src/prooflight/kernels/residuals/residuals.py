@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES
 
-INKS = 4
 _SAME = np.float32(0.004)
 """Ink area by which recipes may differ that are taken for one."""
 _FLOOR = np.float32(1e-12)

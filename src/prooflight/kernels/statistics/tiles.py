@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 
-INKS = 4
 LINE_MODES = 10
 """Light, each ink added (4), each ink's gain (4), void."""
 MODES = 12

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import portrait_sums
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 
-INKS: Final = 4
 COVER_SCALE: Final = 4096.0
 """Coverage is predicted as if it were a signal of so many DN."""
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
 
@@ -40,7 +41,6 @@ EDGE_BIAS: Final = 0.05
 """By which edges of a block may all be wider or narrower: planes that hide each other's register. [pixels, assumed]"""
 FAR: Final = 4.685
 """Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
-INKS: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

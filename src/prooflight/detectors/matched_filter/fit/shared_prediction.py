@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.binning import binned, phased
 from prooflight.detectors.matched_filter.fit.modes import shadow_sensors
 from prooflight.kernels.residuals.moving import move, move_shadow
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
 
-INKS: Final = 4
 LEAST_PLANE_PIXELS: Final = 0.02
 """Planes closer to their place are left to the fit."""
 

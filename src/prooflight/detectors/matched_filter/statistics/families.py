@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, echoes
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -20,7 +20,6 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     streaks,
 )
 from prooflight.detectors.matched_filter.statistics.located import (
-    INK,
     NOISE,
     of_bands,
     of_boxes,
@@ -81,10 +80,10 @@ def _of_fit(fit: Fit) -> Iterator[Said]:
     yield Said(name="fit/shape", value=float(np.sqrt((shape**2).mean())))
     yield Said(name="fit/shape-most", value=float(np.abs(shape).max()))
     for ink in range(INKS):
-        yield Said(name=f"fit/gain-{INK[ink]}", value=float(abs(gain[ink, 0])))
-        yield Said(name=f"fit/tilt-{INK[ink]}", value=float(np.abs(gain[ink, 1:]).max()))
-        yield Said(name=f"fit/dot-{INK[ink]}", value=float(abs(dot[ink])))
-        yield Said(name=f"fit/plane-{INK[ink]}", value=float(np.abs(planes[ink]).max()))
+        yield Said(name=f"fit/gain-{INK_LETTERS[ink]}", value=float(abs(gain[ink, 0])))
+        yield Said(name=f"fit/tilt-{INK_LETTERS[ink]}", value=float(np.abs(gain[ink, 1:]).max()))
+        yield Said(name=f"fit/dot-{INK_LETTERS[ink]}", value=float(abs(dot[ink])))
+        yield Said(name=f"fit/plane-{INK_LETTERS[ink]}", value=float(np.abs(planes[ink]).max()))
     yield Said(name="fit/gain-all", value=float(abs(gain[:, 0].sum()) / 2))
     yield Said(name="fit/gain-rms", value=float(np.sqrt((gain[:, 0] ** 2).sum())))
     yield Said(name="fit/spread", value=float(np.log(fit.spread + 0.1)))
@@ -106,12 +105,12 @@ def _of_place(found: Registration) -> Iterator[Said]:
     yield Said(name="place/foreign", value=float(found.tiles_foreign))
     yield Said(name="place/sheet", value=float(max(abs(value) for value in found.sheet_mm)))
     for ink in range(INKS):
-        yield Said(name=f"place/plane-{INK[ink]}", value=float(np.abs(found.planes_mm[ink]).max()))
+        yield Said(name=f"place/plane-{INK_LETTERS[ink]}", value=float(np.abs(found.planes_mm[ink]).max()))
     yield Said(name="place/planes", value=float(np.ptp(found.planes_mm, axis=0).max()))
 
 
 def _of_shifts(sums: Sums) -> Iterator[Said]:
-    for ink, (sure, share, *_) in zip(INK, sums.shifts, strict=True):
+    for ink, (sure, share, *_) in zip(INK_LETTERS, sums.shifts, strict=True):
         yield Said(name=f"moved/{ink}/sure", value=float(sure))
         yield Said(name=f"moved/{ink}/share", value=float(share))
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.fit.binning import binned
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, echoes
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.detectors.matched_filter.statistics.statistic import Box
 
-INK: Final = "CMYK"
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8
 """Of echoes, for what they scatter by."""
@@ -157,8 +156,8 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             if good:
-                yield Said(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
-            yield Said(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
+                yield Said(name=f"{good}/{INK_LETTERS[ink]}/{b}", value=value, box=box)
+            yield Said(name=f"{own}/{INK_LETTERS[ink]}/{b}", value=value / usual, box=box)
 
 
 def _usual(t: NDArray[np.float32]) -> float:
@@ -170,7 +169,7 @@ def _usual(t: NDArray[np.float32]) -> float:
 def of_exchange(sums: Sums) -> Iterator[Said]:
     """Inks exchanged over the page."""
     for (one, other), t in zip(PAIRS, exchanged(sums), strict=True):
-        yield Said(name=f"swap/{INK[one]}{INK[other]}", value=abs(t))
+        yield Said(name=f"swap/{INK_LETTERS[one]}{INK_LETTERS[other]}", value=abs(t))
 
 
 def of_energy(sums: Sums) -> Iterator[Said]:

@@ -18,7 +18,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Scatter,
     Sums,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import Said
+from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -54,7 +54,7 @@ def spot_mm(wanted: float, power: float) -> float:
 
 def told(of: Sums, *, noise: float = 1.0) -> Telling:
     """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
-    said = [Said(name=f"fit/gain-{letter}", value=2.0) for letter in INK_LETTERS]
+    said = [Observed(statistic=Statistic("fit", "gain", letter), value=2.0) for letter in INK_LETTERS]
     gain = np.zeros((4, 3))
     gain[:, 0] = Tolerance().gain
     return Telling.of(of, SimpleNamespace(gain=gain, tolerance=Tolerance()), said, scattered(noise))  # type: ignore[arg-type]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+
 if TYPE_CHECKING:
     from prooflight.detectors.verdict import Action, Region, Verdict
 
@@ -103,7 +105,7 @@ def family(name: str | None) -> str:
     """
     if name is None:
         return "–"
-    what = FAMILIES.get(name.split("/")[0])
+    what = FAMILIES.get(Statistic.parse(name).word)
     return f"{what} ({name})" if what else name
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.analysis import Looked
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -178,10 +178,10 @@ class _Bench:
     def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
         return self._score(*self._looked(printed, rng)) > self.ours.threshold
 
-    def _score(self, looked: Looked, said: Sequence[Said]) -> float:
+    def _score(self, looked: Looked, said: Sequence[Observed]) -> float:
         return page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
 
-    def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Said]]:
+    def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Observed]]:
         room = self.day.room
         looked = self.day.looked(self.known, room.recorded(room.seen_in_press(printed, rng), rng))
         return looked, all_said(looked.sums, looked.fit, looked.found, self.ours.tolerance.scatter)

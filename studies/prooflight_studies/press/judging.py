@@ -10,6 +10,7 @@ import numpy as np
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_tolerance, promised
 from prooflight.commissioning.training.ranking import even, forested
 from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.operating import (
     Scored,
     area_under_roc,
@@ -307,7 +308,7 @@ def _without(
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """The forest of families without some of the statistics, or without what a page's content foretells."""
     weight = even(learn.bad)
-    firsts = [name.split("/")[0] for name in names]
+    firsts = [Statistic.parse(name).word for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
     sets |= {
         f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_spread
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.statistics.statistic import keys_of, stated
 from prooflight.press.artefact import Press
 from prooflight.simulation.captures import Room
 from prooflight.simulation.misprints.kinds import KINDS
@@ -117,7 +117,7 @@ class SaidWork:
                     where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
                     places[: len(where)] = where[:PLACES]
                 said, another = bench.said(known, bench.scan(printed, rng), self.scatter)
-                names = [one.name for one in said]
+                names = keys_of(said)
                 for name, value in {
                     "design": index,
                     "kind": printed.kind,

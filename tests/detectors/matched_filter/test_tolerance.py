@@ -12,10 +12,10 @@ from prooflight.commissioning.training.learn import Pages, learn_tolerance
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PORTRAIT
 from prooflight.detectors.matched_filter.fit.nuisance import Spread
-from prooflight.detectors.matched_filter.model import TolerancePress, compressed, families_of
+from prooflight.detectors.matched_filter.model import TolerancePress, compressed
 from prooflight.detectors.matched_filter.statistics.families import all_said
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, stated
 from prooflight.files.schema import Misfit
 from prooflight.prediction.predict import predict
 from prooflight.simulation.misprints.kinds import KINDS
@@ -60,7 +60,8 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
         looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
         said.append(all_said(looked.sums, looked.fit, looked.found, Scatter.white()))
     good, bad = (compressed(stated(one)) for one in said)
-    assert [one.name for one in said[0]] == [one.name for one in said[1]]
+    assert keys_of(said[0]) == keys_of(said[1])
+    assert [Statistic.parse(key) for key in keys_of(said[0])] == [one.statistic for one in said[0]]
     assert np.isfinite(good).all()
     assert (bad - good).max() > 1.0
 
@@ -86,7 +87,7 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         looked = look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread)
         said = all_said(looked.sums, looked.fit, looked.found, Scatter.white())
-        most.append(max(one.value for one in said if one.name.startswith("box/")))
+        most.append(max(one.value for one in said if one.statistic.word == "box"))
     good, bad = most
     assert good < 6
     assert (bad > 8) == spread.exact
@@ -156,6 +157,7 @@ def test_what_misprints_taught_is_checked_whole() -> None:
 
 
 def test_families_join_sizes_and_keep_signs_apart() -> None:
-    assert families_of(["flat/void+/4", "flat/void+/8", "flat/void-/4", "swap/CM", "swap/CK"]) == [
+    keys = "flat/void+/4", "flat/void+/8", "flat/void-/4", "swap/CM", "swap/CK"
+    assert [Statistic.parse(key).cause for key in keys] == [
         "flat/void+", "flat/void+", "flat/void-", "swap", "swap",
     ]  # fmt: skip

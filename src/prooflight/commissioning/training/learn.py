@@ -11,7 +11,7 @@ from scipy import optimize
 from prooflight.commissioning.training.ranking import even, forested, weighed
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
-from prooflight.detectors.matched_filter.model import TolerancePress, compressed, families_of
+from prooflight.detectors.matched_filter.model import TolerancePress, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
     Logit,
@@ -23,6 +23,7 @@ from prooflight.detectors.matched_filter.ranking import (
     scores_of,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.operating import conformal_threshold
 
 if TYPE_CHECKING:
@@ -160,12 +161,16 @@ def learn_tolerance(
     ranked: bool = True,
     trees: int = 300,
 ) -> TolerancePress:
-    """The detector, its threshold yet to be set. ranked: misprints among the pages teach a ranking as well."""
-    families = families_of(names)
+    """The detector, its threshold yet to be set. names: keys of statistics.
+
+    ranked: misprints among the pages teach a ranking as well.
+    """
+    statistics = tuple(map(Statistic.parse, names))
+    families = [one.cause for one in statistics]
     kinds = tuple(sorted(set(families)))
     good = pages.rows(~pages.bad)
     blank = TolerancePress(
-        names=tuple(names),
+        statistics=statistics,
         families=kinds,
         family=np.array([kinds.index(one) for one in families], np.int32),
         scatter=scatter,

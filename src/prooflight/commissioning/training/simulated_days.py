@@ -13,7 +13,7 @@ import numpy as np
 from prooflight.detectors.matched_filter.analysis import look, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
 from prooflight.detectors.matched_filter.statistics.families import all_said, samples
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.statistics.statistic import keys_of, stated
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.paper.windows import window_statistics
 from prooflight.detectors.placing import shows_another
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
@@ -169,7 +169,7 @@ class PressDay:
 
     def said(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
-    ) -> tuple[list[Said], bool]:
+    ) -> tuple[list[Observed], bool]:
         """What a scan says, and whether it shows another page."""
         looked = self.looked(known, scan)
         return all_said(looked.sums, looked.fit, looked.found, scatter), shows_another(looked.found)
@@ -232,7 +232,7 @@ class SaidWork:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
                 said, another = day.said(known, scan, self.scatter)
-                names = [one.name for one in said]
+                names = keys_of(said)
                 row: dict[str, Any] = {
                     "design": index,
                     "kind": kind,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.registration.register import Registration
 
 ENOUGH_REAL: Final = 100
@@ -155,16 +155,18 @@ TABLE: Final = {
 }
 
 
-def check_version(tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating]) -> None:
+def check_version(
+    tolerance: TolerancePress, said: Sequence[Observed], portrait: NDArray[np.floating]
+) -> None:
     """PressError if a detector was taught by a version that looked at other statistics, or at pages otherwise."""
-    same = tuple(one.name for one in said) == tolerance.names
+    same = tuple(one.statistic for one in said) == tolerance.statistics
     if not same or portrait.size != tolerance.centre.shape[1]:
         what = "its detector was taught by another version"
         raise PressError("press", what, remedy="build it again with `prooflight press build`")
 
 
 def page_score(
-    tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating], found: Registration
+    tolerance: TolerancePress, said: Sequence[Observed], portrait: NDArray[np.floating], found: Registration
 ) -> float:
     """Evidence for a misprint of one page, from all that its scan says.
 

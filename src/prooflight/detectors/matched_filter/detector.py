@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import Area, KeptArrays, PlannedPage
     from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision, Region
     from prooflight.pages.raster import Page
     from prooflight.scans.scan import Scan
@@ -75,7 +75,7 @@ class MatchedFilterDetector(StationDetector):
         """See ``Detector``."""
         tolerance, another = self.model.tolerance, kept.wrong_page
         with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
-            values = kept.array("values", "fiu", (len(tolerance.names),))
+            values = kept.array("values", "fiu", (len(tolerance.statistics),))
             portrait = kept.array("portrait", "f", tolerance.centre.shape[1:], finite=True)
             return self.model.judge(score_of(tolerance, values, portrait, another=another))
 
@@ -130,7 +130,7 @@ class MatchedFilterPage(PreparedOnly):
         )
 
     def _explained(
-        self, looked: Looked, strongest: list[tuple[str, Said]], values: NDArray[np.float32]
+        self, looked: Looked, strongest: list[tuple[str, Observed]], values: NDArray[np.float32]
     ) -> dict[str, Any]:
         """Kind, places and reason of a misprint."""
         page, tolerance = self.known.page, self.detector.model.tolerance
@@ -138,7 +138,7 @@ class MatchedFilterPage(PreparedOnly):
         learned = tolerance.kinds_of(values[None], self.known.portrait[None])[0]
         kind = WRONG_PAGE_KIND if another else learned or _kind(strongest)
         regions = _regions(strongest, kind, looked, page)
-        speaking = next((said for _, said in strongest if kind_of(said) == kind), None)
+        speaking = next((said for _, said in strongest if kind_of(said.statistic) == kind), None)
         place = regions[0] if regions else None
         inks = inks_found(looked, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
@@ -158,7 +158,7 @@ class MatchedFilterPage(PreparedOnly):
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
 
 
-def _kind(strongest: list[tuple[str, Said]]) -> str:
+def _kind(strongest: list[tuple[str, Observed]]) -> str:
     """What the evidence speaks of, where no misprint taught kinds.
 
     That tiles do not look as designed says least of what is wrong with them.
@@ -166,17 +166,19 @@ def _kind(strongest: list[tuple[str, Said]]) -> str:
     kind, _ = named(strongest)
     if kind != WRONG_PAGE_KIND:
         return kind
-    others = (kind_of(said) for _, said in strongest)
+    others = (kind_of(said.statistic) for _, said in strongest)
     return next((other for other in others if other not in (WRONG_PAGE_KIND, UNKNOWN)), WRONG_PAGE_KIND)
 
 
-def _regions(strongest: list[tuple[str, Said]], kind: str, looked: Looked, page: Page) -> tuple[Region, ...]:
+def _regions(
+    strongest: list[tuple[str, Observed]], kind: str, looked: Looked, page: Page
+) -> tuple[Region, ...]:
     """Places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
     shift_mm = looked.found.placement.shift_mm if looked.found.found else (0.0, 0.0)
     if kind == WRONG_PAGE_KIND:  # no place says more than another
         return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
-    kinds = [kind if (one := kind_of(said)) == UNKNOWN else one for _, said in strongest]
+    kinds = [kind if (one := kind_of(said.statistic)) == UNKNOWN else one for _, said in strongest]
     order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import NAME_OF_INK
+from prooflight.detectors.matched_filter.statistics.statistic import FLAT_AREAS
 from prooflight.detectors.placing import place_reason
 from prooflight.detectors.verdict import Ink, Region
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.detectors.matched_filter.analysis import Looked
-    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.registration.register import Registration
 
 LIGHTENING: Final = ("light", "void")
@@ -47,7 +48,7 @@ def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
 
 
 def regions_of(
-    strongest: Sequence[tuple[str, Said]],
+    strongest: Sequence[tuple[str, Observed]],
     kinds: Sequence[str],
     *,
     shift_mm: tuple[float, float],
@@ -77,12 +78,12 @@ def regions_of(
     return tuple(found)
 
 
-def whole_page(size_mm: tuple[float, float], said: Said, kind: str) -> Region:
+def whole_page(size_mm: tuple[float, float], said: Observed, kind: str) -> Region:
     """The page as a whole, where no place says more than another."""
     return _region((0.0, 0.0, *size_mm), said, kind)
 
 
-def _region(box: tuple[float, float, float, float], said: Said, kind: str) -> Region:
+def _region(box: tuple[float, float, float, float], said: Observed, kind: str) -> Region:
     x, y, width, height = (round(v, 2) for v in box)
     return Region(
         x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=round(abs(float(said.value)), 1), kind=kind
@@ -96,7 +97,7 @@ def _holds(region: Region, point: tuple[float, float]) -> bool:
 
 def reason_for(
     kind: str,
-    said: Said | None,
+    said: Observed | None,
     region: Region | None,
     inks: dict[str, Ink],
     found: Registration,
@@ -136,10 +137,10 @@ def _of_register(ink: str, inks: dict[str, Ink]) -> str:
     return f"register of {NAME_OF_INK[worst]}{amount}"
 
 
-def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, region: Region | None) -> str:
+def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Observed | None, region: Region | None) -> str:
     gains = {letter: one.gain_percent for letter, one in inks.items()}
     named = ink if ink in gains else max(gains, key=lambda letter: abs(gains[letter]), default="")
-    local = said is not None and said.name.split("/")[0] in ("box", "apart", "spread")
+    local = said is not None and _is_local(said.statistic)
     where = _around(region) if local else ""
     if not named:
         return f"ink is off{where}"
@@ -152,30 +153,26 @@ def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, regio
     return f"{NAME_OF_INK[named]} {_amount(gain)}{where}"
 
 
+def _is_local(statistic: Statistic) -> bool:
+    """Whether its place is where ink is off; flat areas may lie all about it."""
+    return statistic.family in ("box", "spread") and statistic.reference is not FLAT_AREAS
+
+
 def _amount(percent: float) -> str:
     return f"{abs(percent):.0f} % too {'strong' if percent > 0 else 'weak'}"
 
 
-def _ink_of(said: Said | None) -> str:
-    """Letter of the ink that a statistic speaks of; empty: of none by itself.
-
-    >>> from prooflight.detectors.matched_filter.statistics.families import Said
-    >>> [_ink_of(Said(name=n, value=1.0)) for n in ("box/gain-C-/8", "fit/plane-M", "ghost/K/0", "fit/gain-all")]
-    ['C', 'M', 'K', '']
-    """
-    for part in (said.name if said else "").split("/")[1:]:
-        letter = part.rstrip("+-").rpartition("-")[2]
-        if letter in NAME_OF_INK:
-            return letter
-    return ""
+def _ink_of(said: Observed | None) -> str:
+    """Letter of the ink that a statistic speaks of; empty: of none by itself."""
+    ink = said.statistic.ink if said else ""
+    return ink if ink in NAME_OF_INK else ""
 
 
-def _darker(said: Said | None) -> bool:
+def _darker(said: Observed | None) -> bool:
     """Whether a statistic says that a place is darker; of light and of voids, more is lighter."""
     if said is None:
         return False
-    mode = next((part for part in said.name.split("/")[1:] if part.endswith(("+", "-"))), "")
-    return mode.endswith("-") if mode.startswith(LIGHTENING) else mode.endswith("+")
+    return said.statistic.sign == ("-" if said.statistic.mode in LIGHTENING else "+")
 
 
 def _in(ink: str) -> str:

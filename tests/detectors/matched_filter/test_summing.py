@@ -22,7 +22,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move, move_smooth
 from prooflight.kernels.residuals.residuals import residuals
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
@@ -192,7 +192,7 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     inside, offset = rng.random(shape) < 0.9, rng.random(32).astype(np.float32)
     bells = rng.random((4, LEVELS, SHAPES)).astype(np.float32)
     corners = np.array([[8, 8], [8, 16]])
-    found = np.empty((2, 22 + SHAPES), np.float32)
+    found = np.empty((2, SUMS), np.float32)
     block_sums(
         measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, 8, found
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.cmyk import INK_NAMES, INKS
+from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.base import PrintState
 
 if TYPE_CHECKING:
@@ -50,8 +50,7 @@ def known_shares(fit: Fit) -> NDArray[np.float64]:
 
     ``Fit.surprise`` is amount over the standard deviation it has on good prints, which is that share's root.
     """
-    first = fit.white.size + 1 + fit.lamp.size + fit.shape.size
-    surprise = fit.surprise[first : first + 3 * INKS : 3]
+    surprise = fit.surprises.gain[:, 0]
     amount = fit.gain[:, 0] / fit.tolerance.gain
     share = (amount / np.where(surprise == 0, 1, surprise)) ** 2
     return np.where(surprise == 0, 0.0, share.clip(max=1.0))

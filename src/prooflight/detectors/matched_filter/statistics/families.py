@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INKS
-from prooflight.detectors.base import LAMP_WAVES
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, echoes
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -75,11 +74,8 @@ def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> lis
 
 
 def _of_fit(fit: Fit) -> Iterator[Observed]:
-    sensors, colours = fit.white.size, fit.shape.shape[1]
-    at = np.cumsum([sensors + 1, LAMP_WAVES, sensors * colours, 3 * INKS, INKS])
-    white, lamp, shape, gain, dot, planes = np.split(fit.surprise, at)
-    gain, planes = gain.reshape(INKS, 3), planes.reshape(INKS, 2)
-    yield Observed(statistic=Statistic("fit", "white"), value=float(np.abs(white).max()))
+    white, common, lamp, shape, gain, dot, planes = fit.surprises
+    yield Observed(statistic=Statistic("fit", "white"), value=float(np.abs([*white, *common]).max()))
     yield Observed(statistic=Statistic("fit", "lamp"), value=float(np.sqrt((lamp**2).mean())))
     yield Observed(statistic=Statistic("fit", "shape"), value=float(np.sqrt((shape**2).mean())))
     yield Observed(statistic=Statistic("fit", "shape-most"), value=float(np.abs(shape).max()))

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 SHAPES = 16
 """Most features of colour; those that a page does not have are 0."""
@@ -20,6 +25,19 @@ _MOST = np.float32(LEVELS - 1)
 _HALF = np.float32(0.5)
 
 
+class InkImages(NamedTuple):
+    """What one sensor would see of inks; images (..., lines, pixels) as ``Modes`` has them."""
+
+    gain: NDArray[np.float32]
+    """(4, ...) [DN]"""
+    dot: NDArray[np.float32]
+    """(4, ...) [DN]"""
+    texture: NDArray[np.float32]
+    """[DN^2]"""
+    cover: NDArray[np.float32]
+    """(4, ...) [-]"""
+
+
 @inner_kernel(fastmath=True, error_model="numpy")
 def level_of(area):  # type: ignore[no-untyped-def]
     """The nearest tabulated level of an ink area."""
@@ -27,22 +45,24 @@ def level_of(area):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "measured (L, P), expected (L, P), offset (P), variance (L, P), gain (4, L, P), "
-    "dot (4, L, P), texture (L, P), cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
+    "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), "
+    "inks.dot (4, L, P), inks.texture (L, P), inks.cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
     "corners (N, 2), side, out (N, SUMS)",
     fastmath=True,
     error_model="numpy",
 )
 def block_sums(  # type: ignore[no-untyped-def]
-    measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, side, out
+    measured, expected, offset, variance, inks, inside, bells, corners, side, out
 ):
     """Sums over some blocks of ``side`` pixels of one sensor, into out (blocks, SUMS).
 
-    corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by ink, whose product is
-    exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance, squared slope of light,
-    texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along (4).
+    inks: ``InkImages``. corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by
+    ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance,
+    squared slope of light, texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along
+    (4).
     """
     lines, pixels = measured.shape
+    gain, dot, texture, cover = inks
     shapes = np.empty(SHAPES, np.float32)
     for block in range(corners.shape[0]):
         sums = out[block]

@@ -14,6 +14,7 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.residuals.fit import InkImages
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import portrait_sums
 from prooflight.pages.sampling import LensCorrection
@@ -66,6 +67,12 @@ class Modes:
     def cover(self) -> NDArray[np.float32]:
         """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
         return self.images[-INKS:]
+
+    def inks(self, sensor: int) -> InkImages:
+        """What its kernels take of one sensor."""
+        return InkImages(
+            gain=self.gain[sensor], dot=self.dot[sensor], texture=self.texture[sensor], cover=self.cover
+        )
 
     def _of_inks(self, part: int) -> NDArray[np.float32]:
         size = self.sensors * INKS

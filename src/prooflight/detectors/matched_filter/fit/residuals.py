@@ -8,7 +8,14 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.kernels.residuals.residuals import residuals, slope_sums, take_slopes, variances
+from prooflight.kernels.residuals.residuals import (
+    FittedAmounts,
+    VarianceShares,
+    residuals,
+    slope_sums,
+    take_slopes,
+    variances,
+)
 from prooflight.pages.planes import displaced
 
 if TYPE_CHECKING:
@@ -61,37 +68,35 @@ def residual_images(
     weight, of_edges = np.empty_like(left), np.empty_like(left)
     noise, bells = np.ones(len(sensors)), colours.bells()
     for index, sensor in enumerate(sensors):
+        fitted = FittedAmounts(
+            shape=colours.weights(fit.shape[index]),
+            columns=(fit.white[index] + lamp).astype(np.float32),
+            gain=fit.gain.astype(np.float32),
+            dot=fit.dot.astype(np.float32),
+            planes=fit.planes.astype(np.float32),
+        )
         residuals(
             measured_dn[index],
             seen.expected_dn[index],
             sensor.column_offset_dn,
             where.inside,
-            modes.gain[index],
-            modes.dot[index],
-            modes.cover,
+            modes.inks(index),
             bells,
-            colours.weights(fit.shape[index]),
-            (fit.white[index] + lamp).astype(np.float32),
-            fit.gain.astype(np.float32),
-            fit.dot.astype(np.float32),
-            fit.planes.astype(np.float32),
+            fitted,
             left[index],
         )
         light = seen.expected_dn[index] - sensor.column_offset_dn
         noise[index] = noise_factor(
             left[index], seen.variance_dn2[index], light, modes.texture[index], where.inside, spread
         )
+        amounts = noise[index], spread.edge, spread.contrast, spread.share, spread.dark, sensor.white_dn
+        shares = VarianceShares._make(map(np.float32, amounts))
         variances(
             light,
             seen.variance_dn2[index],
             modes.texture[index],
             where.inside,
-            np.float32(noise[index]),
-            np.float32(spread.edge),
-            np.float32(spread.contrast),
-            np.float32(spread.share),
-            np.float32(spread.dark),
-            np.float32(sensor.white_dn),
+            shares,
             weight[index],
             of_edges[index],
         )

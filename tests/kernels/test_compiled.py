@@ -107,7 +107,7 @@ def of_record(grid, out):
 
 def test_numbers_of_records_are_looked_at() -> None:
     assert of_record(Grid(np.zeros(3), 2), np.zeros((4, 4))) == 3
-    with pytest.raises(ValueError, match=r"of_record: .*does not hold; K = 3, grid_pitch = 2, L = 5"):
+    with pytest.raises(ValueError, match=r"of_record: .*does not hold; grid_pitch = 2, K = 3, L = 5"):
         of_record(Grid(np.zeros(3), 2), np.zeros((5, 4)))
     with pytest.raises(ValueError, match=r"out is of shape \(4, 4\) and should be \(L, 2 \* grid.pitch\)"):
         of_record(Grid(np.zeros(3), 3), np.zeros((4, 4)))

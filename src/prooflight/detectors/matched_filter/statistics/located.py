@@ -58,34 +58,36 @@ ENERGY: Final = np.array([2.0, 2.0, 0.0])
 """Variance of a pixel's squared residual in its own variance."""
 NOISE: Final = np.array([1.0, 1.0, 0.0])
 ONE_SIGMA: Final = 0.6827
+MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 
 
 def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
     """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
     for place, cells in enumerate(cells_of(sums)):
         size, said = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, said, strict=True):
+        for (mode, ink), most in zip(MODES_AND_INKS, said, strict=True):
+            more, less = (Statistic("box", mode, ink, sign, size) for sign in "+-")
+            own_more, own_less = (Statistic("box", mode, ink, sign, size, "", OWN_PAGE) for sign in "+-")
             box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
-            one = Statistic("box", *mode_and_ink(name), size=size)
-            own = one._replace(reference=OWN_PAGE)
-            yield Observed(statistic=one._replace(sign="+"), value=most.high, box=box[0])
-            yield Observed(statistic=one._replace(sign="-"), value=-most.low, box=box[1])
-            yield Observed(statistic=own._replace(sign="+"), value=most.own_high, box=box[2])
-            yield Observed(statistic=own._replace(sign="-"), value=-most.own_low, box=box[3])
-            yield Observed(statistic=one._replace(family="spread"), value=float(np.log(most.energy + 0.1)))
+            yield Observed(statistic=more, value=most.high, box=box[0])
+            yield Observed(statistic=less, value=-most.low, box=box[1])
+            yield Observed(statistic=own_more, value=most.own_high, box=box[2])
+            yield Observed(statistic=own_less, value=-most.own_low, box=box[3])
+            spread = Statistic("spread", mode, ink, "", size)
+            yield Observed(statistic=spread, value=float(np.log(most.energy + 0.1)))
 
 
 def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Observed]:
     """The same against this page's own, where there are no edges."""
     for place, cells in enumerate(cells_of(flat)):
         said = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, said, strict=True):
-            if name == "blur":
+        for (mode, ink), most in zip(MODES_AND_INKS, said, strict=True):
+            if mode == "blur":
                 continue
+            more, less = (Statistic("box", mode, ink, sign, cells.size, "", FLAT_AREAS) for sign in "+-")
             box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
-            one = Statistic("box", *mode_and_ink(name), size=cells.size, reference=FLAT_AREAS)
-            yield Observed(statistic=one._replace(sign="+"), value=most.own_high, box=box[0])
-            yield Observed(statistic=one._replace(sign="-"), value=-most.own_low, box=box[1])
+            yield Observed(statistic=more, value=most.own_high, box=box[0])
+            yield Observed(statistic=less, value=-most.own_low, box=box[1])
 
 
 def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
@@ -93,14 +95,13 @@ def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
         said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-        for name, most in zip(MODES[:LINE_MODES], said, strict=True):
-            one = Statistic("streak", *mode_and_ink(name), size=width, part=span)
+        for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], said, strict=True):
             for reference in references:
                 good = reference is GOOD_PRINTS
                 high, low = (most.high, most.low) if good else (most.own_high, most.own_low)
                 part, column = most.places[2 * (not good) + (high < -low)]
                 box = _streak_mm(sums, int(part), int(column), width, s)
-                which = one._replace(reference=reference)
+                which = Statistic("streak", mode, ink, "", width, span, reference)
                 yield Observed(statistic=which, value=max(high, -low), box=box)
 
 

@@ -21,8 +21,8 @@ test-bounds: $(VENV)/.installed-dev
 		tests/registration tests/detectors tests/inspection tests/line tests/journal tests/pages tests/prediction tests/properties tests/simulation
 
 check: $(VENV)/.installed-dev
-	$(BIN)/ruff format --check src studies tests
-	$(BIN)/ruff check src studies tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell src studies tests docs README.md CHANGELOG.md
@@ -39,8 +39,8 @@ docs: $(VENV)/.installed-dev
 	$(BIN)/pytest tests/test_docs.py tests/cli/test_camera.py
 
 format: $(VENV)/.installed-dev
-	$(BIN)/ruff format src studies tests
-	$(BIN)/ruff check --fix src studies tests
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
 
 $(VENV)/.installed: requirements.txt pyproject.toml studies/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

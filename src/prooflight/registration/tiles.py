@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from prooflight.kernels.registration.judging import judge_tiles
 from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWindows, measure_tiles
 from prooflight.kernels.registration.rendering import EIGHT
+from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import shared_out
 from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
 
@@ -27,7 +27,7 @@ STEP_SHARE: Final = 0.25
 """What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """What rendering a tile needs to work in; a thread's own."""
 
     value: NDArray[np.float32]
@@ -98,12 +98,12 @@ def measured(
         for part in parts
     ]
     shared_out(tasks, threads=threads)
-    said, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
+    moved, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
     flags, told = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
-    judge_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, said, precision, flags, told)
+    solve_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, moved, precision, flags, told)
     seen, good, foreign = flags.T
     return TileMoves(
-        moves=said,
+        moves=moved,
         precision=precision,
         seen=seen,
         good=good,
@@ -141,5 +141,5 @@ def _measure(
         lines=landmarks.lines,
         columns=landmarks.columns,
     )
-    room = Room.of(landmarks.windows.shape[3], taps)
-    measure_tiles(scan[index], light, windows, taps, tiles, moves, TILE_PIXELS, room, sums)
+    workspace = Workspace.of(landmarks.windows.shape[3], taps)
+    measure_tiles(scan[index], light, windows, taps, tiles, moves, TILE_PIXELS, workspace, sums)

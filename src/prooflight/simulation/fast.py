@@ -12,7 +12,7 @@ from prooflight.kernels.simulation.inks import PrintedInks, TrueTable
 from prooflight.kernels.simulation.lines import NoisySensor, PrintLight, add_noise, light_lines, scan_lines
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import Prediction
-from prooflight.prediction.sampling_grid import course
+from prooflight.prediction.sampling_grid import sampling_grid
 from prooflight.simulation.prints import CLOUD_PITCH_MM, CONTRAST_PITCH_MM, plane_pixels, speck_pixels
 from prooflight.simulation.session import true_sensors
 
@@ -38,7 +38,7 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
     Every ink is read from its own displaced plane, its area changed by gain, tilt and dot gain, and looked up in the
     session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
-    where = course(page, press.geometry, print_.placement)
+    where = sampling_grid(page, press.geometry, print_.placement)
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
     places, recipes = speck_pixels(print_, page)
     inks = PrintedInks(
@@ -61,7 +61,7 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
             backing=np.float32(sensor.model.backing_dn),
         )
         scan_lines(
-            page.words,
+            page.packed,
             inks,
             table,
             *where.passes(footprint, page.pixel_mm),

@@ -7,7 +7,7 @@ import pytest
 
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 
 
 @pytest.mark.parametrize(("sensors", "colours"), [(1, 1), (2, 5)])
@@ -32,7 +32,10 @@ def test_amounts_stand_in_the_order_of_the_vector() -> None:
 
 
 def test_every_amount_has_its_own_prior() -> None:
-    layout, prior = FitLayout(sensors=2, colours=3), Tolerance(white=0.02, gain=0.03, tilt=0.04, plane_mm=0.5)
+    layout, prior = (
+        FitLayout(sensors=2, colours=3),
+        PrintPrior(white=0.02, gain=0.03, tilt=0.04, plane_mm=0.5),
+    )
     sds = layout.parts(prior.amounts_sd(layout, pixel_mm=0.25))
     assert (sds.white == 0.02).all()
     assert sds.gain.tolist() == [[0.03, 0.04, 0.04]] * 4

@@ -23,7 +23,9 @@ def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
 
 
-def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]) -> Logit:
+def fitted_logit(
+    columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]
+) -> Logit:
     """Logistic regression with a ridge: columns (pages, columns), weight (pages,) of each page."""
     mean, sd = columns.mean(axis=0), columns.std(axis=0) + 1e-9
     x = np.column_stack([np.ones(len(bad)), (columns - mean) / sd])
@@ -42,7 +44,7 @@ def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArr
     return Logit(weights=weights, start=float(found[0] - weights @ mean))
 
 
-def forested(
+def fitted_forest(
     columns: NDArray[np.floating],
     bad: NDArray[np.bool_],
     weight: NDArray[np.floating],
@@ -57,10 +59,10 @@ def forested(
     examples = Examples(columns=across, bad=bad, weight=np.asarray(weight, np.float64))
     column, left, right = np.empty((3, 2 * pages), np.int32)
     cut, share = np.empty((2, 2 * pages), np.float32)
-    room = TreeNodes(column=column, cut=cut, left=left, right=right, share=share)
+    day = TreeNodes(column=column, cut=cut, left=left, right=right, share=share)
     grown, root = [], [0]
     for _ in range(trees):
-        nodes = grow(examples, tries, LEAST_ROWS, rng, room)
+        nodes = grow(examples, tries, LEAST_ROWS, rng, day)
         ends = column[:nodes] < 0
         down = [np.where(ends, -1, side[:nodes] + root[-1]) for side in (left, right)]
         grown.append((column[:nodes].copy(), cut[:nodes].copy(), *down, share[:nodes].copy()))

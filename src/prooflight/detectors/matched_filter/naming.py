@@ -47,8 +47,10 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> tuple[str, Observed | No
     """Kind, and the statistic with a place that speaks for it, from what says most; most telling first."""
     if not strongest:
         return UNKNOWN, None
-    kind = next((found for _, said in strongest if (found := kind_of(said.statistic)) != UNKNOWN), UNKNOWN)
-    place = next((said for _, said in strongest if said.box[0] == said.box[0]), None)
+    kind = next(
+        (found for _, statistic in strongest if (found := kind_of(statistic.statistic)) != UNKNOWN), UNKNOWN
+    )
+    place = next((statistic for _, statistic in strongest if statistic.box[0] == statistic.box[0]), None)
     return kind, place
 
 

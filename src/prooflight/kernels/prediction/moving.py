@@ -11,7 +11,7 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.aiming import begin_row, place_row, weights_at_phases, whole_eights
 from prooflight.kernels.prediction.filtering import filter_row
-from prooflight.kernels.prediction.lines import look_up_words, same_row
+from prooflight.kernels.prediction.lines import look_up_packed, same_row
 from prooflight.kernels.prediction.look_up import AT_ONCE
 from prooflight.kernels.prediction.summing import EIGHT, transpose_eight
 
@@ -35,8 +35,8 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (H, _), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
-    "bricks.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
+    "packed (H, _), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
+    "quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
     "across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), bits, crossed, line_from, line_to, light (L, P)",
     where=(
@@ -45,7 +45,7 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
     ),
 )
 def filter_moved_lines(  # type: ignore[no-untyped-def]
-    words, bricks, backing, across, along, bits, crossed, line_from, line_to, light
+    packed, quantised, backing, across, along, bits, crossed, line_from, line_to, light
 ):
     """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
 
@@ -54,7 +54,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
     behind the last. Rows and columns count from ``taps`` before the page on.
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     pixels = light.shape[1]
     seen = int(np.ceil((across.cumulative.size - 1) / across.step)) + 1
     taps = whole_eights(seen)
@@ -88,8 +88,8 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     continue
                 place_row(across.places, across.pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
-                if row - 1 != looked_up or not same_row(words[row], words[looked_up]):
-                    look_up_words(words[row], bricks, backing, few, source[taps : taps + columns])
+                if row - 1 != looked_up or not same_row(packed[row], packed[looked_up]):
+                    look_up_packed(packed[row], quantised, backing, few, source[taps : taps + columns])
                 looked_up = row
                 filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
             slot = next_row % depth

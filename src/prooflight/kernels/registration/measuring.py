@@ -82,43 +82,59 @@ def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: igno
 
 
 @inner_kernel(error_model="numpy")
-def render_tile(window, x, y, taps, room, out):  # type: ignore[no-untyped-def]
+def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-def]
     """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
     x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach. Window
-    rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; room:
-    ``Room``.
+    rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; workspace:
+    ``Workspace``.
     """
     taps_y, slopes_y, ratio_y = taps.along, taps.along_slope, taps.along_ratio
     phases, count = taps_y.shape
     lines, columns = out.shape[1:]
     width = window.shape[1]
     flat = window.reshape(-1)
-    value, slope = room.value, room.slope
+    value, slope = workspace.value, workspace.slope
     m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
     pixels = spread_taps(
-        x, taps.across_ratio, taps.across, taps.across_slope, room.begins, room.weights, room.by_move
+        x,
+        taps.across_ratio,
+        taps.across,
+        taps.across_slope,
+        workspace.begins,
+        workspace.weights,
+        workspace.by_move,
     )
     for line in range(lines):
         at = y + line * ratio_y
         first = int(at)
         phase = int((at - first) * phases)
         for t in range(count):
-            room.starts[t] = (first + t) * width
+            workspace.starts[t] = (first + t) * width
         w, s = taps_y[phase], slopes_y[phase]
         k = 0
         while k + MANY <= width:
-            sum_many(flat, room.starts, k, w, 0, count, value, k)
-            sum_many(flat, room.starts, k, s, 0, count, slope, k)
+            sum_many(flat, workspace.starts, k, w, 0, count, value, k)
+            sum_many(flat, workspace.starts, k, s, 0, count, slope, k)
             k += MANY
         while k < width:
-            sum_few(flat, room.starts, k, w, 0, count, value, k)
-            sum_few(flat, room.starts, k, s, 0, count, slope, k)
+            sum_few(flat, workspace.starts, k, w, 0, count, value, k)
+            sum_few(flat, workspace.starts, k, s, 0, count, slope, k)
             k += FEW
         for block in range(columns // EIGHT):
-            begin, place = room.begins[block], line * columns + block * EIGHT
+            begin, place = workspace.begins[block], line * columns + block * EIGHT
             sum_eight(
-                value, slope, begin, room.weights, room.by_move, block * pixels, pixels, m, by_x, by_y, place
+                value,
+                slope,
+                begin,
+                workspace.weights,
+                workspace.by_move,
+                block * pixels,
+                pixels,
+                m,
+                by_x,
+                by_y,
+                place,
             )
 
 
@@ -197,17 +213,17 @@ def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type
     "scan (_, P), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
     "windows.origins (A, 2), windows.lines (A), windows.columns (A), taps.across (_, X), "
     "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), tiles (N), moves (N, 2), size, "
-    "room.value (V), room.slope (V), room.begins (size // EIGHT), room.weights (B), room.by_move (B), "
-    "room.starts (Y), sums (N, SUMS + 1)",
+    "workspace.value (V), workspace.slope (V), workspace.begins (size // EIGHT), workspace.weights (B), "
+    "workspace.by_move (B), workspace.starts (Y), sums (N, SUMS + 1)",
     where="W <= V",
     error_model="numpy",
 )
-def measure_tiles(scan, light, windows, taps, tiles, moves, size, room, sums):  # type: ignore[no-untyped-def]
+def measure_tiles(scan, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
     """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
 
     scan (lines, pixels) uint16; light: ``SensorLight``; windows: ``TileWindows``; taps: ``SensorTaps``; tiles (n,):
-    which to measure, of size x size pixels; room: ``Room``. sums (n, SUMS + 1): the last is the number of pixels, 0
-    where the tile lies outside the scan.
+    which to measure, of size x size pixels; workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number of
+    pixels, 0 where the tile lies outside the scan.
     """
     image = np.empty((3, size, size), np.float32)
     error = np.empty((size, size), np.float32)
@@ -225,7 +241,7 @@ def measure_tiles(scan, light, windows, taps, tiles, moves, size, room, sums):  
             continue
         x = windows.origins[tile, 0] - (moves[n, 0] - whole_x) * taps.across_ratio
         y = windows.origins[tile, 1] - (moves[n, 1] - whole_y) * taps.along_ratio
-        render_tile(windows.signals[tile], x, y, taps, room, image)
+        render_tile(windows.signals[tile], x, y, taps, workspace, image)
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0

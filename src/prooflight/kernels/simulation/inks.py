@@ -176,16 +176,16 @@ def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untype
 
     v: how far down the page these rows are, -1 to 1.
     """
-    places, words, gains, dot_gains = inks.speck_places, inks.speck_words, inks.gains, inks.dot_gains
+    places, packed, gains, dot_gains = inks.speck_places, inks.speck_words, inks.gains, inks.dot_gains
     nodes, bends, paper = table.nodes, table.bends, table.white
     place = np.empty(4, np.float32)
     columns = lights.shape[1]
-    for n in range(words.size):
+    for n in range(packed.size):
         row = places[n, 0] - top
         if row == 0 or row == 1:
             u = np.float32((2 * places[n, 1] + 1) / columns - 1)
             for ink in range(4):
-                byte = np.float32((words[n] >> np.uint32(8 * ink)) & np.uint32(255))
+                byte = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
                 gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
                 place[ink] = node_place(byte, gain, dot_gains[ink])
             light, texture = look_up(nodes, bends, place)
@@ -194,17 +194,17 @@ def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untype
 
 
 @inner_kernel()
-def look_up_pair(words, top, inks, table, printed, lights, textures):  # type: ignore[no-untyped-def]
+def look_up_pair(packed, top, inks, table, printed, lights, textures):  # type: ignore[no-untyped-def]
     """Light above the backing's and texture (2, columns) of rows ``top`` and the next as they came out.
 
     Arguments as in ``scan_lines``. A last row without a next one is its own. printed (2, columns): working space.
     """
-    rows = words.shape[0]
+    rows = packed.shape[0]
     v = np.float32((2 * top + 2) / rows - 1)
     upper, lower = printed[0], printed[1]
-    compose_row(words, top, inks.planes, upper)
+    compose_row(packed, top, inks.planes, upper)
     if top + 1 < rows:
-        compose_row(words, top + 1, inks.planes, lower)
+        compose_row(packed, top + 1, inks.planes, lower)
     else:
         lower[:] = upper
     look_up_rows(upper, lower, v, inks, table, lights, textures)

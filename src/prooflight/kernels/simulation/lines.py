@@ -115,7 +115,7 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
+    "packed (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
     "inks.speck_words (N), table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
     "across.segment, across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), depth, above_backing (L, P), texture_variance (L, P)",
@@ -125,15 +125,15 @@ def sample_along(  # type: ignore[no-untyped-def]
     ),
 )
 def scan_lines(  # type: ignore[no-untyped-def]
-    words, inks, table, across, along, depth, above_backing, texture_variance
+    packed, inks, table, across, along, depth, above_backing, texture_variance
 ):
     """Light above the backing's and texture of every line of one sensor, before lamp and columns.
 
-    words (rows, columns) uint32: the raster; inks: ``PrintedInks``; table: ``TrueTable``; across, along:
+    packed (rows, columns) uint32: the raster; inks: ``PrintedInks``; table: ``TrueTable``; across, along:
     ``FilterPass``; depth: rows that a line crosses and its footprint sees, and some.
     Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     lines, pixels = above_backing.shape
     taps = int(np.ceil((across.cumulative.size - 1) / across.step)) + 1
     reach = (across.cumulative.size - 1) / (2 * across.step)
@@ -162,7 +162,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                look_up_pair(words, 2 * pair, inks, table, printed, lights, textures)
+                look_up_pair(packed, 2 * pair, inks, table, printed, lights, textures)
             place_row(across.places, across.pitch, next_row, x_places)
             begin_at(x_places, across.segment, reach, x_first, x_phase)
             slot = next_row % depth

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
 
@@ -54,7 +54,7 @@ FAR: Final = 4.685
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
+class PrintPrior:
     """Standard deviations of what good prints do, before one has been looked at; those of the press world."""
 
     white: float = 0.013
@@ -109,7 +109,7 @@ class Fit:
     """(4,) ink area added at 50 %. [-]"""
     planes: NDArray[np.float64]
     """(4, 2) how far each plane lies too far right and down. [pixels]"""
-    surprise: NDArray[np.float64]
+    pulls: NDArray[np.float64]
     """(amounts,) each amount over the standard deviation it would have on good prints; as ``FitLayout`` has them."""
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
@@ -117,14 +117,14 @@ class Fit:
     """Robust spread of blocks about the fit, in their standard deviations. [-]"""
     lost: float
     """Share of blocks that the fit does not explain. [-]"""
-    tolerance: Tolerance
+    prior: PrintPrior
     """That it was made with."""
 
     @property
     def surprises(self) -> FitParts:
-        """``surprise`` by what its amounts are of."""
+        """``pulls`` by what its amounts are of."""
         layout = FitLayout(sensors=self.white.size, colours=self.shape.shape[1])
-        return layout.parts(self.surprise)
+        return layout.parts(self.pulls)
 
     def emptied(self) -> Fit:
         """The same with every amount 0: it explains nothing."""
@@ -133,7 +133,7 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spread:
+class ResidualVariance:
     """What good prints scatter by besides the fit: learned."""
 
     edge: float = 0.004
@@ -147,14 +147,14 @@ class Spread:
     table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
 
     @classmethod
-    def none(cls) -> Spread:
+    def none(cls) -> ResidualVariance:
         """Of a press whose good prints are as predicted, but for the camera's noise."""
         return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
 
     @property
     def exact(self) -> bool:
         """Whether good prints are as predicted: in their place, of the inks foretold."""
-        return self == Spread.none()
+        return self == ResidualVariance.none()
 
     def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
         """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
@@ -221,14 +221,14 @@ def fit_nuisances(
     measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     *,
     sensors: Sequence[SensorModel],
     colours: Colours,
     planes: NDArray[np.float64],
     pixel_mm: float,
-    tolerance: Tolerance,
-    spread: Spread,
+    prior: PrintPrior,
+    residual_variance: ResidualVariance,
 ) -> Fit:
     """Amounts of every nuisance in one scan; arrays (sensors, lines, pixels) at camera resolution, modes moved.
 
@@ -236,8 +236,10 @@ def fit_nuisances(
     """
     blocks = _summed(measured_dn, seen, modes, where, sensors, colours)
     noise = np.ones(len(sensors))
-    model = _Model.of(blocks, tolerance, pixel_mm, planes)
-    amounts, sd, robust, lost = model.solved(noise, spread, np.array([sensor.white_dn for sensor in sensors]))
+    model = _Model.of(blocks, prior, pixel_mm, planes)
+    amounts, sd, robust, lost = model.solved(
+        noise, residual_variance, np.array([sensor.white_dn for sensor in sensors])
+    )
     found = model.layout.parts(amounts * model.scale)
     return Fit(
         white=found.white + found.common,
@@ -246,11 +248,11 @@ def fit_nuisances(
         gain=found.gain,
         dot=found.dot,
         planes=found.planes,
-        surprise=amounts / sd,
+        pulls=amounts / sd,
         noise=noise,
         spread=robust,
         lost=lost,
-        tolerance=tolerance,
+        prior=prior,
     )
 
 
@@ -288,7 +290,7 @@ def _summed(
     measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     sensors: Sequence[SensorModel],
     colours: Colours,
 ) -> _Blocks:
@@ -353,12 +355,10 @@ class _Model:
     """(amounts,) prior means."""
 
     @classmethod
-    def of(
-        cls, blocks: _Blocks, tolerance: Tolerance, pixel_mm: float, planes: NDArray[np.float64]
-    ) -> _Model:
+    def of(cls, blocks: _Blocks, prior: PrintPrior, pixel_mm: float, planes: NDArray[np.float64]) -> _Model:
         layout, light = blocks.layout, blocks.light
         x = np.zeros((*light.shape, layout.size))
-        by, scale = layout.parts(x), tolerance.amounts_sd(layout, pixel_mm)
+        by, scale = layout.parts(x), prior.amounts_sd(layout, pixel_mm)
         waves = np.arange(1, LAMP_WAVES + 1)
         for sensor in range(layout.sensors):
             by.white[sensor, :, sensor] = light[sensor]
@@ -378,15 +378,17 @@ class _Model:
         return cls(layout=layout, blocks=blocks, x=x, scale=scale, start=start)
 
     def solved(
-        self, noise: NDArray[np.float64], spread: Spread, white_dn: NDArray[np.float64]
+        self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
         """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
         of = self.blocks
         variance = (
-            noise[:, None] * of.variance + spread.contrast * of.texture + 4 * spread.edge * of.steepness
+            noise[:, None] * of.variance
+            + residual_variance.contrast * of.texture
+            + 4 * residual_variance.edge * of.steepness
         )
         variance = variance / of.pixels + EDGE_BIAS**2 * of.steepness
-        variance += (spread.share_of(of.light, white_dn[:, None]) * of.light) ** 2
+        variance += (residual_variance.share_of(of.light, white_dn[:, None]) * of.light) ** 2
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]

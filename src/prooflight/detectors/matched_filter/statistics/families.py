@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INKS
-from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, echoes
+from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
     LINE_MODES,
@@ -23,10 +23,10 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_bands,
     of_boxes,
     of_energy,
-    of_exchange,
     of_flat_boxes,
     of_ghosts,
     of_streaks,
+    of_swapped_planes,
     of_waves,
     waves_of,
 )
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 SAMPLES: Final = 400
 
 
-def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
+def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
     """Every statistic of one scan, always the same in the same order."""
     flat = flat_part(sums)
     waves = waves_of(sums, scatter)
@@ -65,7 +65,7 @@ def all_said(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> lis
         *of_waves(waves_of(flat, scatter), FLAT_AREAS),
         *of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE),
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
-        *of_exchange(sums),
+        *of_swapped_planes(sums),
         *_of_fit(fit),
         *_of_place(found),
         *_of_shifts(sums),
@@ -132,8 +132,8 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
     }
 
     def put(target: NDArray[np.float32], *maps: NDArray[np.floating]) -> None:
-        said = np.flatnonzero(maps[1].ravel() > 1e-3)
-        drawn = rng.permutation(said)[:SAMPLES]
+        known = np.flatnonzero(maps[1].ravel() > 1e-3)
+        drawn = rng.permutation(known)[:SAMPLES]
         for index, one in enumerate(maps):
             target[: drawn.size, index] = one.ravel()[drawn]
 
@@ -147,8 +147,8 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
     of_rows = rows(sums)
     for mode in range(len(MODES)):
         put(found["bands"][mode], *(one[mode] for one in of_rows))
-    seen = echoes(sums)
+    seen = ghosts(sums)
     for ink in range(INKS):
-        for b, echoed in enumerate(seen.through(ink)):
-            put(found["ghosts"][ink, b], *np.moveaxis(echoed.sums[..., ::-10], 2, 0))
+        for b, ghost in enumerate(seen.through(ink)):
+            put(found["ghosts"][ink, b], *np.moveaxis(ghost.sums[..., ::-10], 2, 0))
     return found

@@ -1,4 +1,4 @@
-"""Statistics with a place: boxes, streaks, waves, echoes and stray energy; on the whole page, and away from edges."""
+"""Statistics with a place: boxes, streaks, waves, ghosts and stray energy; on the whole page, and away from edges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.fit.binning import binned
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of, echoes
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
     LINE_MODES,
@@ -20,15 +20,15 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     WIDTHS,
     periodogram,
     rows,
-    statistic,
     streaks,
+    t_statistic,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import (
     PAIRS,
     above_neighbours,
-    exchanged,
     extremes_of,
     extremes_of_boxes,
+    swapped_planes,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import (
     FLAT_AREAS,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8
-"""Of echoes, for what they scatter by."""
+"""Of ghosts, for what they scatter by."""
 OVERLAP: Final = 4
 """Boxes that overlap by half count as so many fewer."""
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
@@ -64,8 +64,8 @@ MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
     """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
     for place, cells in enumerate(cells_of(sums)):
-        size, said = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for (mode, ink), most in zip(MODES_AND_INKS, said, strict=True):
+        size, extremes = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
             more, less = (Statistic("box", mode, ink, sign, size) for sign in "+-")
             own_more, own_less = (Statistic("box", mode, ink, sign, size, "", OWN_PAGE) for sign in "+-")
             box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
@@ -80,8 +80,8 @@ def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
 def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Observed]:
     """The same against this page's own, where there are no edges."""
     for place, cells in enumerate(cells_of(flat)):
-        said = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for (mode, ink), most in zip(MODES_AND_INKS, said, strict=True):
+        extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
             if mode == "blur":
                 continue
             more, less = (Statistic("box", mode, ink, sign, cells.size, "", FLAT_AREAS) for sign in "+-")
@@ -94,8 +94,8 @@ def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator
     """Streaks of every mode, width and length against each of ``references``."""
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
-        said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-        for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], said, strict=True):
+        extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
+        for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], extremes, strict=True):
             for reference in references:
                 good = reference is GOOD_PRINTS
                 high, low = (most.high, most.low) if good else (most.own_high, most.own_low)
@@ -129,8 +129,8 @@ def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     """Of every mode."""
     found = []
     for mode, (own, power, edges) in enumerate(zip(*rows(sums), strict=True)):
-        said = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
-        found.append(Waves(own, power, edges, *said))
+        waves = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
+        found.append(Waves(own, power, edges, *waves))
     return found
 
 
@@ -140,7 +140,7 @@ def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Ob
         band = Statistic("wave", *mode_and_ink(name), reference=GOOD_PRINTS)
         yield Observed(statistic=band._replace(part="wave"), value=float(one.waves.max()))
         yield Observed(statistic=band._replace(part="harmonics"), value=float(one.together.max()))
-        t = statistic(one.own, one.power, one.edges, scatter.bands[mode])
+        t = t_statistic(one.own, one.power, one.edges, scatter.bands[mode])
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
         box = (0.0, y, np.inf, sums.tile_mm)
@@ -157,14 +157,14 @@ def of_waves(seen: Sequence[Waves], reference: Reference) -> Iterator[Observed]:
 
 
 def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference) -> Iterator[Observed]:
-    """Echoes of each ink's detail further down, against each of ``references``: a page has some of its own anyway."""
-    seen = echoes(sums)
+    """Ghosts of each ink's detail further down, against each of ``references``: a page has some of its own anyway."""
+    seen = ghosts(sums)
     for ink in range(INKS):
         found = seen.through(ink)
         for b, (height, width) in enumerate(GHOST_BOXES_MM):
             value, usual, box = 0.0, 1.0, NOWHERE
             if found:
-                t = found[b].said(scatters[ink, b])
+                t = found[b].t(scatters[ink, b])
                 row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
                 value = max(float(t[row, column, lag]), 0.0)
                 if value:
@@ -178,14 +178,14 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference)
 
 
 def _usual(t: NDArray[np.float32]) -> float:
-    """What T of echoes of an ink on this page scatters by; 0 is nothing known."""
-    said = np.abs(t[t != 0])
-    return max(float(np.quantile(said, ONE_SIGMA)), 0.5) if said.size >= LEAST_BOXES else 1.0
+    """What T of ghosts of an ink on this page scatters by; 0 is nothing known."""
+    known = np.abs(t[t != 0])
+    return max(float(np.quantile(known, ONE_SIGMA)), 0.5) if known.size >= LEAST_BOXES else 1.0
 
 
-def of_exchange(sums: Sums) -> Iterator[Observed]:
-    """Inks exchanged over the page."""
-    for (one, other), t in zip(PAIRS, exchanged(sums), strict=True):
+def of_swapped_planes(sums: Sums) -> Iterator[Observed]:
+    """Inks swapped over the page."""
+    for (one, other), t in zip(PAIRS, swapped_planes(sums), strict=True):
         both = INK_LETTERS[one] + INK_LETTERS[other]
         yield Observed(statistic=Statistic("swap", ink=both), value=abs(t))
 

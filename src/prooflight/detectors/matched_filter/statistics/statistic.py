@@ -141,11 +141,11 @@ class Observed:
     """Where; NaN: the page as a whole."""
 
 
-def stated(said: Sequence[Observed]) -> NDArray[np.float32]:
+def values_of(statistics: Sequence[Observed]) -> NDArray[np.float32]:
     """Values of statistics, (n,)."""
-    return np.array([one.value for one in said], np.float32)
+    return np.array([one.value for one in statistics], np.float32)
 
 
-def keys_of(said: Iterable[Observed]) -> list[str]:
+def keys_of(statistics: Iterable[Observed]) -> list[str]:
     """Of statistics, in their order."""
-    return [one.statistic.key for one in said]
+    return [one.statistic.key for one in statistics]

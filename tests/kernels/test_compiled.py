@@ -15,7 +15,8 @@ from numba.core.dispatcher import Dispatcher
 
 import prooflight
 from prooflight.kernels.compiled import Kernel, inner_kernel, kernel
-from prooflight.kernels.residuals.residuals import residuals, take_columns
+from prooflight.kernels.residuals.fit import InkImages
+from prooflight.kernels.residuals.residuals import FittedAmounts, residuals, take_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -93,6 +94,25 @@ def test_tuples_are_looked_into() -> None:
             of_tuples(pair, lights, pairs)
 
 
+class Grid(NamedTuple):
+    places: np.ndarray
+    pitch: int
+
+
+@kernel("grid.places (K), grid.pitch, out (L, 2 * grid.pitch)", where="(K - 1) * grid.pitch >= L")
+def of_record(grid, out):
+    out[:] = grid.places[0] + grid.pitch
+    return grid.places.size
+
+
+def test_numbers_of_records_are_looked_at() -> None:
+    assert of_record(Grid(np.zeros(3), 2), np.zeros((4, 4))) == 3
+    with pytest.raises(ValueError, match=r"of_record: .*does not hold; grid_pitch = 2, K = 3, L = 5"):
+        of_record(Grid(np.zeros(3), 2), np.zeros((5, 4)))
+    with pytest.raises(ValueError, match=r"out is of shape \(4, 4\) and should be \(L, 2 \* grid.pitch\)"):
+        of_record(Grid(np.zeros(3), 3), np.zeros((4, 4)))
+
+
 def test_a_number_is_no_array() -> None:
     with pytest.raises(ValueError, match=r"known is of shape \(2,\) and should be a number"):
         kernel("known, out (_)")(lambda known, out: None)(np.zeros(2), np.zeros(2))
@@ -120,7 +140,8 @@ def test_residuals_of_a_longer_scan_are_refused() -> None:
         np.zeros(16, np.float32),
     )
     amounts = [np.zeros(shape, np.float32) for shape in ((4, 3), (4,), (4, 2))]
-    rest = image, row, image > 0, areas, areas, areas, bells, weights, row, *amounts, image.copy()
+    inks = InkImages(gain=areas, dot=areas, texture=image, cover=areas)
+    rest = image, row, image > 0, inks, bells, FittedAmounts(weights, row, *amounts), image.copy()
     residuals(image, *rest)
     with pytest.raises(ValueError, match=r"expected is of shape \(20, 12\) and should be \(L, P\)"):
         residuals(np.zeros((25, 12), np.float32), *rest)

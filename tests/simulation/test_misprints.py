@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from prooflight.cmyk import INK_NAMES
 from prooflight.pages.raster import Page
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.misprints.kinds import KINDS, Drawn, draw_misprint
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 SEEDS = st.integers(0, 2**32)
 SEVERITIES = st.floats(0, 1)
 DPI = 50.8  # half a millimetre a pixel
-INKS = ("cyan", "magenta", "yellow", "black")
 FEW = settings(max_examples=40)
 CORNERS = (np.array([0.0, 0.0, 40.0, 40.0]), np.array([0.0, 50.0, 0.0, 50.0]))
 SIZE = {"page_width_mm": 40.0, "page_height_mm": 50.0}
@@ -215,7 +215,7 @@ def test_a_missing_plane_is_one_ink_scaled(seed: int, severity: float) -> None:
     inside = slice(rows.start + fade, rows.stop - fade)
     want = page.cmyk[inside, :, ink] * left
     np.testing.assert_allclose(one.page.cmyk[inside, :, ink], want, atol=1)
-    assert INKS[ink] in one.misprint.detail
+    assert INK_NAMES[ink] in one.misprint.detail
     if band:
         assert page.height_mm / 4 - page.pixel_mm <= one.misprint.region_mm[3]
     else:
@@ -264,8 +264,8 @@ def test_two_planes_are_exchanged_in_part(seed: int, severity: float) -> None:
     for ink, other in ((a, b), (b, a)):
         want = before[..., ink] * (1 - mixed) + before[..., other] * mixed
         np.testing.assert_allclose(one.page.cmyk[..., ink], want, atol=1.001)
-    assert INKS[a] in one.misprint.detail
-    assert INKS[b] in one.misprint.detail
+    assert INK_NAMES[a] in one.misprint.detail
+    assert INK_NAMES[b] in one.misprint.detail
 
 
 def test_black_text_can_come_out_in_another_ink() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
@@ -17,7 +18,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Scatter,
     Sums,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 TILE_PIXELS = 25
-LETTERS = "CMYK"
 
 
 def scattered(noise: float = 1.0) -> Scatter:
@@ -54,7 +54,7 @@ def spot_mm(wanted: float, power: float) -> float:
 
 def told(of: Sums, *, noise: float = 1.0) -> Telling:
     """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
-    statistics = [Statistic(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
+    statistics = [Observed(statistic=Statistic("fit", "gain", letter), value=2.0) for letter in INK_LETTERS]
     gain = np.zeros((4, 3))
     gain[:, 0] = PrintPrior().gain
     return Telling.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), statistics, scattered(noise))  # type: ignore[arg-type]

@@ -130,7 +130,11 @@ def learn(
     inspector = Inspector.of(press, "ours")
     source = JobSource(path=job, dpi=press.dpi, profile=profile)
     with source.open() as opened:
-        pairs = [pair for pair in paired(opened, scans, sensors=len(press.sensors)) if pair[1] is not None]
+        pairs = [
+            (number, scan)
+            for number, scan in paired(opened, scans, sensors=len(press.sensors))
+            if scan is not None
+        ]
     work = ScoredPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))

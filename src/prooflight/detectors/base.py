@@ -34,7 +34,6 @@ Area = tuple[slice, slice]
 """Lines and columns of a scan."""
 LAMP_WAVES: Final = 6
 """Of the lamp over the field: cosines of so many half waves."""
-INK_NAMES: Final = ("cyan", "magenta", "yellow", "black")
 BLOCK_PIXELS: Final = 8
 """Side of the squares whose means pictures show."""
 

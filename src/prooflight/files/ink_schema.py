@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.files.schema import (
     Block,
     Count,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OF_MODEL, OF_SPREAD = "model.", "spread."
-INKS: Final = 4
 MOST_RECIPES: Final = 20_000
 """assumed: charts have 2,000 patches; each costs a kilobyte of every chunk of recipes predicted."""
 MOST_LEVELS: Final = 9
@@ -77,7 +77,7 @@ _NEUGEBAUER: Final = {
     "n": _array(1, low=1, high=10.001),
     "curves": _array(INKS, 2, rule=_too_steep),
     "roots": _array("nodes", BANDS, low=0, high=MOST_FACTOR),
-    **{f"levels.{ink}": _array(f"levels of {ink}", rule=_no_levels) for ink in "CMYK"},
+    **{f"levels.{ink}": _array(f"levels of {ink}", rule=_no_levels) for ink in INK_LETTERS},
 }
 _RADIAL: Final = {
     "cmyk": _RECIPES,
@@ -122,7 +122,7 @@ def check_inks(model: str, arrays: Mapping[str, NDArray[Any]], *, spread: bool, 
         under=under,
     )
     if "nodes" in sizes:
-        combinations = int(np.prod([sizes[f"levels of {ink}"] for ink in "CMYK"]))
+        combinations = int(np.prod([sizes[f"levels of {ink}"] for ink in INK_LETTERS]))
         if sizes["nodes"] != combinations:
             what = (
                 f"has {sizes['nodes']} nodes, must have one for each of {combinations} combinations of levels"

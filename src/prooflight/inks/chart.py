@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError
 from prooflight.files.given import shortly
 from prooflight.inks.cgats import Table, number, read_tables, write_tables
-from prooflight.inks.reflectance import INKS
 from prooflight.inks.wavelengths import to_grid
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 
@@ -191,7 +191,7 @@ def write_chart(path: Path, chart: Chart) -> None:
 def _ink_columns(table: Table) -> tuple[str, str, str, str] | None:
     by_name = {name.upper(): name for name in table.fields}
     for prefix in ("CMYK_", ""):
-        found = [by_name.get(prefix + ink) for ink in INKS]
+        found = [by_name.get(prefix + ink) for ink in INK_LETTERS]
         if all(found):
             cyan, magenta, yellow, black = (str(name) for name in found)
             return cyan, magenta, yellow, black

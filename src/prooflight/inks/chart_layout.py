@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError, RequestError
 from prooflight.inks.cgats import Table, number, read_tables, write_tables
-from prooflight.inks.reflectance import INKS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -201,7 +201,7 @@ def write_recipes(path: Path, placed: PlacedRecipes) -> None:
             zip(placed.place.tolist(), (placed.cmyk * 100).tolist(), strict=True), start=1
         )
     )
-    fields = ("SAMPLE_ID", "PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INKS))
+    fields = ("SAMPLE_ID", "PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INK_LETTERS))
     write_tables(path, [Table(kind="CGATS.17", keywords=keywords, fields=fields, rows=rows)])
 
 
@@ -209,7 +209,7 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
     """What ``write_recipes`` wrote, measured columns or not; ChartError if it is something else."""
     table = read_tables(path)[0]
     layout = Layout.of(path, table)
-    wanted = ("PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INKS))
+    wanted = ("PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INK_LETTERS))
     missing = [name for name in wanted if name not in table.fields]
     if missing:
         raise ChartError(
@@ -225,7 +225,7 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
     outside = (values[:, 3:] < 0) | (values[:, 3:] > 100)
     if outside.any():
         row, ink = np.argwhere(outside)[0]
-        what = f"{table.line(row)}: {INKS[ink]} is {values[row, 3 + ink]:g}"
+        what = f"{table.line(row)}: {INK_LETTERS[ink]} is {values[row, 3 + ink]:g}"
         raise ChartError(path, what, remedy="recipes go from 0 to 100 per cent")
     cmyk = np.round(values[:, 3:] * 2.55) / 255.0
     return PlacedRecipes(layout=layout, cmyk=cmyk, place=values[:, :3].astype(np.int64))

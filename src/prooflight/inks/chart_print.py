@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.inks.chart_layout import (
@@ -22,7 +23,6 @@ from prooflight.inks.chart_layout import (
     write_recipes,
 )
 from prooflight.inks.recipes import choose_recipes, printable_recipes
-from prooflight.inks.reflectance import INKS
 from prooflight.pages.files import page_name, write_tiff
 from prooflight.pages.raster import MM_PER_INCH, Page
 
@@ -81,7 +81,7 @@ def make_chart(
 def raster(placed: PlacedRecipes, page: int) -> NDArray[np.uint8]:
     """One page as CMYK, (rows, columns, 4), ten pixels a millimetre."""
     layout = placed.layout
-    size = (round(layout.height_mm * STEPS_PER_MM), round(layout.width_mm * STEPS_PER_MM), len(INKS))
+    size = (round(layout.height_mm * STEPS_PER_MM), round(layout.width_mm * STEPS_PER_MM), INKS)
     paper = np.zeros(size, dtype=np.uint8)
     for (x, y, width, height), ink in painted(placed, page):
         left, top, right, bottom = (round(edge * STEPS_PER_MM) for edge in (x, y, x + width, y + height))

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 from scipy.optimize import least_squares
 
-from prooflight.inks.reflectance import BRIGHTEST, DARKEST, INKS, LogLinear, in_chunks
+from prooflight.cmyk import INK_LETTERS, INKS
+from prooflight.inks.reflectance import BRIGHTEST, DARKEST, LogLinear, in_chunks
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class Neugebauer:
 
         def primaries(values: NDArray[np.float64]) -> Neugebauer:
             n = float(np.exp(values[-1]))
-            curves = values[:-1].reshape(len(INKS), 2)
+            curves = values[:-1].reshape(INKS, 2)
             share = _shares(cmyk, curves, (_SOLIDS,) * 4)
             roots = _towards(
                 belief ** (1 / n), weight * share, weight * measured ** (1 / n), _TOWARDS_LOG_LINEAR
@@ -106,13 +107,13 @@ class Neugebauer:
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """What ``from_arrays`` needs."""
-        levels = {f"levels.{ink}": level for ink, level in zip(INKS, self.levels, strict=True)}
+        levels = {f"levels.{ink}": level for ink, level in zip(INK_LETTERS, self.levels, strict=True)}
         return {"n": np.array([self.n]), "curves": self.curves, "roots": self.roots, **levels}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """The model that gave ``arrays``."""
-        cyan, magenta, yellow, black = (arrays[f"levels.{ink}"] for ink in INKS)
+        cyan, magenta, yellow, black = (arrays[f"levels.{ink}"] for ink in INK_LETTERS)
         levels = (cyan, magenta, yellow, black)
         return cls(n=float(arrays["n"][0]), curves=arrays["curves"], levels=levels, roots=arrays["roots"])
 
@@ -177,7 +178,7 @@ def _shares(cmyk: NDArray[np.float64], curves: NDArray[np.float64], levels: Leve
     area = effective_area(cmyk, curves)
     share = np.ones((len(cmyk), 1))
     for ink, level in enumerate(levels):
-        stops = effective_area(np.repeat(level[:, None], len(INKS), axis=1), curves)[:, ink]
+        stops = effective_area(np.repeat(level[:, None], INKS, axis=1), curves)[:, ink]
         cell = np.clip(np.searchsorted(stops, area[:, ink], side="right") - 1, 0, len(stops) - 2)
         part = (area[:, ink] - stops[cell]) / (stops[cell + 1] - stops[cell])
         hat = np.zeros((len(cmyk), len(stops)))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles, shortly
 from prooflight.inks.cgats import number
-from prooflight.inks.reflectance import INKS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,11 +43,7 @@ _NUGGET: Final = 1e-6  # variance of a measured recipe; only keeps divisions saf
 def printable_recipes(ink_limit_percent: float = 400.0) -> NDArray[np.float64]:
     """Recipes worth printing, (m, 4) ink fractions that 8 bits hold exactly, total ink up to the limit."""
     lattice = [(*cmy, black) for black, levels in _LATTICE.items() for cmy in product(levels, repeat=3)]
-    ramps = [
-        tuple(level if ink == at else 0 for ink in range(len(INKS)))
-        for at in range(len(INKS))
-        for level in _RAMP
-    ]
+    ramps = [tuple(level if ink == at else 0 for ink in range(INKS)) for at in range(INKS) for level in _RAMP]
     levels = np.unique(np.round(np.array(lattice + ramps) * 2.55).astype(np.int64), axis=0)
     return levels[levels.sum(axis=1) <= ink_limit_percent * 2.55 + 0.5] / 255.0
 
@@ -62,9 +58,7 @@ def choose_recipes(candidates: NDArray[np.float64], number_wanted: int) -> NDArr
     if number_wanted > len(candidates):
         message = f"{number_wanted} recipes wanted of {len(candidates)}"
         raise ValueError(message)
-    solids = [
-        np.flatnonzero((candidates == solid).all(axis=1)) for solid in product((0.0, 1.0), repeat=len(INKS))
-    ]
+    solids = [np.flatnonzero((candidates == solid).all(axis=1)) for solid in product((0.0, 1.0), repeat=INKS)]
     first = [
         int(found[0]) for found in sorted(solids, key=lambda found: candidates[found].sum()) if found.size
     ]
@@ -123,7 +117,7 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
     separator = next((mark for mark in (";", "\t") if mark in header), ",")
     rows = [(at, _cells(path, at, line, separator)) for at, line in lines]
     names = [name.upper().removeprefix("CMYK_") for name in rows[0][1]] if rows else []
-    if sorted(name for name in names if name in INKS) != sorted(INKS):
+    if sorted(name for name in names if name in INK_LETTERS) != sorted(INK_LETTERS):
         what = f"the first line is {shortly(header)!r}" if header else "the file is empty"
         raise RequestError(path, what, remedy="the first line must be C,M,Y,K, then recipes in per cent")
     if len(rows) == 1:
@@ -152,7 +146,7 @@ def _recipe(path: Path, line: int, cells: list[str], names: list[str]) -> list[f
         what = f"line {line} has {len(cells)} values for {len(names)} columns"
         raise RequestError(path, what, remedy="give one number each for C, M, Y and K")
     values = []
-    for ink in INKS:
+    for ink in INK_LETTERS:
         cell = cells[names.index(ink)]
         value = number(cell)
         if not 0 <= value <= 100:

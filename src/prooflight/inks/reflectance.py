@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.spectra import BANDS, on_grid
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-INKS = ("C", "M", "Y", "K")
 DARKEST = 1e-4  # log r needs r > 0; spectrophotometers resolve about 1e-3, so this lies below any measurement
 BRIGHTEST = 1.2  # assumed: no brightened paper passes it; a prediction beyond is extrapolation gone wrong
 _CHUNK = 4096  # recipes at a time: what a model needs for them then stays within a processor's cache
@@ -72,7 +72,7 @@ def in_chunks(
     """``function`` of recipes (m, 4) -> (m, bands), applied to recipes (..., 4) a chunk at a time -> (...,
     bands).
     """
-    recipes = np.asarray(cmyk, dtype=np.float64).reshape(-1, len(INKS))
+    recipes = np.asarray(cmyk, dtype=np.float64).reshape(-1, INKS)
     result = np.empty((len(recipes), bands))
     for start in range(0, len(recipes), chunk):
         result[start : start + chunk] = function(recipes[start : start + chunk])
@@ -111,12 +111,12 @@ class LogLinear:
         density = np.array([on_grid(row) for row in self.density])
         density.setflags(write=False)
         object.__setattr__(self, "density", density)
-        if density.shape != (len(INKS), BANDS) or not (self.paper > 0).all():
+        if density.shape != (INKS, BANDS) or not (self.paper > 0).all():
             message = f"paper must be above 0 and density (4, 36), got {density.shape}"
             raise ValueError(message)
         if self.tvi is None:
             return
-        if len(self.tvi) != len(INKS) or not all(0 <= value < 0.25 for value in self.tvi):
+        if len(self.tvi) != INKS or not all(0 <= value < 0.25 for value in self.tvi):
             message = f"tvi needs four values in [0, 0.25), got {self.tvi}"
             raise ValueError(message)
         if not (density.max(axis=1) > 0).all():

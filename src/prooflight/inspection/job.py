@@ -192,10 +192,9 @@ class ScoredPage:
 
     work: InspectPage
 
-    def __call__(self, pair: Pair) -> PageScore:
-        """Inspect one page that has a scan; ScanError: it was made under other light than the press knows."""
-        number, scan = pair
-        assert scan is not None
+    def __call__(self, scanned: tuple[int, RecordedScan]) -> PageScore:
+        """Inspect a page, by its number, in its scan; ScanError: it was made under other light than the press knows."""
+        number, scan = scanned
         page, inspector = self.work.page(number), self.work.inspector
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)

@@ -6,8 +6,6 @@ import numpy as np
 
 from prooflight.kernels.compiled import kernel
 
-INKS = 4
-
 
 @kernel("packed (_, _), lines (R, _), columns (C, _), ink (R, C, INKS)")
 def block_inks(packed, lines, columns, ink):  # type: ignore[no-untyped-def]

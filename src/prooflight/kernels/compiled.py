@@ -8,8 +8,9 @@ whatever memory lies behind. So every kernel that Python calls says what shapes 
 
 All parameters are named in order; one without a shape is a number. The same letter is the same extent; an extent may
 also be a number, ``_`` for any, or an expression of letters, constants of the kernel's module and parameters that are
-numbers: ``out (L // 8, 2 * n)``. A tuple's arrays are ``room.value (W)`` by name, or ``lights[] (N, L, P)`` and
-``tables[].codes (N, 16)`` for N of one shape. ``where`` holds what else must be so: ``where="0 <= first, last <= L"``.
+numbers: ``out (L // 8, 2 * n)``. What belongs together is one record (a ``NamedTuple``): its arrays are
+``room.value (W)`` by name, its numbers ``grid.pitch``; a tuple's are ``lights[] (N, L, P)`` and ``tables[].codes
+(N, 16)`` for N of one shape. ``where`` holds what else must be so: ``where="0 <= first, last <= grid.pitch * L"``.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class Expected:
     """What one argument must be."""
 
     path: str
-    """``name``, or of a tuple's arrays ``name.field``, ``name[]``, ``name[].field``."""
+    """``name``, or of a record's or a tuple's ``name.field``, ``name[]``, ``name[].field``."""
     extents: tuple[str, ...] | None
     """None: it is a number."""
 
@@ -111,7 +112,7 @@ class Contract:
     expected: tuple[Expected, ...]
     constants: dict[str, int]
     numbers: frozenset[str]
-    """Parameters that extents or ``where`` speak of."""
+    """Paths of those that extents or ``where`` speak of."""
     codes: dict[str, CodeType]
     """Of extents that are neither letters nor any."""
     where: tuple[str, ...]
@@ -125,15 +126,17 @@ class Contract:
             raise TypeError(f"{function.__name__}: {shapes!r} does not name {', '.join(parameters)} in order")
         conditions = tuple(_parted(where))
         extents = {text for one in expected for text in one.extents or ()}
-        words = {word for text in (*extents, *conditions) for word in re.findall(r"[A-Za-z]\w*", text)}
+        words = {
+            word for text in (*extents, *conditions) for word in re.findall(r"[A-Za-z]\w*(?:\.\w+)?", text)
+        }
         globals_ = function.__globals__
         constants = {word: globals_[word] for word in words if isinstance(globals_.get(word), int)}
-        given = words & set(parameters)
+        given = words & {one.path for one in expected if one.extents is None}
         letters = extents & words - set(constants) - given
         if unknown := words - set(constants) - given - letters - {"max", "min"}:
             raise TypeError(f"{function.__name__}: nothing says what {', '.join(sorted(unknown))} is")
         codes = {
-            text: compile(text, function.__name__, "eval")
+            text: compile(_flat(text), function.__name__, "eval")
             for text in (*extents, *conditions)
             if text not in letters
         }
@@ -173,7 +176,7 @@ class Contract:
             elif one.extents is not None:
                 arrays.append((one, value))
             elif one.path in self.numbers:
-                known[one.path] = value
+                known[_flat(one.path)] = value
             elif value != ():
                 raise ValueError(
                     f"kernel {self.kernel}: {one.path} is of shape {value} and should be a number"
@@ -209,6 +212,11 @@ class Contract:
             f"kernel {self.kernel}: {one.path} is of shape {shape} and should be ({asked})"
             + (f"; {told}" if told else "")
         )
+
+
+def _flat(text: str) -> str:
+    """Expressions with a record's numbers as plain names."""
+    return re.sub(r"(?<=\w)\.(?=[A-Za-z])", "_", text)
 
 
 def _parted(text: str) -> list[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.kernels.prediction.lines import filter_lines, relight, to_columns
+from prooflight.kernels.prediction.lines import ColumnLevels, filter_lines, relight, to_columns
 from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
@@ -160,16 +160,16 @@ def shot_slope(sensor: SensorModel) -> float:
 
 def to_columns_of(sensor: SensorModel) -> Callable[..., None]:
     """``to_columns`` with all that it takes of the sensor; left are line_from, line_to, mean and variance."""
-    return partial(
-        to_columns,
-        np.float32(sensor.backing_dn),
-        np.float32(sensor.backing_variance_dn2),
-        np.float32(shot_slope(sensor)),
-        sensor.column_offset_dn,
-        sensor.column_gain,
-        np.float32(sensor.dark_variance_dn2),
-        np.float32(sensor.top_code_dn),
+    levels = ColumnLevels(
+        column_offset=sensor.column_offset_dn,
+        column_gain=sensor.column_gain,
+        backing=np.float32(sensor.backing_dn),
+        backing_variance=np.float32(sensor.backing_variance_dn2),
+        dark_variance=np.float32(sensor.dark_variance_dn2),
+        shot_slope=np.float32(shot_slope(sensor)),
+        top_code=np.float32(sensor.top_code_dn),
     )
+    return partial(to_columns, levels)
 
 
 def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
@@ -194,21 +194,14 @@ def _filtering(
     """The filtering kernel with everything set but the lines to do."""
     if where.still:
         return _filtering_still(page, sensor, where, [table], [backing], [light])
-    across, along = where.across, where.along
+    across, along = where.passes(sensor.footprint, page.pixel_mm)
     return partial(
         filter_moved_lines,
         page.packed,
         quantised_table(table),
         np.float32(backing),
-        across.places,
-        across.pitch,
-        across.segment,
-        sensor.footprint.across,
-        along.places,
-        along.pitch,
-        along.segment,
-        sensor.footprint.along,
-        _step(page, sensor),
+        across,
+        along,
         where.phase_bits,
         math.ceil(np.ptp(along.places, axis=1).max()),
         light=light,
@@ -226,26 +219,13 @@ def _filtering_still(
     sign: int = 0,
 ) -> Callable[..., None]:
     """The same of a page that is only shifted, for tables of one footprint."""
-    across, along = where.across, where.along
     return partial(
         filter_lines,
         page.packed,
         tuple(quantised_table(table) for table in tables),
         np.array(backings, np.float32),
         where.stride,
-        across.places[0],
-        across.segment,
-        sensor.footprint.across,
-        np.ascontiguousarray(along.places[:, :1]),
-        along.pitch,
-        sensor.footprint.along,
-        _step(page, sensor),
+        *where.passes(sensor.footprint, page.pixel_mm),
         np.float32(sign),
         lights=tuple(lights),
     )
-
-
-def _step(page: Page, sensor: SensorModel) -> float:
-    """A raster pixel in steps of the footprint's tables."""
-    footprint = sensor.footprint
-    return float((footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ OFFSET = 1 / 50
 """Of a table's greatest value, added before the root: near black the root of the value itself would be steep.
 assumed: about read noise over shot noise at white; ten times more or less changes little."""
 CODES = 32767
-INKS = 4
 
 
 class QuantisedTable(NamedTuple):

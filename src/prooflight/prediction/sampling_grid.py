@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.kernels.prediction.aiming import FilterPass
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
+    from prooflight.pages.sampling import Footprint
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 
@@ -59,6 +62,21 @@ class SamplingGrid:
     """Whole raster pixels from one camera column to the next; 0 if they are no whole number."""
     phase_bits: int
     """A raster pixel has 2^phase_bits phases."""
+
+    def passes(self, footprint: Footprint, pixel_mm: float) -> tuple[FilterPass, FilterPass]:
+        """Across and then along, as a footprint filters a raster with pixels of that size."""
+        step = float((footprint.across.size - 1) / (2 * footprint.reach_mm) * pixel_mm)
+        across, along = (
+            FilterPass(
+                places=nodes.places,
+                pitch=nodes.pitch,
+                segment=nodes.segment,
+                cumulative=cumulative,
+                step=step,
+            )
+            for nodes, cumulative in ((self.across, footprint.across), (self.along, footprint.along))
+        )
+        return across, along
 
 
 def sampling_grid(page: Page, geometry: ScanGeometry, placement: Placement) -> SamplingGrid:

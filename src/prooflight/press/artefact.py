@@ -45,7 +45,7 @@ KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2")
 CORRECTION = ("near", "far", "farther")
-INKS = "inks."
+INK_ARRAYS = "inks."
 DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
     "ours": CalibratedDetector,
     "bayes": BayesDetector,
@@ -148,7 +148,7 @@ class Press(Shown):
 
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
-        arrays |= {INKS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
+        arrays |= {INK_ARRAYS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
         detectors: dict[str, Any] = {}
         for name in DETECTORS:
             trained: CalibratedDetector | BayesDetector | None = getattr(self, name)
@@ -220,7 +220,7 @@ class Press(Shown):
             costs=RunningCosts(**document["costs"]),
             good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
             origin=document["origin"],
-            ink_arrays=part_of(arrays, INKS),
+            ink_arrays=part_of(arrays, INK_ARRAYS),
             ink_facts=document["ink_facts"],
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
             variation=document["variation"],

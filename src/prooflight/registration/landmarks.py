@@ -10,6 +10,7 @@ import numpy as np
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.landmarks import edge_shares, tile_information, tile_signals
+from prooflight.kernels.registration.measuring import SensorTaps
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.coarse import CoarsePage, coarse_page
 from prooflight.registration.field import Basis, Prior
@@ -53,17 +54,6 @@ LEAST_INFORMATION: Final = 100.0
 PLENTY: Final = 2000.0
 """Of a tile in both directions, for it to do for its cell: it then tells its place to 0.02 pixels, less than the page
 moves within it. [1/pixel^2]"""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SensorTaps:
-    """A footprint as weights of raster pixels, by the phase at which it begins; (phases, taps) each."""
-
-    across: NDArray[np.float32]
-    across_slope: NDArray[np.float32]
-    """By the page's displacement. [1/pixel]"""
-    along: NDArray[np.float32]
-    along_slope: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -272,4 +262,11 @@ def _sensor_taps(
         slope = (weights(phase + step) - weights(phase - step)) / (2 * step)
         found += [weights(phase), -per_pixel * slope]
     across, across_slope, along, along_slope = (np.ascontiguousarray(array, np.float32) for array in found)
-    return SensorTaps(across=across, across_slope=across_slope, along=along, along_slope=along_slope)
+    return SensorTaps(
+        across=across,
+        across_slope=across_slope,
+        along=along,
+        along_slope=along_slope,
+        across_ratio=float(ratio[0]),
+        along_ratio=float(ratio[1]),
+    )

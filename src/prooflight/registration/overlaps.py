@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.registration.landmarks import Landmarks
 
-INKS: Final = 4
 PATCH_PIXELS: Final = 8
 """Side of the patches that are rendered: two millimetres at 0.254 mm, a letter, over which a print moves as one."""
 MOST_PATCHES: Final = 48

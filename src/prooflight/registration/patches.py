@@ -7,11 +7,17 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.registration.measuring import SUMS
-from prooflight.kernels.registration.shared_edges import fringe_sums, shared_cost, without_light
+from prooflight.kernels.registration.shared_edges import (
+    SensorPatches,
+    fringe_sums,
+    shared_cost,
+    without_light,
+)
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.landmarks import SIGNAL_NOISE
-from prooflight.registration.overlaps import INKS, LEAST_PATCHES, PATCH_PIXELS
+from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Workspace
 
 if TYPE_CHECKING:
@@ -149,24 +155,23 @@ class Patches:
         right, down = np.array(steps).reshape(2, INKS)
         sums = np.empty((*self.light.shape[:2], SUMS), np.float32)
         for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
+            patches = SensorPatches(
+                light=self.light[index],
+                base=self.base[index],
+                packed=self.packed,
+                margin=overlaps.margin,
+                origins=self.origins,
+                moves=self.moves + self._centred(steps),
+            )
             fringe_sums(
-                self.light[index],
-                self.packed,
-                overlaps.margin,
+                patches,
                 right,
                 down,
                 quantised_table(sensor.mean_dn),
-                self.origins,
-                self.moves + self._centred(steps),
-                *landmarks.ratio,
-                taps.across,
-                taps.across_slope,
-                taps.along,
-                taps.along_slope,
+                taps,
                 _noise(landmarks, index),
-                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, landmarks.ratio[0], taps),
+                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps),
                 not self.left,
-                self.base[index],
                 sums[index],
             )
         left = np.empty((len(self.packed), 6))

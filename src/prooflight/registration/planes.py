@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.registration.overlaps import INKS
+from prooflight.cmyk import INKS
 from prooflight.registration.patches import IN_REGISTER, Patches, Steps
 
 if TYPE_CHECKING:

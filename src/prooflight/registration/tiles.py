@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from prooflight.kernels.registration.measuring import SUMS, measure_tiles
+from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWindows, measure_tiles
 from prooflight.kernels.registration.rendering import EIGHT
 from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import shared_out
@@ -18,7 +18,8 @@ from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.registration.landmarks import Landmarks, SensorTaps
+    from prooflight.kernels.registration.measuring import SensorTaps
+    from prooflight.registration.landmarks import Landmarks
 
 HALFTONE: Final = 0.07
 """Contrast of halftones as the camera sees them (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
@@ -38,9 +39,9 @@ class Workspace(NamedTuple):
     starts: NDArray[np.int64]
 
     @classmethod
-    def of(cls, width: int, ratio: float, taps: SensorTaps) -> Self:
-        """For windows so wide; ratio: raster pixels in a camera pixel, across."""
-        pixels = int(np.ceil((EIGHT - 1) * ratio)) + taps.across.shape[1] + 1
+    def of(cls, width: int, taps: SensorTaps) -> Self:
+        """For windows so wide."""
+        pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
         blocks = TILE_PIXELS // EIGHT
         value, slope = np.zeros((2, width + pixels), np.float32)
         weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
@@ -131,24 +132,14 @@ def _measure(
         SIGNAL_NOISE**2 - HALFTONE**2,
         GRADIENT_NOISE + unsure_pixels**2,
     ]
-    measure_tiles(
-        scan[index],
-        sensor.column_offset_dn,
-        1 / sensor.column_gain,
-        landmarks.windows[index],
-        landmarks.origins[:, 0],
-        landmarks.origins[:, 1],
-        *landmarks.ratio,
-        taps.across,
-        taps.across_slope,
-        taps.along,
-        taps.along_slope,
-        landmarks.lines,
-        landmarks.columns,
-        tiles,
-        moves,
-        TILE_PIXELS,
-        np.array(noise, np.float32),
-        Workspace.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
-        sums,
+    light = SensorLight(
+        offset=sensor.column_offset_dn, per_gain=1 / sensor.column_gain, noise=np.array(noise, np.float32)
     )
+    windows = TileWindows(
+        signals=landmarks.windows[index],
+        origins=landmarks.origins,
+        lines=landmarks.lines,
+        columns=landmarks.columns,
+    )
+    workspace = Workspace.of(landmarks.windows.shape[3], taps)
+    measure_tiles(scan[index], light, windows, taps, tiles, moves, TILE_PIXELS, workspace, sums)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
+from prooflight.cmyk import NAME_OF_INK
 from prooflight.detectors.base import Inspection
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
@@ -250,6 +251,7 @@ def _template() -> Template:
         "data": _data,
         "place": _place,
         "wording": wording,
+        "name_of_ink": NAME_OF_INK,
         "screen_pixels": _screen_pixels,
         "saturation": pictures.SATURATION,
     }

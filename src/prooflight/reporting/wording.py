@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+
 if TYPE_CHECKING:
     from prooflight.detectors.verdict import Action, Region, Verdict
 
@@ -21,7 +23,6 @@ KINDS = {
     "wrong-page": "Wrong or displaced content",
     "scum": "Ink where there should be paper",
 }
-INKS = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 ACTIONS: dict[Action, str] = {
     "stop": "press stopped",
     "reprint": "page to be printed again",
@@ -113,7 +114,7 @@ def family(name: str | None) -> str:
     """
     if name is None:
         return "–"
-    what = FAMILIES.get(name.split("/")[0])
+    what = FAMILIES.get(Statistic.parse(name).word)
     return f"{what} ({name})" if what else name
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from prooflight.kernels.simulation.lines import add_noise, light_lines, scan_lines
+from prooflight.kernels.simulation.inks import PrintedInks, TrueTable
+from prooflight.kernels.simulation.lines import NoisySensor, PrintLight, add_noise, light_lines, scan_lines
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import Prediction
 from prooflight.prediction.sampling_grid import sampling_grid
@@ -38,35 +39,32 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
     session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
     where = sampling_grid(page, press.geometry, print_.placement)
-    packed = page.packed
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
     places, recipes = speck_pixels(print_, page)
+    inks = PrintedInks(
+        planes=plane_pixels(print_, page),
+        gains=gains.astype(np.float32),
+        dot_gains=print_.dot_gain.astype(np.float32),
+        speck_places=places,
+        speck_words=np.ascontiguousarray(recipes).view(np.uint32)[:, 0],
+    )
     lines = press.geometry.lines(page.height_mm)
     mean = np.empty((len(press.sensors), lines, press.geometry.pixels), np.float32)
     variance = np.empty_like(mean)
     for index, sensor in enumerate(true_sensors(session, press)):
         footprint = sensor.model.footprint
-        step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
         crossed = np.ptp(where.along.places, axis=1).max()
+        table = TrueTable(
+            nodes=sensor.nodes,
+            bends=sensor.bends,
+            white=np.float32(print_.white[index]),
+            backing=np.float32(sensor.model.backing_dn),
+        )
         scan_lines(
-            packed,
-            plane_pixels(print_, page),
-            gains.astype(np.float32),
-            print_.dot_gain.astype(np.float32),
-            places,
-            np.ascontiguousarray(recipes).view(np.uint32)[:, 0],
-            sensor.nodes,
-            sensor.bends,
-            np.array([print_.white[index], sensor.model.backing_dn], np.float32),
-            where.across.places,
-            where.across.pitch,
-            where.across.segment,
-            footprint.across,
-            where.along.places,
-            where.along.pitch,
-            where.along.segment,
-            footprint.along,
-            step,
+            page.packed,
+            inks,
+            table,
+            *where.passes(footprint, page.pixel_mm),
             int(np.ceil(2 * footprint.reach_mm / page.pixel_mm + crossed)) + 4,
             mean[index],
             variance[index],
@@ -90,22 +88,24 @@ def light_scan(
     What acts on the light as a whole: cloudy paper, lamps, flicker, columns; and the noise that then comes.
     """
     geometry, model = press.geometry, sensor.model
-    light_lines(
-        above_backing,
-        texture,
-        np.float32(model.backing_dn),
-        (sensor.columns * print_.lamp).astype(np.float32),
-        print_.flicker.astype(np.float32),
-        print_.cloud.astype(np.float32),
-        cloud_places(geometry.centres_y_mm(above_backing.shape[0]), page.height_mm),
-        cloud_places(geometry.centres_x_mm(page.width_mm), page.width_mm),
-        model.column_offset_dn,
-        model.column_gain,
-        np.float32(session.amounts.ink.halftone_contrast * CONTRAST_PITCH_MM / geometry.pixel_pitch_mm),
-        sensor.noise_dn2,
-        np.float32(sensor.noise_top_dn),
-        np.float32(model.top_code_dn),
+    contrast = session.amounts.ink.halftone_contrast * CONTRAST_PITCH_MM / geometry.pixel_pitch_mm
+    light = PrintLight(
+        columns=(sensor.columns * print_.lamp).astype(np.float32),
+        flicker=print_.flicker.astype(np.float32),
+        cloud=print_.cloud.astype(np.float32),
+        cloud_down=cloud_places(geometry.centres_y_mm(above_backing.shape[0]), page.height_mm),
+        cloud_across=cloud_places(geometry.centres_x_mm(page.width_mm), page.width_mm),
+        contrast=np.float32(contrast),
     )
+    noisy_sensor = NoisySensor(
+        column_offset=model.column_offset_dn,
+        column_gain=model.column_gain,
+        backing=np.float32(model.backing_dn),
+        noise=sensor.noise_dn2,
+        noise_top=np.float32(sensor.noise_top_dn),
+        top_code=np.float32(model.top_code_dn),
+    )
+    light_lines(above_backing, texture, light, noisy_sensor)
 
 
 def noisy(seen: Prediction, press: Press, rng: np.random.Generator) -> NDArray[np.uint16]:

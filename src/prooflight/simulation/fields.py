@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from prooflight.cmyk import INKS
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-INKS = 4
 WAVES = 64
 """Cosines in a function of colour; the sum of so many is Gaussian to a per cent of kurtosis."""
 COLOUR_LENGTH = 0.5

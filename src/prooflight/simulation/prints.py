@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.scans.placement import Placement, Warp
 from prooflight.simulation.fields import smooth_field, smooth_line
 from prooflight.simulation.session import lamp_profile
@@ -111,7 +112,7 @@ class Print:
                     "x_mm": round(speck.x_mm, 2),
                     "y_mm": round(speck.y_mm, 2),
                     "diameter_mm": round(speck.diameter_mm, 3),
-                    "ink": "CMYK"[speck.ink],
+                    "ink": INK_LETTERS[speck.ink],
                     "ink_percent": round(100 * speck.share, 1),
                 }
                 for speck in self.specks

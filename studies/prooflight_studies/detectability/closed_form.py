@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     COMMON,
     MODES,
@@ -23,6 +24,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     WIDTH_UNIT_MM,
     WIDTHS,
 )
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.statistics.families import Statistic
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
 CLIPPED_SIGMAS: Final = 10.0
 """A pixel counts for no more (``comparing.summing``)."""
@@ -40,7 +42,6 @@ STREAK_WIDTH: Final = 2
 PATCH_TILES: Final = 32
 """Side of the patches whose density is asked for: 16 mm. [tiles]"""
 SPOT: Final = "add-K"
-INKS: Final = "CMYK"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +65,7 @@ class Telling:
     top_mm: float
 
     @classmethod
-    def of(cls, sums: Sums, fit: Fit, statistics: Sequence[Statistic], scatter: Scatter) -> Telling:
+    def of(cls, sums: Sums, fit: Fit, statistics: Sequence[Observed], scatter: Scatter) -> Telling:
         """From one good print."""
         return cls(
             spot=_spots(sums, scatter),
@@ -198,12 +199,12 @@ def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     return np.where(own > 0, own / np.sqrt(spread + 1e-9), np.nan)
 
 
-def _inks(fit: Fit, statistics: Sequence[Statistic]) -> dict[str, float]:
+def _inks(fit: Fit, statistics: Sequence[Observed]) -> dict[str, float]:
     """T is an ink's estimate over what good prints scatter by; inks that the page tells nothing of are left out."""
-    of, prior = {one.name: one.value for one in statistics}, fit.prior.gain
+    of, prior = {one.statistic: one.value for one in statistics}, fit.prior.gain
     found = {}
-    for ink, letter in enumerate(INKS):
-        pull, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
+    for ink, letter in enumerate(INK_LETTERS):
+        pull, gain = of[Statistic("fit", "gain", letter)], abs(float(fit.gain[ink, 0])) / prior
         if pull >= 1e-6 and gain >= 1e-6:
             found[letter] = min(gain / pull, 1.0) / prior  # sqrt(1 - what stays unknown)
     return found

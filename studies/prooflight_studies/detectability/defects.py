@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight_studies.detectability.closed_form import PATCH_TILES, STREAK_WIDTH
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def paled(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
     if not known:
         return None
     letter = str(rng.choice(sorted(known)))
-    ink = "CMYK".index(letter)
+    ink = INK_LETTERS.index(letter)
     cmyk = page.cmyk.copy()
     cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - known[letter] / 100), rng)
     return replace(page, cmyk=cmyk)

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
+from prooflight.cmyk import NAME_OF_INK
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.pictures import page_picture
 
@@ -24,12 +25,7 @@ if TYPE_CHECKING:
 NOWHERE: Final = "#b3261e"
 """Colour of places where nothing of the kind would be caught."""
 TICKS: Final = {"spot": (0.2, 0.5, 1, 2, 5, 10), "patch": (5, 10, 20, 50, 100)}
-INKS: Final = {
-    "C": ("cyan", "#0091c8"),
-    "M": ("magenta", "#c8006f"),
-    "Y": ("yellow", "#c9a800"),
-    "K": ("black", "#222222"),
-}
+COLOUR_OF_INK: Final = {"C": "#0091c8", "M": "#c8006f", "Y": "#c9a800", "K": "#222222"}
 
 
 def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
@@ -116,7 +112,7 @@ def _inks(axes: Axes, reach: Reach) -> None:
     shown = [letter for letter, least in reach.inks_percent.items() if np.isfinite(least)]
     values = [reach.inks_percent[letter] for letter in shown]
     bars = axes.barh(
-        [INKS[letter][0] for letter in shown], values, color=[INKS[letter][1] for letter in shown]
+        [NAME_OF_INK[letter] for letter in shown], values, color=[COLOUR_OF_INK[letter] for letter in shown]
     )
     axes.bar_label(bars, fmt="%.0f %%", padding=4)
     axes.invert_yaxis()

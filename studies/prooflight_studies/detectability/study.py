@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -185,10 +185,10 @@ class _Bench:
     def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
         return self._score(*self._analysed(printed, rng)) > self.ours.threshold
 
-    def _score(self, analysis: ScanAnalysis, statistics: Sequence[Statistic]) -> float:
+    def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
         return page_score(self.ours.model, statistics, self.known.page_features, analysis.found)
 
-    def _analysed(self, printed: Page, rng: np.random.Generator) -> tuple[ScanAnalysis, list[Statistic]]:
+    def _analysed(self, printed: Page, rng: np.random.Generator) -> tuple[ScanAnalysis, list[Observed]]:
         day = self.day.day
         analysis = self.day.analysed(self.known, day.recorded(day.seen_in_press(printed, rng), rng))
         return analysis, all_statistics(analysis.sums, analysis.fit, analysis.found, self.ours.model.scatter)

@@ -11,6 +11,7 @@ from prooflight.commissioning.training.learn import Pages, certain_score, learn_
 from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
 from prooflight_studies.harness.operating import Scored, area_under_roc, caught_at, least_cost
@@ -305,7 +306,7 @@ def _without(
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """The forest of families without some of the statistics, or without what a page's content foretells."""
     weight = even(learn.bad)
-    firsts = [name.split("/")[0] for name in names]
+    firsts = [Statistic.parse(name).word for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
     sets |= {
         f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)

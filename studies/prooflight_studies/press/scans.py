@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_residual_variance
-from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
@@ -121,7 +121,7 @@ class StatisticsWork:
                     where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
                     places[: len(where)] = where[:PLACES]
                 statistics, another = bench.statistics(known, bench.scan(printed, rng), self.scatter)
-                names = [one.name for one in statistics]
+                names = keys_of(statistics)
                 for name, value in {
                     "design": index,
                     "kind": printed.kind,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.base import INK_NAMES
+from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.print_state import fitted_amounts, known_shares
 from prooflight.line.following import Adapting

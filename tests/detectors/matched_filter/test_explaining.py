@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
-from prooflight.detectors.matched_filter.statistics.families import NOWHERE, Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
 from prooflight.detectors.verdict import Ink, Region
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
@@ -28,8 +28,8 @@ def ink(gain: float = 0.0, register: tuple[float, float] = (0.0, 0.0)) -> Ink:
     return Ink(gain_percent=gain, dot_gain_percent=0.0, register_mm=register)
 
 
-def statistic(name: str, box: tuple[float, float, float, float] = NOWHERE, value: float = 9.0) -> Statistic:
-    return Statistic(name=name, value=value, box=box)
+def statistic(name: str, box: tuple[float, float, float, float] = NOWHERE, value: float = 9.0) -> Observed:
+    return Observed(statistic=Statistic.parse(name), value=value, box=box)
 
 
 STREAK = Region(x_mm=82.5, y_mm=0.0, width_mm=1.0, height_mm=297.0, score=9.0, kind="streak")

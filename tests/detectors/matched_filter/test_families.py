@@ -23,6 +23,12 @@ from prooflight.detectors.matched_filter.statistics.located import (
     waves_of,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of, flat_part, swapped_planes
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    FLAT_AREAS,
+    GOOD_PRINTS,
+    OWN_PAGE,
+    Reference,
+)
 
 ROWS, COLUMNS, TILE_MM = 96, 64, 0.5
 PIXELS = 2 * COLUMNS
@@ -60,8 +66,9 @@ def test_a_spot_is_said_where_it_is() -> None:
     k = MODES.index("add-K")
     sums.tiles[0, k, 40:44, 20:24] += 8 * np.sqrt(POWER)
     best = max(of_flat_boxes(flat_part(sums), Scatter.white()), key=lambda one: one.value)
-    assert best.name.startswith("flat/add-K+/")
-    assert kind_of(best) == "spots-voids"
+    assert best.statistic[:4] == ("box", "add", "K", "+")
+    assert best.statistic.reference is FLAT_AREAS
+    assert kind_of(best.statistic) == "spots-voids"
     x, y, width, height = best.box
     middle = (22 * TILE_MM - 1.0, 42 * TILE_MM - 2.0)
     assert (x + width / 2, y + height / 2) == pytest.approx(middle, abs=1.0)
@@ -96,14 +103,14 @@ def test_nothing_informed_says_nothing() -> None:
     assert (found.high, found.low, found.own_high, found.own_low, found.energy) == (0, 0, 0, 0, 0)
 
 
-@pytest.mark.parametrize("family", ["streak", "line"])
-def test_a_streak_is_said_where_it_is(family: str) -> None:
+@pytest.mark.parametrize("reference", [GOOD_PRINTS, OWN_PAGE])
+def test_a_streak_is_said_where_it_is(reference: Reference) -> None:
     sums = drawn(4)
     sums.columns[0, MODES.index("add-C"), :, 60:62] += 9 * np.sqrt(POWER)
-    statistics = list(of_streaks(sums, Scatter.white(), good="streak", own="line"))
-    best = max((one for one in statistics if one.name.startswith(family)), key=lambda one: one.value)
-    assert best.name.split("/")[1] == "add-C"
-    assert kind_of(best) == "streak"
+    statistics = list(of_streaks(sums, Scatter.white(), GOOD_PRINTS, OWN_PAGE))
+    best = max((one for one in statistics if one.statistic.reference is reference), key=lambda one: one.value)
+    assert (best.statistic.mode, best.statistic.ink) == ("add", "C")
+    assert kind_of(best.statistic) == "streak"
     assert best.box[0] + best.box[2] / 2 == pytest.approx(61 * TILE_MM / 2 - 1.0, abs=0.5)
     assert best.box[3] == pytest.approx(ROWS * TILE_MM)
 
@@ -112,10 +119,10 @@ def test_waves_rise_above_their_neighbours() -> None:
     sums = drawn(5)
     wave = 2.0 * np.sqrt(POWER) * np.sin(2 * np.pi * np.arange(ROWS) * TILE_MM / 6.0)
     sums.tiles[0, MODES.index("gain-all")] += wave[:, None].astype(np.float32)
-    statistics = {one.name: one for one in of_waves(waves_of(sums, Scatter.white()), family="wave")}
+    statistics = {one.statistic.key: one for one in of_waves(waves_of(sums, Scatter.white()), OWN_PAGE)}
     best = max(statistics.values(), key=lambda one: one.value)
-    assert best.name.startswith("wave/gain-all/")
-    assert kind_of(best) == "banding"
+    assert best.statistic.mode == "gain-all"
+    assert kind_of(best.statistic) == "banding"
     assert best.value > 5 * statistics["wave/void/one"].value
 
 
@@ -124,18 +131,20 @@ def test_an_echo_of_the_page_is_said() -> None:
     detail = sums.cover[0] - sums.cover[0].mean()
     sums.tiles[0, MODES.index("add-C"), 20:] += 0.6 * POWER * detail[:-20]
     scatters = Scatter.white().ghosts
-    statistics = list(of_ghosts(sums, scatters, good="ghost", own="echo"))
-    for family in ("ghost", "echo"):
-        best = max((one for one in statistics if one.name.startswith(family)), key=lambda one: one.value)
-        assert best.name.startswith(f"{family}/C/")
-        assert kind_of(best) == "ghost-smear"
+    statistics = list(of_ghosts(sums, scatters, GOOD_PRINTS, OWN_PAGE))
+    for reference in (GOOD_PRINTS, OWN_PAGE):
+        best = max(
+            (one for one in statistics if one.statistic.reference is reference), key=lambda one: one.value
+        )
+        assert best.statistic.ink == "C"
+        assert kind_of(best.statistic) == "ghost-smear"
         assert best.value > 8
 
 
 def test_stray_energy_is_said_where_it_is() -> None:
     sums = drawn(7)
     sums.tiles[0, -1, 64:72, 16:24] += 12
-    statistics = {one.name: one for one in of_energy(sums)}
+    statistics = {one.statistic.key: one for one in of_energy(sums)}
     best = statistics["excess/8"]
     assert best.value > 8
     assert best.box == pytest.approx((16 * TILE_MM - 1.0, 64 * TILE_MM - 2.0, 4.0, 4.0))

@@ -12,10 +12,10 @@ from prooflight.commissioning.training.learn import Pages, learn_model
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-from prooflight.detectors.matched_filter.model import DetectorModel, compressed, families_of
+from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, values_of
 from prooflight.files.schema import Misfit
 from prooflight.prediction.predict import predict
 from prooflight.simulation.misprints.kinds import KINDS
@@ -60,7 +60,10 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
         analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
         statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
     good, bad = (compressed(values_of(one)) for one in statistics)
-    assert [one.name for one in statistics[0]] == [one.name for one in statistics[1]]
+    assert keys_of(statistics[0]) == keys_of(statistics[1])
+    assert [Statistic.parse(key) for key in keys_of(statistics[0])] == [
+        one.statistic for one in statistics[0]
+    ]
     assert np.isfinite(good).all()
     assert (bad - good).max() > 1.0
 
@@ -90,7 +93,7 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
             known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
         )
         statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
-        most.append(max(one.value for one in statistics if one.name.startswith("box/")))
+        most.append(max(one.value for one in statistics if one.statistic.word == "box"))
     good, bad = most
     assert good < 6
     assert (bad > 8) == residual_variance.exact
@@ -162,7 +165,8 @@ def test_what_misprints_taught_is_checked_whole() -> None:
 
 
 def test_families_join_sizes_and_keep_signs_apart() -> None:
-    assert families_of(["flat/void+/4", "flat/void+/8", "flat/void-/4", "swap/CM", "swap/CK"]) == [
+    keys = "flat/void+/4", "flat/void+/8", "flat/void-/4", "swap/CM", "swap/CK"
+    assert [Statistic.parse(key).cause for key in keys] == [
         "flat/void+", "flat/void+", "flat/void-", "swap", "swap",
     ]  # fmt: skip
 

@@ -22,12 +22,12 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
-from prooflight.kernels.residuals.residuals import residuals
+from prooflight.kernels.residuals.residuals import FittedAmounts, residuals
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.swapped_planes import swap_sums
-from prooflight.kernels.statistics.tiles import line_sums, tile_sums
+from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
     rows, columns = 23 // side, 37 // side
     found = np.empty((4, len(MODES) + 1, rows, columns), np.float32)
     two = [of, images(seed + 1)]
-    tile_sums(*(np.stack([one[name] for one in two]) for name in of), side, found)
+    tile_sums(ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}), side, found)
     said = products(two[0], 10) + products(two[1], 10)
     cut = said[..., : rows * side, : columns * side]
     asked = cut.reshape(4, len(MODES), rows, side, columns, side).sum(axis=(3, 5))
@@ -89,7 +89,7 @@ def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
     found = np.zeros((4, 10, 2, 37), np.float32)
-    line_sums(*of.values(), np.array([0.7], np.float32), shift, 12, found[None])
+    line_sums(ResidualImages(**of), np.array([0.7], np.float32), shift, 12, found[None])
     said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
     asked = np.zeros((4, 10, 2, 37))
     for line in range(2, 21):
@@ -188,14 +188,16 @@ def test_blocks_sum_their_pixels(seed: int) -> None:
     measured = rng.integers(0, 4000, shape).astype(np.uint16)
     expected, variance, texture = rng.random((3, *shape)).astype(np.float32) * 3000
     gain, dot = -rng.random((2, 4, *shape)).astype(np.float32) * 100
-    cover = rng.random((4, *shape)).astype(np.float32)
+    # Well within a level: halfway between two, single precision may take either.
+    cover = ((rng.integers(1, LEVELS - 1, (4, *shape)) + rng.uniform(-0.4, 0.4)) / (LEVELS - 1)).astype(
+        np.float32
+    )
     inside, offset = rng.random(shape) < 0.9, rng.random(32).astype(np.float32)
     bells = rng.random((4, LEVELS, SHAPES)).astype(np.float32)
     corners = np.array([[8, 8], [8, 16]])
-    found = np.empty((2, 22 + SHAPES), np.float32)
-    block_sums(
-        measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, 8, found
-    )
+    found = np.empty((2, SUMS), np.float32)
+    inks = InkImages(gain=gain, dot=dot, texture=texture, cover=cover)
+    block_sums(measured, expected, offset, variance, inks, inside, bells, corners, 8, found)
     light = expected - offset
     levels = np.rint(cover.astype(np.float64) * (LEVELS - 1)).astype(int)
     bell = np.prod([bells[ink, levels[ink]] for ink in range(4)], axis=0)
@@ -225,10 +227,11 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     columns, gains = rng.random(pixels).astype(np.float32) * 0.01, rng.random((4, 3)).astype(np.float32)
     dots, planes = rng.random(4).astype(np.float32), rng.random((4, 2)).astype(np.float32)
     found = np.empty(shape, np.float32)
-    residuals(
-        measured, expected, offset, inside, gain, dot, cover, colours.bells(), colours.weights(amounts),
-        columns, gains, dots, planes, found,
-    )  # fmt: skip
+    inks = InkImages(gain=gain, dot=dot, texture=np.zeros(shape, np.float32), cover=cover)
+    fitted = FittedAmounts(
+        shape=colours.weights(amounts), columns=columns, gain=gains, dot=dots, planes=planes
+    )
+    residuals(measured, expected, offset, inside, inks, colours.bells(), fitted, found)
     kernel = np.exp(-((cover[None] - centres[:, :, None, None]) ** 2).sum(axis=1) / 0.25)
     relative = np.einsum("i,ij,jyx->yx", amounts, root, kernel) + columns
     v, u = np.meshgrid(*(2 * (np.arange(n) + 0.5) / n - 1 for n in shape), indexing="ij")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.commissioning.chart.dn_model import FEWEST_RECIPES
 from prooflight.commissioning.chart.joint_fit import JointFit, fit_jointly
 from prooflight.commissioning.chart.patch_noise import SignalNoise, fit_noise
@@ -24,7 +25,6 @@ from prooflight.commissioning.chart.scan import AUTO
 from prooflight.commissioning.chart.scan_reading import ScanRead, read_scan
 from prooflight.errors import ScanError
 from prooflight.inks.chart_layout import PlacedRecipes, read_recipe_file
-from prooflight.inks.reflectance import INKS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -140,7 +140,7 @@ def _refuse_few(scans: Sequence[ScanRead], placed: PlacedRecipes) -> None:
     if len(seen) < FEWEST_RECIPES:
         what = f"only {len(seen)} patches in all scans"
         raise ScanError(scans[0].name, what, remedy=f"{FEWEST_RECIPES} are needed: {more}")
-    for ink, levels in zip(INKS, placed.cmyk[seen].T, strict=True):
+    for ink, levels in zip(INK_LETTERS, placed.cmyk[seen].T, strict=True):
         if levels.max() < FULLEST:
             what = f"no patch has more than {levels.max():.0%} of ink {ink}"
             raise ScanError(scans[0].name, what, remedy=more)

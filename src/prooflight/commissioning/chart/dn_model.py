@@ -21,8 +21,9 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
+from prooflight.cmyk import INKS
 from prooflight.inks.neugebauer import Neugebauer, effective_area
-from prooflight.inks.reflectance import INKS, in_chunks
+from prooflight.inks.reflectance import in_chunks
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class BandTrend:
         spread = np.linspace(0.6, 1.5, bands) if bands > 1 else np.ones(1)
         start = np.empty((sensors, bands, 5))
         start[..., 0] = v[0][:, None] - np.log(bands)
-        for ink in range(len(INKS)):
+        for ink in range(INKS):
             start[..., 1 + ink] = np.sqrt(
                 np.maximum(v[1 + ink], 0.02)[:, None] * spread[:: 1 - 2 * (ink % 2)]
             )
@@ -119,7 +120,7 @@ class BandTrend:
         clear = np.exp(-self.depth)
         amount = -np.log(np.maximum(1 - area * (1 - clear), 1e-6)) / self.depth
         sensors, bands = self.weights.shape
-        passed = np.exp(-amount @ self.densities.reshape(-1, len(INKS)).T).reshape(-1, sensors, bands)
+        passed = np.exp(-amount @ self.densities.reshape(-1, INKS).T).reshape(-1, sensors, bands)
         return np.asarray((passed * self.weights).sum(axis=2))
 
 
@@ -225,8 +226,8 @@ class SignalModel:
 
     def root_slopes(self, cmyk: NDArray[np.float64], step: float = 0.02) -> NDArray[np.float64]:
         """Change of ``root`` with each ink, (n, 4) -> (n, sensors, 4); one-sided at no and at full ink."""
-        slopes = np.empty((len(cmyk), self.coefficients.shape[1], len(INKS)))
-        for ink in range(len(INKS)):
+        slopes = np.empty((len(cmyk), self.coefficients.shape[1], INKS))
+        for ink in range(INKS):
             low, high = cmyk.copy(), cmyk.copy()
             low[:, ink] = np.maximum(cmyk[:, ink] - step, 0)
             high[:, ink] = np.minimum(cmyk[:, ink] + step, 1)
@@ -248,7 +249,7 @@ def _kernel(
 ) -> NDArray[np.float64]:
     """ANOVA kernel, (m, 4) and (n, 4) -> (m, n)."""
     product = np.ones((len(cmyk), len(others)))
-    for ink in range(len(INKS)):
+    for ink in range(INKS):
         levels, which = np.unique(others[:, ink], return_inverse=True)
         away = (cmyk[:, ink, None] - levels) / width
         product *= (1 + theta * np.exp(-0.5 * away**2))[:, which]

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.commissioning.chart.dn_model import SignalModel
-from prooflight.inks.reflectance import INKS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -146,11 +146,11 @@ def _shapes(
         here = (scan == index).astype(float)[:, None, None]
         for axis in (0, 1):
             columns.append(strength * here * place[:, axis, None, None])
-            usual += [_TILT] * len(INKS)
+            usual += [_TILT] * INKS
         if scans > 1:  # only what differs between prints: what they share is the inks'
             apart = here - here.mean()
             columns += [strength * apart, tone * apart]
-            usual += [_LEVEL] * (2 * len(INKS))
+            usual += [_LEVEL] * (2 * INKS)
     sensors = root.shape[1]
     black = np.zeros((*root.shape, sensors))
     # About the mean of 1 / gain, so that it cannot pass for a property of dark recipes; the black level's own part in

@@ -12,7 +12,7 @@ from prooflight.commissioning.training.ranking import even, fitted_forest, fitte
 from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
-from prooflight.detectors.matched_filter.model import DetectorModel, compressed, families_of
+from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
     Logit,
@@ -24,6 +24,7 @@ from prooflight.detectors.matched_filter.ranking import (
     scores_of,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -160,12 +161,16 @@ def learn_model(
     ranked: bool = True,
     trees: int = 300,
 ) -> DetectorModel:
-    """The detector, its threshold yet to be set. ranked: misprints among the pages teach a ranking as well."""
-    families = families_of(names)
+    """The detector, its threshold yet to be set. names: keys of statistics.
+
+    ranked: misprints among the pages teach a ranking as well.
+    """
+    statistics = tuple(map(Statistic.parse, names))
+    families = [one.cause for one in statistics]
     kinds = tuple(sorted(set(families)))
     good = pages.rows(~pages.bad)
     blank = DetectorModel(
-        names=tuple(names),
+        statistics=statistics,
         families=kinds,
         family=np.array([kinds.index(one) for one in families], np.int32),
         scatter=scatter,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from prooflight.detectors.matched_filter.ranking import Forest, Logit
-from prooflight.kernels.statistics.growing import grow
+from prooflight.kernels.statistics.growing import Examples, TreeNodes, grow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,12 +56,13 @@ def fitted_forest(
     """Extremely randomised trees (Geurts, Ernst, Wehenkel 2006): cuts are drawn, of some columns the best is kept."""
     pages, tries = len(columns), max(int(column_share * columns.shape[1]), 1)
     across = np.ascontiguousarray(columns.T, dtype=np.float32)
-    weights = np.asarray(weight, np.float64)
+    examples = Examples(columns=across, bad=bad, weight=np.asarray(weight, np.float64))
     column, left, right = np.empty((3, 2 * pages), np.int32)
     cut, share = np.empty((2, 2 * pages), np.float32)
+    day = TreeNodes(column=column, cut=cut, left=left, right=right, share=share)
     grown, root = [], [0]
     for _ in range(trees):
-        nodes = grow(across, bad, weights, tries, LEAST_ROWS, rng, column, cut, left, right, share)
+        nodes = grow(examples, tries, LEAST_ROWS, rng, day)
         ends = column[:nodes] < 0
         down = [np.where(ends, -1, side[:nodes] + root[-1]) for side in (left, right)]
         grown.append((column[:nodes].copy(), cut[:nodes].copy(), *down, share[:nodes].copy()))

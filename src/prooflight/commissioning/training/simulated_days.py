@@ -13,7 +13,7 @@ import numpy as np
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
-from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.paper.windows import window_statistics
 from prooflight.detectors.placing import shows_another
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
@@ -170,7 +170,7 @@ class PressDay:
 
     def statistics(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
-    ) -> tuple[list[Statistic], bool]:
+    ) -> tuple[list[Observed], bool]:
         """What a scan says, and whether it shows another page."""
         analysis = self.analysed(known, scan)
         return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter), shows_another(
@@ -233,7 +233,7 @@ class StatisticsWork:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
                 statistics, another = day.statistics(known, scan, self.scatter)
-                names = [one.name for one in statistics]
+                names = keys_of(statistics)
                 row: dict[str, Any] = {
                     "design": index,
                     "kind": kind,

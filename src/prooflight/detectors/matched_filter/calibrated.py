@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.statistics.families import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.registration.register import Registration
 
 ENOUGH_REAL: Final = 100
@@ -155,10 +155,10 @@ TABLE: Final = {
 
 
 def check_version(
-    model: DetectorModel, statistics: Sequence[Statistic], page_features: NDArray[np.floating]
+    model: DetectorModel, statistics: Sequence[Observed], page_features: NDArray[np.floating]
 ) -> None:
     """PressError if a detector was taught by a version that looked at other statistics, or at pages otherwise."""
-    same = tuple(one.name for one in statistics) == model.names
+    same = tuple(one.statistic for one in statistics) == model.statistics
     if not same or page_features.size != model.centre.shape[1]:
         what = "its detector was taught by another version"
         raise PressError("press", what, remedy="build it again with `prooflight press build`")
@@ -166,7 +166,7 @@ def check_version(
 
 def page_score(
     model: DetectorModel,
-    statistics: Sequence[Statistic],
+    statistics: Sequence[Observed],
     page_features: NDArray[np.floating],
     found: Registration,
 ) -> float:

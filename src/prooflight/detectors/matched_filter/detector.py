@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector, expecting
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import Area, KeptArrays, PlannedPage
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision, Region
     from prooflight.pages.raster import Page
     from prooflight.scans.scan import Scan
@@ -76,7 +77,7 @@ class MatchedFilterDetector(StationDetector):
         """See ``Detector``."""
         model, another = self.calibrated.model, kept.wrong_page
         with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
-            values = kept.array("values", "fiu", (len(model.names),))
+            values = kept.array("values", "fiu", (len(model.statistics),))
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
             return self.calibrated.decide(score_of(model, values, page_features, another=another))
 
@@ -131,7 +132,7 @@ class MatchedFilterPage(PreparedOnly):
         )
 
     def _explained(
-        self, analysis: ScanAnalysis, strongest: list[tuple[str, Statistic]], values: NDArray[np.float32]
+        self, analysis: ScanAnalysis, strongest: list[tuple[str, Observed]], values: NDArray[np.float32]
     ) -> dict[str, Any]:
         """Kind, places and reason of a misprint."""
         page, model = self.known.page, self.detector.calibrated.model
@@ -139,7 +140,9 @@ class MatchedFilterPage(PreparedOnly):
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else learned or _kind(strongest)
         regions = _regions(strongest, kind, analysis, page)
-        speaking = next((statistic for _, statistic in strongest if kind_of(statistic) == kind), None)
+        speaking = next(
+            (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
+        )
         place = regions[0] if regions else None
         inks = inks_found(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
@@ -159,7 +162,7 @@ class MatchedFilterPage(PreparedOnly):
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
 
 
-def _kind(strongest: list[tuple[str, Statistic]]) -> str:
+def _kind(strongest: list[tuple[str, Observed]]) -> str:
     """What the evidence speaks of, where no misprint taught kinds.
 
     That tiles do not look as designed says least of what is wrong with them.
@@ -167,19 +170,19 @@ def _kind(strongest: list[tuple[str, Statistic]]) -> str:
     kind, _ = named(strongest)
     if kind != WRONG_PAGE_KIND:
         return kind
-    others = (kind_of(statistic) for _, statistic in strongest)
+    others = (kind_of(statistic.statistic) for _, statistic in strongest)
     return next((other for other in others if other not in (WRONG_PAGE_KIND, UNKNOWN)), WRONG_PAGE_KIND)
 
 
 def _regions(
-    strongest: list[tuple[str, Statistic]], kind: str, analysis: ScanAnalysis, page: Page
+    strongest: list[tuple[str, Observed]], kind: str, analysis: ScanAnalysis, page: Page
 ) -> tuple[Region, ...]:
     """Places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
     shift_mm = analysis.found.placement.shift_mm if analysis.found.found else (0.0, 0.0)
     if kind == WRONG_PAGE_KIND:  # no place says more than another
         return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
-    kinds = [kind if (one := kind_of(statistic)) == UNKNOWN else one for _, statistic in strongest]
+    kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
     order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
@@ -195,7 +198,7 @@ def present_inks(page: Page) -> str:
         inks = np.array([any_of]).view(np.uint8)
         if inks.all():
             break
-    return "".join(letter for letter, ink in zip("CMYK", inks, strict=True) if ink)
+    return "".join(letter for letter, ink in zip(INK_LETTERS, inks, strict=True) if ink)
 
 
 def block_means(

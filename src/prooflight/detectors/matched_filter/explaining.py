@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import NAME_OF_INK
+from prooflight.detectors.matched_filter.statistics.statistic import FLAT_AREAS
 from prooflight.detectors.placing import place_reason
 from prooflight.detectors.verdict import Ink, Region
 
@@ -14,10 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
-    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.registration.register import Registration
 
-INKS: Final = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
 LIGHTENING: Final = ("light", "void")
 """Modes of which more makes a place lighter."""
 MOST_OF_PLANE: Final = 0.5
@@ -41,13 +42,13 @@ def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
             dot_gain_percent=round(100 * float(fit.dot[ink]), 2),
             register_mm=(round(float(register_mm[ink, 0]), 4), round(float(register_mm[ink, 1]), 4)),
         )
-        for ink, letter in enumerate(INKS)
+        for ink, letter in enumerate(NAME_OF_INK)
         if letter in present
     }
 
 
 def regions_of(
-    strongest: Sequence[tuple[str, Statistic]],
+    strongest: Sequence[tuple[str, Observed]],
     kinds: Sequence[str],
     *,
     shift_mm: tuple[float, float],
@@ -77,12 +78,12 @@ def regions_of(
     return tuple(found)
 
 
-def whole_page(size_mm: tuple[float, float], statistic: Statistic, kind: str) -> Region:
+def whole_page(size_mm: tuple[float, float], statistic: Observed, kind: str) -> Region:
     """The page as a whole, where no place says more than another."""
     return _region((0.0, 0.0, *size_mm), statistic, kind)
 
 
-def _region(box: tuple[float, float, float, float], statistic: Statistic, kind: str) -> Region:
+def _region(box: tuple[float, float, float, float], statistic: Observed, kind: str) -> Region:
     x, y, width, height = (round(v, 2) for v in box)
     return Region(
         x_mm=x,
@@ -101,7 +102,7 @@ def _holds(region: Region, point: tuple[float, float]) -> bool:
 
 def reason_for(
     kind: str,
-    statistic: Statistic | None,
+    statistic: Observed | None,
     region: Region | None,
     inks: dict[str, Ink],
     found: Registration,
@@ -138,55 +139,51 @@ def _of_register(ink: str, inks: dict[str, Ink]) -> str:
         return "planes out of register"
     worst = ink if ink in off else max(off, key=lambda letter: off[letter])
     amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
-    return f"register of {INKS[worst]}{amount}"
+    return f"register of {NAME_OF_INK[worst]}{amount}"
 
 
 def _of_gain(
-    kind: str, ink: str, inks: dict[str, Ink], statistic: Statistic | None, region: Region | None
+    kind: str, ink: str, inks: dict[str, Ink], statistic: Observed | None, region: Region | None
 ) -> str:
     gains = {letter: one.gain_percent for letter, one in inks.items()}
     named = ink if ink in gains else max(gains, key=lambda letter: abs(gains[letter]), default="")
-    local = statistic is not None and statistic.name.split("/")[0] in ("box", "apart", "spread")
+    local = statistic is not None and _is_local(statistic.statistic)
     where = _around(region) if local else ""
     if not named:
         return f"ink is off{where}"
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
         word = "missing" if gain < GONE_PERCENT or (local and not _darker(statistic)) else "weak"
-        return f"{word} {INKS[named]}{where}"
+        return f"{word} {NAME_OF_INK[named]}{where}"
     if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
         return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
-    return f"{INKS[named]} {_amount(gain)}{where}"
+    return f"{NAME_OF_INK[named]} {_amount(gain)}{where}"
+
+
+def _is_local(statistic: Statistic) -> bool:
+    """Whether its place is where ink is off; flat areas may lie all about it."""
+    return statistic.family in ("box", "spread") and statistic.reference is not FLAT_AREAS
 
 
 def _amount(percent: float) -> str:
     return f"{abs(percent):.0f} % too {'strong' if percent > 0 else 'weak'}"
 
 
-def _ink_of(statistic: Statistic | None) -> str:
-    """Letter of the ink that a statistic speaks of; empty: of none by itself.
-
-    >>> from prooflight.detectors.matched_filter.statistics.families import Statistic
-    >>> [_ink_of(Statistic(name=n, value=1.0)) for n in ("box/gain-C-/8", "fit/plane-M", "ghost/K/0", "fit/gain-all")]
-    ['C', 'M', 'K', '']
-    """
-    for part in (statistic.name if statistic else "").split("/")[1:]:
-        letter = part.rstrip("+-").rpartition("-")[2]
-        if letter in INKS:
-            return letter
-    return ""
+def _ink_of(statistic: Observed | None) -> str:
+    """Letter of the ink that a statistic speaks of; empty: of none by itself."""
+    ink = statistic.statistic.ink if statistic else ""
+    return ink if ink in NAME_OF_INK else ""
 
 
-def _darker(statistic: Statistic | None) -> bool:
+def _darker(statistic: Observed | None) -> bool:
     """Whether a statistic says that a place is darker; of light and of voids, more is lighter."""
     if statistic is None:
         return False
-    mode = next((part for part in statistic.name.split("/")[1:] if part.endswith(("+", "-"))), "")
-    return mode.endswith("-") if mode.startswith(LIGHTENING) else mode.endswith("+")
+    return statistic.statistic.sign == ("-" if statistic.statistic.mode in LIGHTENING else "+")
 
 
 def _in(ink: str) -> str:
-    return f" in {INKS[ink]}" if ink else ""
+    return f" in {NAME_OF_INK[ink]}" if ink else ""
 
 
 def _around(region: Region | None) -> str:

@@ -8,14 +8,14 @@ most telling ones are out.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.fit.nuisance import INKS, PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
@@ -36,6 +36,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     WIDTHS,
     Scatter,
 )
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.files.schema import (
     Block,
     Chance,
@@ -56,16 +57,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
 LEAST_P: Final = 1e-12
 MOST: Final = 8
 """Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
-WHOLE: Final = ("ghost", "echo", "double", "excess", "swap")
-"""First words that name a family."""
-ALONE: Final = ("fit", "place", "energy")
-"""First words of statistics that are families of their own."""
-IN_DEVIATIONS: Final = ("white", "lamp", "gain", "tilt", "dot", "plane")
+IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
 SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
 MOST_SHAPE: Final = 0.5
@@ -83,43 +80,19 @@ def _known(values: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1e6, neginf=-1e6)
 
 
-def families_of(names: Sequence[str]) -> list[str]:
-    """The family of each statistic: one cause with all its sizes, or a number that stands alone.
-
-    >>> families_of(["box/gain-C+/8", "apart/void-/4", "streak/void/1/full", "ghost/C/0", "place/skew"])
-    ['box/gain-C+', 'apart/void-', 'streak/void', 'ghost', 'place/skew']
-    """
-    found = []
-    for name in names:
-        first, *rest = name.split("/")
-        if first in WHOLE:
-            found.append(first)
-        elif first in ALONE:
-            found.append(name)
-        else:
-            found.append(f"{first}/{rest[0]}")
-    return found
-
-
-@lru_cache(maxsize=8)
-def in_deviations(names: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Which statistics need no comparison with pages of such content: their scale is what presses do.
-
-    >>> in_deviations(("fit/gain-C", "fit/shape", "fit/white", "box/gain-C+/8")).tolist()
-    [True, False, True, False]
-    """
-    parts = [name.replace("-", "/").split("/") for name in names]
-    return np.array([first == "fit" and rest[0] in IN_DEVIATIONS for first, *rest in parts])
+def in_deviations(statistics: Sequence[Statistic]) -> NDArray[np.bool_]:
+    """Which statistics need no comparison with pages of such content: their scale is what presses do."""
+    return np.array([one.family == "fit" and one.mode in IN_DEVIATIONS for one in statistics])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DetectorModel:
     """What one press's good prints taught, and what misprints did; all arrays, so that a press artefact can hold it."""
 
-    names: tuple[str, ...]
-    """Of the statistics, in the order of ``families.all_statistics``."""
+    statistics: tuple[Statistic, ...]
+    """In the order of ``families.all_statistics``."""
     families: tuple[str, ...]
-    """Their families' names, sorted."""
+    """Their causes, sorted."""
     family: NDArray[np.int32]
     """(statistics,) which family each is of."""
     scatter: Scatter
@@ -163,7 +136,7 @@ class DetectorModel:
         mean, sd = self.centre
         x = np.column_stack([np.ones(len(page_features)), ((page_features - mean) / sd).clip(-3, 3)])
         compared = (compressed(values) - x @ self.baseline) / self.sd
-        return np.where(in_deviations(self.names), _known(values), compared)
+        return np.where(in_deviations(self.statistics), _known(values), compared)
 
     def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
@@ -236,7 +209,7 @@ class DetectorModel:
         # A press that is as others is what it was before there was this.
         prior = {} if self.prior == PrintPrior() else {"prior": asdict(self.prior)}
         return prior | {
-            "names": list(self.names),
+            "names": [one.key for one in self.statistics],
             "families": list(self.families),
             "spread": asdict(self.residual_variance),
             "tail_from": self.tail_from,
@@ -258,7 +231,7 @@ class DetectorModel:
         sizes = told.sizes()
         check_arrays(own, table, sizes, under=under)
         known = {name: at for at, name in enumerate(told.families)}
-        if arrays["family"].tolist() != [known[one] for one in families_of(told.names)]:
+        if arrays["family"].tolist() != [known[one.cause] for one in told.statistics]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
         if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
             raise Misfit(f"{under}tail", "must begin where quantiles end")
@@ -279,7 +252,7 @@ class DetectorModel:
         ranked = facts["starts"][0] is not None
         return cls(
             **kept,
-            names=tuple(facts["names"]),
+            statistics=tuple(map(Statistic.parse, facts["names"])),
             families=tuple(facts["families"]),
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
             residual_variance=ResidualVariance(**facts["spread"]),
@@ -297,8 +270,8 @@ class DetectorModel:
         )
 
     def strongest(
-        self, statistics: Sequence[Statistic], page_features: NDArray[np.floating], *, most: int = 3
-    ) -> list[tuple[str, Statistic]]:
+        self, statistics: Sequence[Observed], page_features: NDArray[np.floating], *, most: int = 3
+    ) -> list[tuple[str, Observed]]:
         """The families that say most of one page, each with its most telling statistic and where that is."""
         values = np.array([[one.value for one in statistics]])
         deviations = self.deviations(values, page_features[None])
@@ -367,13 +340,18 @@ class ModelFacts(Block):
         """Misfit unless its parts fit each other."""
         if len(set(self.names)) < len(self.names):
             raise Misfit(f"{under}names", "must differ from each other")
-        if list(self.families) != sorted(set(families_of(self.names))):
+        if list(self.families) != sorted({one.cause for one in self.statistics}):
             raise Misfit(f"{under}families", "must be those of its statistics, sorted")
         if len(set(self.kinds)) < len(self.kinds):
             raise Misfit(f"{under}kinds", "must differ from each other")
         ranked = self.outright is not None
         if any((start is not None) != ranked for start in self.starts) or (self.kinds and not ranked):
             raise Misfit(f"{under}starts", "must be there if misprints taught a ranking, and only then")
+
+    @property
+    def statistics(self) -> tuple[Statistic, ...]:
+        """By their names."""
+        return tuple(map(Statistic.parse, self.names))
 
     def sizes(self) -> dict[str, int]:
         """Extents of arrays, and columns of what rankings look at: as this version counts them."""

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import INK_NAMES, PrintState
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
+from prooflight.cmyk import INK_NAMES
+from prooflight.detectors.base import PrintState
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,8 +50,7 @@ def known_shares(fit: Fit) -> NDArray[np.float64]:
 
     ``Fit.pulls`` is amount over the standard deviation it has on good prints, which is that share's root.
     """
-    first = fit.white.size + 1 + fit.lamp.size + fit.shape.size
-    pulls = fit.pulls[first : first + 3 * INKS : 3]
+    pulls = fit.surprises.gain[:, 0]
     amount = fit.gain[:, 0] / fit.prior.gain
     share = (amount / np.where(pulls == 0, 1, pulls)) ** 2
     return np.where(pulls == 0, 0.0, share.clip(max=1.0))

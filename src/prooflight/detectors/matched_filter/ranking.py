@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.files.schema import Kept, Misfit, check_arrays
 from prooflight.kernels.statistics.forest import shares_of
 
@@ -37,7 +38,7 @@ def every_column(
 
 def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> NDArray[np.float64]:
     """What each group of families says most (those of one first word), and how broadly the page is off."""
-    first = np.array([family.split("/")[0] for family in families])
+    first = np.array([Statistic.parse(family).word for family in families])
     groups = np.stack([evidence[:, first == one].max(axis=1) for one in dict.fromkeys(first)], axis=1)
     ordered = -np.sort(-evidence, axis=1)
     ends = [*RUNS[1:], ordered.shape[1]]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PlannedPage, StationDetector
 from prooflight.detectors.paper.chi_square import tile_statistics
 from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
@@ -16,7 +17,7 @@ from prooflight.detectors.paper.print_state import print_state
 from prooflight.detectors.paper.regions import BlockGrid, Findings, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
-from prooflight.kernels.blocks import INKS, block_inks
+from prooflight.kernels.blocks import block_inks
 from prooflight.prediction.predict import cut
 
 if TYPE_CHECKING:

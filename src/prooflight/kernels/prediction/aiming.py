@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class FilterPass(NamedTuple):
+    """One of the two passes of filtering: where it looks, and what a footprint gives there."""
+
+    places: NDArray[np.float64]
+    """(nodes down, nodes across) as ``Nodes`` of a sampling grid has them. [raster pixels]"""
+    pitch: int
+    """Rows from node to node."""
+    segment: int
+    """Columns from node to node."""
+    cumulative: NDArray[np.float64]
+    """(2 n + 1,) of the ``Footprint``."""
+    step: float
+    """A raster pixel in steps of that."""
 
 
 @inner_kernel(error_model="numpy")
@@ -52,8 +72,12 @@ def whole_eights(count):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(error_model="numpy")
-def aim_each(places, segment, cumulative, step, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
-    """``aim`` at every camera pixel of a row; returns weights (pixels x taps,), the rest as ``begin_row`` has it."""
+def aim_each(across, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
+    """``aim`` at every camera pixel of the first row of a pass; returns weights (pixels x taps,).
+
+    The rest is as ``begin_row`` has it.
+    """
+    places, segment, cumulative, step = across.places[0], across.segment, across.cumulative, across.step
     reach = (cumulative.size - 1) / (2 * step)
     table = np.empty(first.size * taps, np.float32)
     for i in range(first.size):

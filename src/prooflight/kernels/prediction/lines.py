@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
@@ -16,10 +18,29 @@ from prooflight.kernels.prediction.filtering import (
 )
 from prooflight.kernels.prediction.look_up import AT_ONCE, NODE_STEP, NODES, look_up_light
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 STRIDE_C, STRIDE_M, STRIDE_Y = NODES**3, NODES**2, NODES
 CELL_BITS = 3
 FRACTION = NODE_STEP - 1
 COMPARED = 256
+
+
+class ColumnLevels(NamedTuple):
+    """What brings light to one sensor's columns."""
+
+    column_offset: NDArray[np.float32]
+    """(pixels,) [DN]"""
+    column_gain: NDArray[np.float32]
+    backing: np.float32
+    """[DN]"""
+    backing_variance: np.float32
+    dark_variance: np.float32
+    """[DN^2]"""
+    shot_slope: np.float32
+    """Variance is so many times the light; or 0: it is looked up, above the backing's. [DN]"""
+    top_code: np.float32
 
 
 @kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
@@ -114,39 +135,28 @@ def sign_row(row, sign):  # type: ignore[no-untyped-def]
 
 @kernel(
     "packed (_, _), tables[].codes (N, 65536, 16), tables[].bits (N, 4), backings (N), stride, "
-    "across_places (J), across_segment, across_cumulative (_), along_places (K, 1), along_pitch, "
-    "along_cumulative (_), step, sign, line_from, line_to, lights[] (N, L, P)",
-    where=("0 <= line_from, line_to <= L, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= line_to"),
+    "across.places (I, J), across.segment, across.cumulative (_), along.places (K, M), along.pitch, "
+    "along.cumulative (_), sign, line_from, line_to, lights[] (N, L, P)",
+    where=(
+        "0 < I, 0 < M, 0 <= line_from, line_to <= L, (J - 1) * across.segment >= P, "
+        "(K - 1) * along.pitch >= line_to"
+    ),
 )
 def filter_lines(  # type: ignore[no-untyped-def]
-    packed,
-    tables,
-    backings,
-    stride,
-    across_places,
-    across_segment,
-    across_cumulative,
-    along_places,
-    along_pitch,
-    along_cumulative,
-    step,
-    sign,
-    line_from,
-    line_to,
-    lights,
+    packed, tables, backings, stride, across, along, sign, line_from, line_to, lights
 ):
     """What lines line_from .. line_to - 1 see in tables of a page that is only shifted, above the backing's level.
 
     packed (rows, columns) uint32; tables: a tuple of n ``QuantisedTable``; backings (n,); lights: a tuple of n images
     (lines, pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from
-    one camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1):
-    where columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as
-    there are taps, and are dealt out and told from the row above once for all tables. Other arguments as in
-    ``SamplingGrid`` and ``Footprint``. ``correct_light`` comes next.
+    one camera pixel to the next, 0 if not a whole number of them; across, along: ``FilterPass``, of which the first row
+    and the first column of nodes are looked at; sign: as in ``sign_row``. Rows pass once through a ring of as many
+    filtered rows as there are taps, and are dealt out and told from the row above once for all tables.
+    ``correct_light`` comes next.
     """
     rows, columns = packed.shape
     pixels = lights[0].shape[1]
-    taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    taps = int(np.ceil((across.cumulative.size - 1) / across.step)) + 1
     even = stride > 0
     begin = taps // max(stride, 1) + 2
     pad = begin * stride
@@ -159,18 +169,16 @@ def filter_lines(  # type: ignore[no-untyped-def]
     firsts, weights_at = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
     ring = np.empty((len(tables), taps, pixels), np.float32)
     x_weights, y_weights = np.empty(taps, np.float32), np.empty(taps, np.float32)
-    x_first = aim(across_places[0], across_cumulative, step, x_weights)
+    x_first = aim(across.places[0, 0], across.cumulative, across.step, x_weights)
     if not even:
-        x_weights = aim_each(
-            across_places, across_segment, across_cumulative, step, wide, columns, firsts, weights_at
-        )
+        x_weights = aim_each(across, wide, columns, firsts, weights_at)
     y_place = np.empty(1)
     starts = np.empty(taps, np.int64)
     next_row = -1
     looked_up = -2
     for line in range(line_from, line_to):
-        place_row(along_places, along_pitch, line, y_place)
-        y_first = aim(y_place[0], along_cumulative, step, y_weights)
+        place_row(along.places, along.pitch, line, y_place)
+        y_first = aim(y_place[0], along.cumulative, along.step, y_weights)
         if next_row < 0:
             next_row = max(y_first, 0)
         while next_row < min(y_first + taps, rows):
@@ -195,29 +203,17 @@ def filter_lines(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "backing, backing_variance, shot_slope, column_offset (P), column_gain (P), dark_variance, "
-    "top_code, line_from, line_to, mean (L, P), variance (L, P)",
+    "sensor.column_offset (P), sensor.column_gain (P), line_from, line_to, mean (L, P), variance (L, P)",
     where="0 <= line_from, line_to <= L",
 )
-def to_columns(  # type: ignore[no-untyped-def]
-    backing,
-    backing_variance,
-    shot_slope,
-    column_offset,
-    column_gain,
-    dark_variance,
-    top_code,
-    line_from,
-    line_to,
-    mean,
-    variance,
-):
+def to_columns(sensor, line_from, line_to, mean, variance):  # type: ignore[no-untyped-def]
     """Light above the backing's -> expected DN and variance in the columns, in place, lines line_from .. line_to - 1.
 
-    mean, variance (lines, pixels). shot_slope: variance is so many times the light; or 0: it is in ``variance``, above
-    the backing's.
+    sensor: ``ColumnLevels``; mean, variance (lines, pixels).
     """
-    above_dark = backing_variance - dark_variance
+    column_offset, column_gain, shot_slope = sensor.column_offset, sensor.column_gain, sensor.shot_slope
+    backing, dark_variance, top_code = sensor.backing, sensor.dark_variance, sensor.top_code
+    above_dark = sensor.backing_variance - dark_variance
     for line in range(line_from, line_to):
         mean_row, variance_row = mean[line], variance[line]
         if shot_slope > 0:

@@ -36,63 +36,47 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
 
 @kernel(
     "packed (H, _), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
-    "quantised.bits (4), backing, across_places (I, J), across_pitch, across_segment, "
-    "across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
-    "along_cumulative (_), step, bits, crossed, line_from, line_to, light (L, P)",
+    "quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
+    "across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
+    "along.cumulative (_), bits, crossed, line_from, line_to, light (L, P)",
     where=(
-        "0 <= line_from, line_to <= L, (I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, "
-        "(K - 1) * along_pitch >= line_to, (M - 1) * along_segment >= P"
+        "0 <= line_from, line_to <= L, (I - 1) * across.pitch >= H, (J - 1) * across.segment >= P, "
+        "(K - 1) * along.pitch >= line_to, (M - 1) * along.segment >= P"
     ),
 )
 def filter_moved_lines(  # type: ignore[no-untyped-def]
-    packed,
-    quantised,
-    backing,
-    across_places,
-    across_pitch,
-    across_segment,
-    across_cumulative,
-    along_places,
-    along_pitch,
-    along_segment,
-    along_cumulative,
-    step,
-    bits,
-    crossed,
-    line_from,
-    line_to,
-    light,
+    packed, quantised, backing, across, along, bits, crossed, line_from, line_to, light
 ):
     """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
 
-    Arguments as in ``filter_lines``, ``SamplingGrid`` and ``Footprint``; bits: a raster pixel has 2^bits phases;
-    crossed: raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera
-    pixel sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once
-    more behind the last. Rows and columns count from ``taps`` before the page on.
+    Arguments as in ``filter_lines``; bits: a raster pixel has 2^bits phases; crossed:
+    raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
+    sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
+    behind the last. Rows and columns count from ``taps`` before the page on.
     """
     rows, columns = packed.shape
     pixels = light.shape[1]
-    seen = int(np.ceil((across_cumulative.size - 1) / step)) + 1
+    seen = int(np.ceil((across.cumulative.size - 1) / across.step)) + 1
     taps = whole_eights(seen)
-    reach = (across_cumulative.size - 1) / (2 * step)
-    across_table = weights_at_phases(across_cumulative, step, 1 << bits, taps).reshape(-1)
-    along_table = weights_at_phases(along_cumulative, step, 1 << bits, taps).reshape(-1)
+    reach = (across.cumulative.size - 1) / (2 * across.step)
+    across_table = weights_at_phases(across.cumulative, across.step, 1 << bits, taps).reshape(-1)
+    along_table = weights_at_phases(along.cumulative, along.step, 1 << bits, taps).reshape(-1)
     source = np.zeros(columns + 3 * taps, np.float32)
     few = np.zeros((2, AT_ONCE), np.uint32)
     room = whole_eights(pixels)
     block = np.zeros((EIGHT, room), np.float32)
     depth = (seen + crossed + 2 * EIGHT) // EIGHT * EIGHT
     turned = np.zeros((room, depth + taps), np.float32)
-    x_places, y_places = np.empty(across_places.shape[1]), np.empty(along_places.shape[1])
-    x_first = np.empty((x_places.size - 1, across_segment), np.int32)
-    y_first = np.empty((y_places.size - 1, along_segment), np.int32)
+    x_places, y_places = np.empty(across.places.shape[1]), np.empty(along.places.shape[1])
+    x_first = np.empty((x_places.size - 1, across.segment), np.int32)
+    y_first = np.empty((y_places.size - 1, along.segment), np.int32)
     x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
     x_begins, x_weigh = x_first.reshape(-1), x_weights_at.reshape(-1)
     y_begins, y_weigh = y_first.reshape(-1), y_weights_at.reshape(-1)
     next_row = -1
     looked_up = -2
     for line in range(line_from, line_to):
-        place_row(along_places, along_pitch, line, y_places)
+        place_row(along.places, along.pitch, line, y_places)
         begin_row(y_places, reach, bits, taps, rows, y_first, y_weights_at)
         if next_row < 0:
             next_row = y_first.min() // EIGHT * EIGHT
@@ -102,7 +86,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                 if row < 0 or row >= rows:
                     block[k] = 0
                     continue
-                place_row(across_places, across_pitch, row, x_places)
+                place_row(across.places, across.pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
                 if row - 1 != looked_up or not same_row(packed[row], packed[looked_up]):
                     look_up_packed(packed[row], quantised, backing, few, source[taps : taps + columns])

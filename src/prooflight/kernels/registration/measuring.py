@@ -2,15 +2,58 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.summing import FEW, MANY, sum_few, sum_many
 from prooflight.kernels.registration.rendering import EIGHT, sum_eight
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 HUBER = 3.0
 """Pixels further off than so many standard deviations weigh less: specks, dust, defects."""
 SUMS = 15
+NO_ESTIMATE = (np.float32(0),) * 4
+"""For ``weigh``, of a tile of which nothing is known yet."""
+
+
+class SensorTaps(NamedTuple):
+    """A footprint as weights of raster pixels, by the phase at which it begins; (phases, taps) each."""
+
+    across: NDArray[np.float32]
+    across_slope: NDArray[np.float32]
+    """By the page's displacement. [1/pixel]"""
+    along: NDArray[np.float32]
+    along_slope: NDArray[np.float32]
+    across_ratio: float
+    """Raster pixels in a camera pixel."""
+    along_ratio: float
+
+
+class SensorLight(NamedTuple):
+    """What brings one sensor's scan to light, and how sure it then is."""
+
+    offset: NDArray[np.float32]
+    """(pixels,) [DN]"""
+    per_gain: NDArray[np.floating]
+    """(pixels,) 1 / a column's gain."""
+    noise: NDArray[np.float32]
+    """(4,) variance without light, by signal, by signal squared, by gradient squared."""
+
+
+class TileWindows(NamedTuple):
+    """What all tiles of a page see with one sensor, and where they lie."""
+
+    signals: NDArray[np.float32]
+    """(tiles, height, width) as ``tile_signals`` leaves them."""
+    origins: NDArray[np.float64]
+    """(tiles, 2) x, y in the window where a tile's first footprint begins. [raster pixels]"""
+    lines: NDArray[np.int64]
+    """(tiles,) where a tile's first pixel lies in the scan of a page in its place."""
+    columns: NDArray[np.int64]
 
 
 @inner_kernel(error_model="numpy")
@@ -39,19 +82,29 @@ def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: igno
 
 
 @inner_kernel(error_model="numpy")
-def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, out):  # type: ignore[no-untyped-def]
+def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-def]
     """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
     x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach. Window
-    rows and out's lines are whole multiples of 16 and 8 long. workspace: ``Workspace``.
+    rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; workspace:
+    ``Workspace``.
     """
+    taps_y, slopes_y, ratio_y = taps.along, taps.along_slope, taps.along_ratio
     phases, count = taps_y.shape
     lines, columns = out.shape[1:]
     width = window.shape[1]
     flat = window.reshape(-1)
     value, slope = workspace.value, workspace.slope
     m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
-    pixels = spread_taps(x, ratio_x, taps_x, slopes_x, workspace.begins, workspace.weights, workspace.by_move)
+    pixels = spread_taps(
+        x,
+        taps.across_ratio,
+        taps.across,
+        taps.across_slope,
+        workspace.begins,
+        workspace.weights,
+        workspace.by_move,
+    )
     for line in range(lines):
         at = y + line * ratio_y
         first = int(at)
@@ -86,16 +139,17 @@ def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def subtract(scan, offset, per_gain, top, left, part, image, noise, error, base):  # type: ignore[no-untyped-def]
+def subtract(scan, light, top, left, part, image, error, base):  # type: ignore[no-untyped-def]
     """Light of a scan above a tile's image, and base = 1 / variance, where the scan has it; returns the image's sum.
 
-    top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 .. i1 - 1 that lie there. image
-    (3, lines, columns): value, derivatives; error, base (lines, columns).
+    light: ``SensorLight``; top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 .. i1 - 1
+    that lie there. image (3, lines, columns): value, derivatives; error, base (lines, columns).
     """
     l0, l1, i0, i1 = part
     total = np.float32(0)
+    noise = light.noise
     dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
-    level, gain = offset[left + i0 : left + i1], per_gain[left + i0 : left + i1]
+    level, gain = light.offset[left + i0 : left + i1], light.per_gain[left + i0 : left + i1]
     for line in range(l0, l1):
         seen = scan[top + line, left + i0 : left + i1]
         value, by_x, by_y = image[0, line, i0:i1], image[1, line, i0:i1], image[2, line, i0:i1]
@@ -110,12 +164,13 @@ def subtract(scan, offset, per_gain, top, left, part, image, noise, error, base)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, mean, sums):  # type: ignore[no-untyped-def]
+def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type: ignore[no-untyped-def]
     """Normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
 
     error: scan minus image; value, by_x, by_y: of the image; base: 1 / variance, 0 where nothing is seen. With
-    ``robust`` the weight of those that the estimate (level, gain, move_x, move_y) leaves far off is lowered.
+    ``robust`` the weight of those that the estimate, as of ``solved``, leaves far off is lowered.
     """
+    level, gain, move_x, move_y = estimate
     # Scalars, not an array: the loop then runs in vectors.
     none = np.float32(0)
     s0, s1, s2, s3, s4, s5, s6, s7 = none, none, none, none, none, none, none, none
@@ -155,74 +210,47 @@ def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, m
 
 
 @kernel(
-    "scan (_, P), offset (P), per_gain (P), windows (A, _, W), x_origin (A), y_origin (A), "
-    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), lines (A), "
-    "columns (A), tiles (N), moves (N, 2), size, noise (4), workspace.value (V), workspace.slope (V), "
-    "workspace.begins (size // EIGHT), workspace.weights (B), workspace.by_move (B), workspace.starts (Y), "
-    "sums (N, SUMS + 1)",
+    "scan (_, P), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
+    "windows.origins (A, 2), windows.lines (A), windows.columns (A), taps.across (_, X), "
+    "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), tiles (N), moves (N, 2), size, "
+    "workspace.value (V), workspace.slope (V), workspace.begins (size // EIGHT), workspace.weights (B), "
+    "workspace.by_move (B), workspace.starts (Y), sums (N, SUMS + 1)",
     where="W <= V",
     error_model="numpy",
 )
-def measure_tiles(  # type: ignore[no-untyped-def]
-    scan,
-    offset,
-    per_gain,
-    windows,
-    x_origin,
-    y_origin,
-    ratio_x,
-    ratio_y,
-    taps_x,
-    slopes_x,
-    taps_y,
-    slopes_y,
-    lines,
-    columns,
-    tiles,
-    moves,
-    size,
-    noise,
-    workspace,
-    sums,
-):
+def measure_tiles(scan, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
     """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
 
-    scan (lines, pixels) uint16; offset, per_gain (pixels,) bring it to light signal. windows (all tiles, ...) as
-    ``tile_signals`` leaves them; x_origin, y_origin, lines, columns (all tiles,): where a tile's first pixel lies in
-    its window and in the scan of a page in its place. tiles (n,): which to measure. noise: variance without light, by
-    signal, by signal squared, by gradient squared. workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number
-    of pixels, 0 where the tile lies outside the scan.
+    scan (lines, pixels) uint16; light: ``SensorLight``; windows: ``TileWindows``; taps: ``SensorTaps``; tiles (n,):
+    which to measure, of size x size pixels; workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number of
+    pixels, 0 where the tile lies outside the scan.
     """
     image = np.empty((3, size, size), np.float32)
     error = np.empty((size, size), np.float32)
     base = np.empty((size, size), np.float32)
     value, by_x, by_y = image[0].reshape(-1), image[1].reshape(-1), image[2].reshape(-1)
     errors, weights = error.reshape(-1), base.reshape(-1)
-    zero = np.float32(0)
     for n in range(tiles.size):
         tile = tiles[n]
         whole_x, whole_y = int(np.rint(moves[n, 0])), int(np.rint(moves[n, 1]))
-        left, top = columns[tile] + whole_x, lines[tile] + whole_y
+        left, top = windows.columns[tile] + whole_x, windows.lines[tile] + whole_y
         i0, i1 = max(-left, 0), min(size, scan.shape[1] - left)
         l0, l1 = max(-top, 0), min(size, scan.shape[0] - top)
         sums[n] = 0
         if i1 - i0 < size // 2 or l1 - l0 < size // 2:
             continue
-        x = x_origin[tile] - (moves[n, 0] - whole_x) * ratio_x
-        y = y_origin[tile] - (moves[n, 1] - whole_y) * ratio_y
-        render_tile(
-            windows[tile], x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, image
-        )
+        x = windows.origins[tile, 0] - (moves[n, 0] - whole_x) * taps.across_ratio
+        y = windows.origins[tile, 1] - (moves[n, 1] - whole_y) * taps.along_ratio
+        render_tile(windows.signals[tile], x, y, taps, workspace, image)
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0
             weights[:] = 0
         part = (l0, l1, i0, i1)
-        total = subtract(scan, offset, per_gain, top, left, part, image, noise, error, base)
+        total = subtract(scan, light, top, left, part, image, error, base)
         mean = total / np.float32(count)
-        weigh(errors, value, by_x, by_y, weights, zero, zero, zero, zero, False, mean, sums[n])
-        level, gain, move_x, move_y = solved(sums[n])
-        weigh(errors, value, by_x, by_y, weights, level, gain, move_x, move_y, True, mean, sums[n])
+        weigh(errors, value, by_x, by_y, weights, NO_ESTIMATE, False, mean, sums[n])
+        weigh(errors, value, by_x, by_y, weights, solved(sums[n]), True, mean, sums[n])
         sums[n, SUMS] = count
 
 

@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.look_up import look_up_light
-from prooflight.kernels.registration.measuring import render_tile, weigh
+from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weigh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 PAIRS = 6
 """Of four planes: CM, CY, CK, MY, MK, YK."""
 EDGES = 10
 """Kinds of them: shared by a pair of planes, or of any plane, CMYK."""
 ROUNDS = 5
+
+
+class SensorPatches(NamedTuple):
+    """Patches of one scan as one sensor sees them, and what was to be printed there."""
+
+    light: NDArray[np.float32]
+    """(patches, size, size) the scan's. [DN]"""
+    base: NDArray[np.float32]
+    """(patches, size, size) inverse variance."""
+    packed: NDArray[np.uint32]
+    """(patches, height + 2 margin, width + 2 margin) the raster about them, as ``laid`` wants it."""
+    margin: int
+    origins: NDArray[np.float64]
+    """(patches, 2) where the first footprint begins in the window. [raster pixels]"""
+    moves: NDArray[np.float64]
+    """(patches, 2) how far the page is displaced. [raster pixels]"""
 
 
 @kernel(
@@ -90,42 +111,23 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "light (N, S, S), packed (N, H, W), margin, right (4), down (4), quantised.codes (65536, 16), "
-    "quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), origins (N, 2), moves (N, 2), "
-    "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), noise (4), "
+    "patches.light (N, S, S), patches.base (N, S, S), patches.packed (N, H, W), patches.margin, "
+    "patches.origins (N, 2), patches.moves (N, 2), right (4), down (4), quantised.codes (65536, 16), "
+    "quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), taps.across (_, X), "
+    "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
     "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
-    "workspace.by_move (B), workspace.starts (Y), first, base (N, S, S), sums (N, SUMS)",
-    where="0 <= margin, W - 2 * margin <= V, S <= 8 * D",
+    "workspace.by_move (B), workspace.starts (Y), first, sums (N, SUMS)",
+    where="0 <= patches.margin, W - 2 * patches.margin <= V, S <= 8 * D",
     error_model="numpy",
 )
-def fringe_sums(  # type: ignore[no-untyped-def]
-    light,
-    packed,
-    margin,
-    right,
-    down,
-    quantised,
-    origins,
-    moves,
-    ratio_x,
-    ratio_y,
-    taps_x,
-    slopes_x,
-    taps_y,
-    slopes_y,
-    noise,
-    workspace,
-    first,
-    base,
-    sums,
-):
+def fringe_sums(patches, right, down, quantised, taps, noise, workspace, first, sums):  # type: ignore[no-untyped-def]
     """``weigh``'s sums of every patch of one sensor if its planes lie so.
 
-    light (patches, size, size) of the scan; packed: as ``laid``, of each patch; right, down (4,) raster pixels;
-    origins, moves (patches, 2): where the first footprint begins in the window, and how far the page is displaced
-    [raster pixels]. noise: as ``measure_tiles``. workspace: ``Workspace``. base (patches, size, size): 1 / variance,
-    made where ``first`` says so. sums (patches, SUMS) is written.
+    patches: ``SensorPatches``, whose inverse variance is made where ``first`` says so; right, down (4,) raster pixels;
+    taps: ``SensorTaps``; noise: as in ``SensorLight``; workspace: ``Workspace``. sums (patches, SUMS) is written.
     """
+    light, packed, margin = patches.light, patches.packed, patches.margin
+    origins, moves = patches.origins, patches.moves
     size = light.shape[1]
     height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
     seen = np.empty((height, width), np.uint32)
@@ -138,8 +140,8 @@ def fringe_sums(  # type: ignore[no-untyped-def]
         laid(packed[n], margin, right, down, seen)
         look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
         x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
-        render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, image)
-        weights, of_scan = base[n].reshape(-1), light[n].reshape(-1)
+        render_tile(window, x, y, taps, workspace, image)
+        weights, of_scan = patches.base[n].reshape(-1), light[n].reshape(-1)
         if first:
             inverse_variance(flat, noise, weights)
         total = zero
@@ -147,7 +149,7 @@ def fringe_sums(  # type: ignore[no-untyped-def]
             error[i] = of_scan[i] - flat[0, i]
             total += flat[0, i]
         mean = total / np.float32(error.size)
-        weigh(error, flat[0], flat[1], flat[2], weights, zero, zero, zero, zero, False, mean, sums[n])
+        weigh(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[n])
 
 
 @kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")

@@ -2,17 +2,40 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 
-INKS = 4
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 SHAPES = 16
 """Most features of colour; those that a page does not have are 0."""
 LEVELS = 256
 """Of ink area, by which bells are tabulated."""
+GAIN_AT, DOT_AT, SHAPE_AT = 6, 6 + INKS, 6 + 2 * INKS
+"""First columns of ``block_sums``: inks' gains and dot gains, bells; before these, single numbers."""
+SLOPE_AT = SHAPE_AT + SHAPES
+"""Planes' slopes across, then along."""
+SUMS = SLOPE_AT + 2 * INKS
 _MOST = np.float32(LEVELS - 1)
 _HALF = np.float32(0.5)
+
+
+class InkImages(NamedTuple):
+    """What one sensor would see of inks; images (..., lines, pixels) as ``Modes`` has them."""
+
+    gain: NDArray[np.float32]
+    """(4, ...) [DN]"""
+    dot: NDArray[np.float32]
+    """(4, ...) [DN]"""
+    texture: NDArray[np.float32]
+    """[DN^2]"""
+    cover: NDArray[np.float32]
+    """(4, ...) [-]"""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -22,22 +45,24 @@ def level_of(area):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "measured (L, P), expected (L, P), offset (P), variance (L, P), gain (4, L, P), "
-    "dot (4, L, P), texture (L, P), cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
-    "corners (N, 2), side, out (N, 22 + SHAPES)",
+    "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), "
+    "inks.dot (4, L, P), inks.texture (L, P), inks.cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
+    "corners (N, 2), side, out (N, SUMS)",
     fastmath=True,
     error_model="numpy",
 )
 def block_sums(  # type: ignore[no-untyped-def]
-    measured, expected, offset, variance, gain, dot, texture, cover, inside, bells, corners, side, out
+    measured, expected, offset, variance, inks, inside, bells, corners, side, out
 ):
-    """Sums over some blocks of ``side`` pixels of one sensor, into out (blocks, 22 + SHAPES).
+    """Sums over some blocks of ``side`` pixels of one sensor, into out (blocks, SUMS).
 
-    corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by ink, whose product is
-    exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance, squared slope of light,
-    texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along (4).
+    inks: ``InkImages``. corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by
+    ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance,
+    squared slope of light, texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along
+    (4).
     """
     lines, pixels = measured.shape
+    gain, dot, texture, cover = inks
     shapes = np.empty(SHAPES, np.float32)
     for block in range(corners.shape[0]):
         sums = out[block]
@@ -64,13 +89,13 @@ def block_sums(  # type: ignore[no-untyped-def]
                     if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
                         continue
                     here = cover[ink, line, x]
-                    sums[6 + ink] += gain[ink, line, x]
-                    sums[10 + ink] += dot[ink, line, x]
+                    sums[GAIN_AT + ink] += gain[ink, line, x]
+                    sums[DOT_AT + ink] += dot[ink, line, x]
                     if here > np.float32(0.02):
                         per_area = gain[ink, line, x] / here * _HALF
                         right, left = cover[ink, line, x + 1], cover[ink, line, x - 1]
                         below, above = cover[ink, line + 1, x], cover[ink, line - 1, x]
-                        sums[14 + SHAPES + ink] += per_area * (right - left)
-                        sums[18 + SHAPES + ink] += per_area * (below - above)
+                        sums[SLOPE_AT + ink] += per_area * (right - left)
+                        sums[SLOPE_AT + INKS + ink] += per_area * (below - above)
         for j in range(SHAPES):
-            sums[14 + j] = shapes[j]
+            sums[SHAPE_AT + j] = shapes[j]

@@ -2,15 +2,47 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES
 
-INKS = 4
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 _SAME = np.float32(0.004)
 """Ink area by which recipes may differ that are taken for one."""
 _FLOOR = np.float32(1e-12)
+
+
+class FittedAmounts(NamedTuple):
+    """What one sensor's scan has of every nuisance, in single precision."""
+
+    shape: NDArray[np.float32]
+    """(SHAPES,) weights of bells: relative change of light by colour."""
+    columns: NDArray[np.float32]
+    """(pixels,) the same by column."""
+    gain: NDArray[np.float32]
+    """(4, 3) of each ink at the centre, and added at the right and lower edges."""
+    dot: NDArray[np.float32]
+    """(4,)"""
+    planes: NDArray[np.float32]
+    """(4, 2) how far each lies too far right and down. [pixels]"""
+
+
+class VarianceShares(NamedTuple):
+    """What residuals scatter by; see ``variances``."""
+
+    scale: np.float32
+    edge: np.float32
+    contrast: np.float32
+    share: np.float32
+    dark: np.float32
+    white: np.float32
+    """Light of bare paper. [DN]"""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -57,8 +89,14 @@ def take_row(measured, expected, offset, relative, columns, out):  # type: ignor
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, down, out):  # type: ignore[no-untyped-def]
-    """Take what one ink does out of a row of residuals, in place; its ends are left alone."""
+def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
+    """Take what one ink does out of a row of residuals, in place; its ends are left alone.
+
+    areas: of the ink in the row above, this one and the next; amounts: its gain at the centre of the row and to the
+    right edge, dot gain, register right and down.
+    """
+    above, here, below = areas
+    at_centre, to_right, dots, right, down = amounts
     pixels = out.size
     for x in range(1, pixels - 1):
         u = np.float32(2 * x + 1) / np.float32(pixels) - np.float32(1)
@@ -70,22 +108,20 @@ def take_ink(gain, dot, above, here, below, at_centre, to_right, dots, right, do
 
 
 @kernel(
-    "measured (L, P), expected (L, P), offset (P), inside (L, P), gain (4, L, P), dot (4, L, P), "
-    "cover (4, L, P), bells (4, LEVELS, SHAPES), weights (SHAPES), columns (P), gains (4, 3), "
-    "dots (4), planes (4, 2), out (L, P)",
+    "measured (L, P), expected (L, P), offset (P), inside (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
+    "inks.cover (4, L, P), bells (4, LEVELS, SHAPES), fitted.shape (SHAPES), fitted.columns (P), "
+    "fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), out (L, P)",
     fastmath=True,
     error_model="numpy",
 )
-def residuals(  # type: ignore[no-untyped-def]
-    measured, expected, offset, inside, gain, dot, cover, bells, weights, columns, gains, dots, planes, out
-):
+def residuals(measured, expected, offset, inside, inks, bells, fitted, out):  # type: ignore[no-untyped-def]
     """What is left of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
 
-    bells (4, LEVELS, SHAPES), weights (SHAPES,): relative change of light by colour. columns (pixels,): the same by
-    column. gains (4, 3): at the centre, and added at the right and lower edges; dots (4,); planes (4, 2): how far each
-    lies too far right and down [pixels].
+    inks: ``InkImages``; bells: as ``block_sums``; fitted: ``FittedAmounts``.
     """
     lines, pixels = measured.shape
+    gain, dot, cover = inks.gain, inks.dot, inks.cover
+    weights, columns, gains, dots, planes = fitted
     relative, last = np.zeros(pixels, np.float32), np.full(INKS + 1, np.float32(-1))
     printed = np.zeros(INKS, np.bool_)
     for ink in range(INKS):
@@ -104,8 +140,8 @@ def residuals(  # type: ignore[no-untyped-def]
             if printed[ink]:
                 at_centre = gains[ink, 0] + gains[ink, 2] * v
                 areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
-                how = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
-                take_ink(gain[ink, line], dot[ink, line], *areas, *how, row)
+                amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
+                take_ink(gain[ink, line], dot[ink, line], areas, amounts, row)
         there = inside[line]
         for x in range(pixels):
             row[x] = row[x] if there[x] else np.float32(0)
@@ -114,18 +150,18 @@ def residuals(  # type: ignore[no-untyped-def]
 
 # With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
 @kernel(
-    "light (L, P), variance (L, P), texture (L, P), inside (L, P), scale, edge, contrast, share, "
-    "dark, white, out (L, P), of_edges (L, P)",
+    "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, out (L, P), of_edges (L, P)",
     error_model="numpy",
 )
-def variances(light, variance, texture, inside, scale, edge, contrast, share, dark, white, out, of_edges):  # type: ignore[no-untyped-def]
+def variances(light, variance, texture, inside, shares, out, of_edges):  # type: ignore[no-untyped-def]
     """Inverse variance of residuals of one sensor, (lines, pixels) [1/DN^2], and the edges' share of it; 0 outside.
 
     What is dark counts for no variance in that share.
 
     scale x temporal variance + edge x mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s =
-    share + dark x log(white / light)^2.
+    share + dark x log(white / light)^2; shares: ``VarianceShares``.
     """
+    scale, edge, contrast, share, dark, white = shares
     lines, pixels = light.shape
     squares = np.zeros((lines, pixels), np.float32)
     for line in range(1, lines - 1):

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel
 from prooflight.kernels.planes import compose_row
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 TRUE_NODES = NODES + 4
 """The true tables reach to 113 % of a full solid, which ink gain may lay."""
@@ -18,6 +23,34 @@ ALIKE = 4
 solid, that errs by less than 5 x (4 / 255 / 2)^2 / 2 of white, 0.02 %."""
 RUNS = 128
 """A row of one colour is looked up so often, because inks' gain tilts over the page: to half a per cent of the tilt."""
+
+
+class PrintedInks(NamedTuple):
+    """What came out otherwise than the raster says."""
+
+    planes: NDArray[np.int64]
+    """(4, 2) how many raster pixels each plane lies too far right and down."""
+    gains: NDArray[np.float32]
+    """(4, 3) at the centre, and added at the right and lower edges."""
+    dot_gains: NDArray[np.float32]
+    """(4,)"""
+    speck_places: NDArray[np.int64]
+    """(n, 2) ``speck_pixels``."""
+    speck_words: NDArray[np.uint32]
+    """(n,)"""
+
+
+class TrueTable(NamedTuple):
+    """What one sensor truly sees of inks; as ``TrueSensor``."""
+
+    nodes: NDArray[np.float32]
+    """(37^4, 2)"""
+    bends: NDArray[np.float32]
+    """(4, 36)"""
+    white: np.float32
+    """The paper's factor."""
+    backing: np.float32
+    """The backing's light. [DN]"""
 
 
 @inner_kernel()
@@ -81,12 +114,14 @@ def alike(one, two, three, four):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, texture):  # type: ignore[no-untyped-def]
+def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[no-untyped-def]
     """Two printed raster rows looked up in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
 
-    v: where the rows lie on the page, -1 top .. 1 bottom. gains (4, 3): at the centre, and added at the right and lower
-    edges. paper: reflectance over what it should be. Squares of one colour are looked up once, and so are runs of them.
+    v: where the rows lie on the page, -1 top .. 1 bottom. Squares of one colour are looked up once, and so are runs of
+    them.
     """
+    gains, dot_gains = inks.gains, inks.dot_gains
+    nodes, bends, paper = table.nodes, table.bends, table.white
     columns = upper.size
     places = np.empty(4, np.float32)
     last = np.uint32(0)
@@ -136,11 +171,13 @@ def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, 
 
 
 @inner_kernel()
-def add_specks(places, packed, top, v, gains, dot_gains, nodes, bends, paper, lights, textures):  # type: ignore[no-untyped-def]
+def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untyped-def]
     """Light and texture (2, columns) of the rows from ``top`` on where specks lie: as ``look_up_rows``, a pixel each.
 
-    places (n, 2), packed (n,) as ``speck_pixels``; v: how far down the page these rows are, -1 to 1.
+    v: how far down the page these rows are, -1 to 1.
     """
+    places, packed, gains, dot_gains = inks.speck_places, inks.speck_words, inks.gains, inks.dot_gains
+    nodes, bends, paper = table.nodes, table.bends, table.white
     place = np.empty(4, np.float32)
     columns = lights.shape[1]
     for n in range(packed.size):
@@ -157,21 +194,7 @@ def add_specks(places, packed, top, v, gains, dot_gains, nodes, bends, paper, li
 
 
 @inner_kernel()
-def look_up_pair(  # type: ignore[no-untyped-def]
-    packed,
-    top,
-    planes,
-    gains,
-    dot_gains,
-    speck_places,
-    speck_words,
-    nodes,
-    bends,
-    paper,
-    printed,
-    lights,
-    textures,
-):
+def look_up_pair(packed, top, inks, table, printed, lights, textures):  # type: ignore[no-untyped-def]
     """Light above the backing's and texture (2, columns) of rows ``top`` and the next as they came out.
 
     Arguments as in ``scan_lines``. A last row without a next one is its own. printed (2, columns): working space.
@@ -179,11 +202,11 @@ def look_up_pair(  # type: ignore[no-untyped-def]
     rows = packed.shape[0]
     v = np.float32((2 * top + 2) / rows - 1)
     upper, lower = printed[0], printed[1]
-    compose_row(packed, top, planes, upper)
+    compose_row(packed, top, inks.planes, upper)
     if top + 1 < rows:
-        compose_row(packed, top + 1, planes, lower)
+        compose_row(packed, top + 1, inks.planes, lower)
     else:
         lower[:] = upper
-    look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
-    add_specks(speck_places, speck_words, top, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)
-    lights -= paper[1]
+    look_up_rows(upper, lower, v, inks, table, lights, textures)
+    add_specks(inks, top, v, table, lights, textures)
+    lights -= table.backing

@@ -2,15 +2,51 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.aiming import place_row, weights_at_phases
 from prooflight.kernels.simulation.inks import NOISE_STEPS, look_up_pair
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 PHASES = 1024
 """Places within a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel at
 s = 2, which is less than a thousandth of an edge."""
+
+
+class PrintLight(NamedTuple):
+    """What acts on the light of one print as a whole."""
+
+    columns: NDArray[np.float32]
+    """(pixels,) lamps, table gain and what flat-fielding left. [-]"""
+    flicker: NDArray[np.float32]
+    """(lines,) [-]"""
+    cloud: NDArray[np.float32]
+    """Nodes of cloudy paper, less 1. [-]"""
+    cloud_down: NDArray[np.float32]
+    """(lines,) where lines lie among them, below 0 off the page."""
+    cloud_across: NDArray[np.float32]
+    """(pixels,) likewise."""
+    contrast: np.float32
+    """Of the halftone."""
+
+
+class NoisySensor(NamedTuple):
+    """What one sensor makes of light."""
+
+    column_offset: NDArray[np.float32]
+    """(pixels,) [DN]"""
+    column_gain: NDArray[np.float32]
+    backing: np.float32
+    """The backing's light. [DN]"""
+    noise: NDArray[np.float32]
+    """(NOISE_STEPS,) variance before rounding at light 0 .. noise_top. [DN^2]"""
+    noise_top: np.float32
+    top_code: np.float32
 
 
 @inner_kernel()
@@ -79,60 +115,38 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "packed (H, _), planes (4, 2), gains (4, 3), dot_gains (4), speck_places (N, 2), "
-    "speck_words (N), nodes (_, 2), bends (4, _), paper (2), across_places (I, J), across_pitch, "
-    "across_segment, across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
-    "along_cumulative (_), step, depth, above_backing (L, P), texture_variance (L, P)",
+    "packed (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
+    "inks.speck_words (N), table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
+    "across.segment, across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
+    "along.cumulative (_), depth, above_backing (L, P), texture_variance (L, P)",
     where=(
-        "(I - 1) * across_pitch >= H, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= L, "
-        "(M - 1) * along_segment >= P"
+        "(I - 1) * across.pitch >= H, (J - 1) * across.segment >= P, (K - 1) * along.pitch >= L, "
+        "(M - 1) * along.segment >= P"
     ),
 )
 def scan_lines(  # type: ignore[no-untyped-def]
-    packed,
-    planes,
-    gains,
-    dot_gains,
-    speck_places,
-    speck_words,
-    nodes,
-    bends,
-    paper,
-    across_places,
-    across_pitch,
-    across_segment,
-    across_cumulative,
-    along_places,
-    along_pitch,
-    along_segment,
-    along_cumulative,
-    step,
-    depth,
-    above_backing,
-    texture_variance,
+    packed, inks, table, across, along, depth, above_backing, texture_variance
 ):
     """Light above the backing's and texture of every line of one sensor, before lamp and columns.
 
-    packed (rows, columns) uint32: the raster; speck_places (n, 2), speck_words (n,) as ``speck_pixels``; paper: the
-    white's factor and, [1], the backing's light; arguments from across_places to depth as in
-    ``prediction.sampling_grid``.
+    packed (rows, columns) uint32: the raster; inks: ``PrintedInks``; table: ``TrueTable``; across, along:
+    ``FilterPass``; depth: rows that a line crosses and its footprint sees, and some.
     Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
     """
     rows, columns = packed.shape
     lines, pixels = above_backing.shape
-    taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
-    reach = (across_cumulative.size - 1) / (2 * step)
-    across_table = weights_at_phases(across_cumulative, step, PHASES, taps)
-    along_table = np.ascontiguousarray(weights_at_phases(along_cumulative, step, PHASES, taps).T)
+    taps = int(np.ceil((across.cumulative.size - 1) / across.step)) + 1
+    reach = (across.cumulative.size - 1) / (2 * across.step)
+    across_table = weights_at_phases(across.cumulative, across.step, PHASES, taps)
+    along_table = np.ascontiguousarray(weights_at_phases(along.cumulative, along.step, PHASES, taps).T)
     printed = np.empty((2, columns), np.uint32)
     light = np.zeros((2, columns + 2 * taps), np.float32)
     texture = np.zeros((2, columns + 2 * taps), np.float32)
     lights, textures = light[:, taps : taps + columns], texture[:, taps : taps + columns]
-    inks = planes, gains, dot_gains, speck_places, speck_words, nodes, bends, paper
     light_ring = np.empty((depth, pixels), np.float32)
     texture_ring = np.empty((depth, pixels), np.float32)
-    x_places = np.empty(across_places.shape[1])
-    y_places = np.empty(along_places.shape[1])
+    x_places = np.empty(across.places.shape[1])
+    y_places = np.empty(along.places.shape[1])
     x_first = np.empty(pixels, np.int32)
     x_phase = np.empty(pixels, np.int32)
     y_first = np.empty(pixels, np.int32)
@@ -141,16 +155,16 @@ def scan_lines(  # type: ignore[no-untyped-def]
     next_row = -1
     pair = -1
     for line in range(lines):
-        place_row(along_places, along_pitch, line, y_places)
-        begin_at(y_places, along_segment, reach, y_first, y_phase)
+        place_row(along.places, along.pitch, line, y_places)
+        begin_at(y_places, along.segment, reach, y_first, y_phase)
         if next_row < 0:
             next_row = max(y_first.min(), 0)
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                look_up_pair(packed, 2 * pair, *inks, printed, lights, textures)
-            place_row(across_places, across_pitch, next_row, x_places)
-            begin_at(x_places, across_segment, reach, x_first, x_phase)
+                look_up_pair(packed, 2 * pair, inks, table, printed, lights, textures)
+            place_row(across.places, across.pitch, next_row, x_places)
+            begin_at(x_places, across.segment, reach, x_first, x_phase)
             slot = next_row % depth
             sample_across(
                 light[next_row & 1],
@@ -177,34 +191,21 @@ def scan_lines(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "mean (L, P), variance (L, P), backing, columns (P), flicker (L), cloud (_, _), "
-    "cloud_down (L), cloud_across (P), column_offset (P), column_gain (P), contrast, "
-    "noise (NOISE_STEPS), noise_top, top_code"
+    "mean (L, P), variance (L, P), light.columns (P), light.flicker (L), light.cloud (_, _), "
+    "light.cloud_down (L), light.cloud_across (P), sensor.column_offset (P), sensor.column_gain (P), "
+    "sensor.noise (NOISE_STEPS)"
 )
-def light_lines(  # type: ignore[no-untyped-def]
-    mean,
-    variance,
-    backing,
-    columns,
-    flicker,
-    cloud,
-    cloud_down,
-    cloud_across,
-    column_offset,
-    column_gain,
-    contrast,
-    noise,
-    noise_top,
-    top_code,
-):
+def light_lines(mean, variance, light, sensor):  # type: ignore[no-untyped-def]
     """Light above the backing's and texture -> expected DN and its variance, in place, (lines, pixels) each.
 
-    columns (pixels,): lamps, table gain and what flat-fielding left. cloud: its nodes; cloud_down (lines,),
-    cloud_across (pixels,): where lines and pixels lie among them, below 0 off the page. contrast: of the halftone.
-    noise (1024,): variance before rounding at light 0 .. noise_top.
+    light: ``PrintLight``; sensor: ``NoisySensor``.
     """
     lines, pixels = mean.shape
-    to_step = np.float32((NOISE_STEPS - 1) / noise_top)
+    columns, flicker, contrast = light.columns, light.flicker, light.contrast
+    cloud, cloud_down, cloud_across = light.cloud, light.cloud_down, light.cloud_across
+    column_offset, column_gain, noise = sensor.column_offset, sensor.column_gain, sensor.noise
+    backing, top_code = sensor.backing, sensor.top_code
+    to_step = np.float32((NOISE_STEPS - 1) / sensor.noise_top)
     row = np.empty(cloud.shape[1], np.float32)
     for i in range(lines):
         on_page = cloud_down[i] >= 0
@@ -220,15 +221,15 @@ def light_lines(  # type: ignore[no-untyped-def]
                 share = cloud_across[j] - np.float32(cell)
                 factor *= np.float32(1) + row[cell] + share * (row[cell + 1] - row[cell])
             factor *= column_gain[j]
-            light = factor * (mean[i, j] + backing)
-            place = min(max(light, np.float32(0)) * to_step, np.float32(NOISE_STEPS - 1.001))
+            level = factor * (mean[i, j] + backing)
+            place = min(max(level, np.float32(0)) * to_step, np.float32(NOISE_STEPS - 1.001))
             at = int(place)
             sensor = noise[at] + (place - np.float32(at)) * (noise[at + 1] - noise[at])
             halftone = factor * contrast
             variance[i, j] = (
                 sensor + halftone * halftone * max(variance[i, j], np.float32(0)) + np.float32(1 / 12)
             )
-            mean[i, j] = min(max(column_offset[j] + light, np.float32(0)), top_code)
+            mean[i, j] = min(max(column_offset[j] + level, np.float32(0)), top_code)
 
 
 @kernel("mean (N), variance (N), top_code, normal (65536), key, dn (N)")

@@ -2,18 +2,45 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class Examples(NamedTuple):
+    """What a tree learns from."""
+
+    columns: NDArray[np.float32]
+    """(columns, pages)"""
+    bad: NDArray[np.bool_]
+    """(pages,)"""
+    weight: NDArray[np.float64]
+    """(pages,)"""
+
+
+class TreeNodes(NamedTuple):
+    """Nodes of one tree as ``Forest`` has them, with room for all that there may be."""
+
+    column: NDArray[np.int32]
+    cut: NDArray[np.float32]
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    share: NDArray[np.float32]
+
 
 @inner_kernel(error_model="numpy")
-def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
+def best_cut(examples, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
     """Of so many columns drawn, each cut at a place drawn evenly between its least and greatest: which, and where.
 
-    columns (columns, pages); rows: of the node, of_bad and of_all: their weights; order: all columns in any order,
+    rows: of the node, of_bad and of_all: their weights; order: all columns in any order,
     shuffled as far as they are drawn. -1: none leaves ``least`` rows on either side.
     """
+    columns, bad, weight = examples
     best, at, most = -1, np.float32(0), 0.0
     for drawn in range(tries):
         swap = drawn + int(rng.random() * (order.size - drawn))
@@ -40,37 +67,39 @@ def best_cut(columns, bad, weight, rows, of_bad, of_all, order, tries, least, rn
 
 
 @kernel(
-    "columns (K, N), bad (N), weight (N), tries, least, rng, column (M), cut (M), left (M), "
-    "right (M), share (M)",
+    "examples.columns (K, N), examples.bad (N), examples.weight (N), tries, least, rng, nodes.column (M), "
+    "nodes.cut (M), nodes.left (M), nodes.right (M), nodes.share (M)",
     where="0 < N, tries <= K, 2 * N <= M",
     error_model="numpy",
 )
-def grow(columns, bad, weight, tries, least, rng, column, cut, left, right, share):  # type: ignore[no-untyped-def]
-    """Nodes of a tree into (2 pages,) arrays of a forest, as its ranking has them; returns how many there are."""
+def grow(examples, tries, least, rng, nodes):  # type: ignore[no-untyped-def]
+    """A tree of ``Examples`` into ``TreeNodes`` for (2 pages,); returns how many there are."""
+    columns, bad, weight = examples
+    column, cut, left, right, share = nodes
     pages = bad.size
     rows = np.arange(pages)
     order = np.arange(columns.shape[0])
     begin, end, parent = np.zeros((3, pages + 1), np.int64)
     end[0], parent[0] = pages, -1
-    waiting, nodes = 1, 0
+    waiting, count = 1, 0
     while waiting:
         waiting -= 1
         first, last, above = begin[waiting], end[waiting], parent[waiting]
         here = rows[first:last]
         if above >= 0:  # the left branch is taken up first
             if left[above] < 0:
-                left[above] = nodes
+                left[above] = count
             else:
-                right[above] = nodes
+                right[above] = count
         of_all = of_bad = 0.0
         for row in here:
             of_all += weight[row]
             of_bad += weight[row] * bad[row]
-        share[nodes] = of_bad / of_all
+        share[count] = of_bad / of_all
         which, at = -1, np.float32(0)
         if 0 < of_bad < of_all and here.size >= 2 * least:
-            which, at = best_cut(columns, bad, weight, here, of_bad, of_all, order, tries, least, rng)
-        column[nodes], cut[nodes], left[nodes], right[nodes] = which, at, -1, -1
+            which, at = best_cut(examples, here, of_bad, of_all, order, tries, least, rng)
+        column[count], cut[count], left[count], right[count] = which, at, -1, -1
         if which >= 0:
             middle = first
             for place in range(first, last):
@@ -79,8 +108,8 @@ def grow(columns, bad, weight, tries, least, rng, column, cut, left, right, shar
                     rows[place] = rows[middle]
                     rows[middle] = row
                     middle += 1
-            begin[waiting], end[waiting], parent[waiting] = middle, last, nodes
-            begin[waiting + 1], end[waiting + 1], parent[waiting + 1] = first, middle, nodes
+            begin[waiting], end[waiting], parent[waiting] = middle, last, count
+            begin[waiting + 1], end[waiting + 1], parent[waiting + 1] = first, middle, count
             waiting += 2
-        nodes += 1
-    return nodes
+        count += 1
+    return count

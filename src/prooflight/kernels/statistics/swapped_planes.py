@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-
-INKS = 4
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -5,17 +5,44 @@ Row by row, one array written at a time: so the loops run in vectors.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
 
-INKS = 4
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 LINE_MODES = 10
 """Light, each ink added (4), each ink's gain (4), void."""
 MODES = 12
 """The same, and blur and all inks' gain."""
 _MOST_SQUARE = np.float32(25)
 _FLOOR = np.float32(1e-12)
+
+
+class ResidualImages(NamedTuple):
+    """What is left of one sensor's scan and what it may be of; images (..., lines, pixels).
+
+    With one axis more in front: of all sensors.
+    """
+
+    residual: NDArray[np.float32]
+    """[DN]"""
+    weight: NDArray[np.float32]
+    """Inverse variance. [1/DN^2]"""
+    light: NDArray[np.float32]
+    """Expected. [DN]"""
+    white: NDArray[np.float32]
+    """(..., pixels) bare paper's light. [DN]"""
+    add: NDArray[np.float32]
+    """(..., 4, lines, pixels) ``Modes.add``. [DN]"""
+    gain: NDArray[np.float32]
+    """(..., 4, lines, pixels) ``Modes.gain``. [DN]"""
+    of_edges: NDArray[np.float32]
+    """Share of the variance that is edges'. [-]"""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -66,20 +93,20 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "residual (L, P), weight (L, P), light (L, P), white (P), add (4, L, P), gain (4, L, P), "
-    "of_edges (L, P), most_edges (N), shift (L), segment_lines, out (N, 4, LINE_MODES, _, P)",
+    "images.residual (L, P), images.weight (L, P), images.light (L, P), images.white (P), "
+    "images.add (4, L, P), images.gain (4, L, P), images.of_edges (L, P), most_edges (N), shift (L), "
+    "segment_lines, out (N, 4, LINE_MODES, _, P)",
     fastmath=True,
     error_model="numpy",
 )
-def line_sums(  # type: ignore[no-untyped-def]
-    residual, weight, light, white, add, gain, of_edges, most_edges, shift, segment_lines, out
-):
+def line_sums(images, most_edges, shift, segment_lines, out):  # type: ignore[no-untyped-def]
     """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
 
-    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. white (pixels,): bare
-    paper's light. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
-    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
+    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. r is kept below 4
+    sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift (lines,): whole pixels by which
+    a line is moved left, so that columns of a page that is turned lie on each other.
     """
+    residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape
     rows = np.empty((most_edges.size, 4, pixels), np.float32)
     void = np.empty(pixels, np.float32)
@@ -90,8 +117,15 @@ def line_sums(  # type: ignore[no-untyped-def]
         if left >= right:
             continue
         for n in range(most_edges.size):
-            images = residual[line], weight[line], light[line], of_edges[line]
-            weigh_row(*images, np.float32(4), most_edges[n], rows[n])
+            weigh_row(
+                residual[line],
+                weight[line],
+                light[line],
+                of_edges[line],
+                np.float32(4),
+                most_edges[n],
+                rows[n],
+            )
         void_row(light[line], white, void)
         to = slice(left - by, right - by)
         for m in range(LINE_MODES):
@@ -113,17 +147,17 @@ def line_sums(  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_tile_row(  # type: ignore[no-untyped-def]
-    residual, weight, light, white, add, gain, of_edges, first, last, side, rows, made, sums, out
-):
+def add_tile_row(images, first, last, side, rows, made, sums, out):  # type: ignore[no-untyped-def]
     """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, MODES + 1, tile columns).
 
     rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.
     """
+    residual, weight, light, white, add, gain, of_edges = images
     for line in range(first, last):
         k = line - first
-        images = residual[line], weight[line], light[line], of_edges[line]
-        weigh_row(*images, np.float32(10), np.float32(1), rows[k])
+        weigh_row(
+            residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), rows[k]
+        )
         void_row(light[line], white, made[0, k])
         blur_row(light, line, made[1, k])
         whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
@@ -152,16 +186,18 @@ def add_tile_row(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "residual (S, L, P), weight (S, L, P), light (S, L, P), white (S, P), add (S, 4, L, P), "
-    "gain (S, 4, L, P), of_edges (S, L, P), side, out (4, MODES + 1, L // side, P // side)"
+    "images.residual (S, L, P), images.weight (S, L, P), images.light (S, L, P), images.white (S, P), "
+    "images.add (S, 4, L, P), images.gain (S, 4, L, P), images.of_edges (S, L, P), side, "
+    "out (4, MODES + 1, L // side, P // side)"
 )
-def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  # type: ignore[no-untyped-def]
+def tile_sums(images, side, out):  # type: ignore[no-untyped-def]
     """Sums over tiles of all sensors, written to out (4, MODES + 1, tile rows, tile columns).
 
-    Images (sensors, ..., lines, pixels), white (sensors, pixels). As ``line_sums``, r kept below 10 sigma; the last
-    mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of tiles, whose sums
-    stay at hand: all tiles together are as large as all images.
+    images: ``ResidualImages`` of all sensors. As ``line_sums``, r kept below 10 sigma; the last mode is the energy: sum
+    of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of tiles, whose sums stay at hand: all tiles
+    together are as large as all images.
     """
+    residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape[1:]
     rows = np.empty((side, 4, pixels), np.float32)
     made = np.empty((3, side, pixels), np.float32)
@@ -171,8 +207,8 @@ def tile_sums(residual, weight, light, white, add, gain, of_edges, side, out):  
         here[:] = np.float32(0)
         first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
         for s in range(residual.shape[0]):
-            images = residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s]
-            add_tile_row(*images, first, last, side, rows, made, sums, here)
+            own = ResidualImages(residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s])
+            add_tile_row(own, first, last, side, rows, made, sums, here)
         out[:, :, tile] = here
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.base import INK_NAMES, LAMP_WAVES
+from prooflight.cmyk import INK_NAMES
+from prooflight.detectors.base import LAMP_WAVES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

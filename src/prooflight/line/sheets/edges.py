@@ -84,7 +84,7 @@ class SheetFinder:
         """The sheet that has begun, when the lines have ended."""
         if self._start is None:
             return None
-        return self._ended(self._last_line(self._store.end), free=self._run > 0)
+        return self._ended(self._start, self._last_line(self._store.end), free=self._run > 0)
 
     def _look(self, row: int) -> Sheet | None:
         gap = self._store.is_gap(row)
@@ -97,12 +97,12 @@ class SheetFinder:
             below = length - SHRINK * self._run
             whole = any(abs(below - known) <= STRETCH * known + EDGE_LINES for known in self._lengths())
             if whole or (self._run >= GAP_ROWS and not self._like_gap(below)):
-                return self._ended(self._last_line(SHRINK * (row - self._run + 2)), free=True)
+                return self._ended(self._start, self._last_line(SHRINK * (row - self._run + 2)), free=True)
             return None
         self._run = 0
         lengths = self._lengths() if row % LOOK_ROWS == 0 else []
         if lengths and length > (1 + STRETCH) * max(lengths) + EDGE_LINES + SHRINK:
-            sheet = self._ended(self._start + lengths[0], free=False)
+            sheet = self._ended(self._start, self._start + lengths[0], free=False)
             self._start = sheet.end
             return sheet
         return None
@@ -117,9 +117,8 @@ class SheetFinder:
             self._start, self._run = self._first_line(self._begun), 0
             self._begun = None
 
-    def _ended(self, end: int, *, free: bool) -> Sheet:
-        assert self._start is not None
-        sheet = Sheet(start=self._start, end=end, free=free)
+    def _ended(self, start: int, end: int, *, free: bool) -> Sheet:
+        sheet = Sheet(start=start, end=end, free=free)
         self._start, self._run = None, 0
         return sheet
 

@@ -112,34 +112,35 @@ class Following:
             best = max(best, self._liken(light, wide, longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE or best.fit is None or best.page is None:
             return Match(job_page=None, likeness=best.likeness)
-        return self._weighed(light, best, near, longer)
+        return self._weighed(light, best, best.fit, best.page, near, longer)
 
     def _weighed(
         self,
         light: NDArray[np.float32],
         best: Match,
+        fit: Fit,
+        like: Thumbnail,
         near: list[tuple[int, Thumbnail, float]],
         longer: float,
     ) -> Match:
-        """The page that the evidence is for, of those near, ``best`` being one that it is like."""
-        assert best.fit is not None
-        assert best.page is not None
-        chosen, most = best, 0.0
-        taped = taped_rows(best.fit, best.page)
+        """The page that the evidence is for, of those near; ``best``, with its fit and page, is one that it is like."""
+        chosen: tuple[int, Thumbnail] | None = None
+        most = 0.0
+        taped = taped_rows(fit, like)
         own = min((cost for job_page, _, cost in near if job_page == best.job_page), default=0.0)
         for job_page, page, cost in near:
-            if page is best.page:
+            if page is like:
                 continue
-            said = evidence(best.fit, best.page, page, taped)
+            said = evidence(fit, like, page, taped)
             if said > MARGIN and said - cost + own > most:
-                chosen, most = Match(job_page=job_page, page=page), said - cost + own
-        if chosen is best:
+                chosen, most = (job_page, page), said - cost + own
+        if chosen is None:
             return best
-        assert chosen.page is not None
-        fit = lay(light, chosen.page, inside(chosen.page, self.geometry), longer=longer)
+        job_page, page = chosen
+        fit = lay(light, page, inside(page, self.geometry), longer=longer)
         if fit.likeness < ALIKE:
             return best
-        return Match(job_page=chosen.job_page, page=chosen.page, fit=fit, likeness=fit.likeness)
+        return Match(job_page=job_page, page=page, fit=fit, likeness=fit.likeness)
 
     def _liken(
         self, light: NDArray[np.float32], pages: Iterable[tuple[int, Thumbnail, float]], longer: float

@@ -47,14 +47,13 @@ class SharedRaster:
     def __call__(self, shape: tuple[int, int, int]) -> NDArray[np.uint8]:
         """An array of zeros. MemoryError, OSError: there is no room for it."""
         needed = int(np.prod(shape))
-        have = 0 if self._memory is None else len(self._memory)
-        if not needed <= have <= SPARE * needed:
-            self._memory = None  # the arrays of earlier pages are gone by now
+        memory = self._memory
+        if memory is None or not needed <= len(memory) <= SPARE * needed:
+            memory = self._memory = None  # the arrays of earlier pages are gone by now
             os.ftruncate(self._descriptor, 0)
             os.ftruncate(self._descriptor, needed)
-            self._memory = mmap.mmap(self._descriptor, needed)
-        assert self._memory is not None
-        raster: NDArray[np.uint8] = np.frombuffer(self._memory, np.uint8, needed).reshape(shape)
+            memory = self._memory = mmap.mmap(self._descriptor, needed)
+        raster: NDArray[np.uint8] = np.frombuffer(memory, np.uint8, needed).reshape(shape)
         raster[:] = 0
         return raster
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from prooflight.cmyk import INK_NAMES
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.worlds import worlds
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
 
-INK_NAMES = ("cyan", "magenta", "yellow", "black")
 FULL = 255.0
 ALL_INKS = slice(0, 4)
 LEAST_INK_SHARE = 1e-3

@@ -6,15 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.simulation.misprints.drawing import (
-    FULL,
-    INK_NAMES,
-    SAMPLE_STEP,
-    Box,
-    inks_named,
-    plateau,
-    rewrite,
-)
+from prooflight.cmyk import INK_NAMES
+from prooflight.simulation.misprints.drawing import FULL, SAMPLE_STEP, Box, inks_named, plateau, rewrite
 from prooflight.simulation.worlds import amount
 
 if TYPE_CHECKING:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.residuals.fit import InkImages
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.sampling import LensCorrection
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 
-INKS: Final = 4
 COVER_SCALE: Final = 4096.0
 """Coverage is predicted as if it were a signal of so many DN."""
 
@@ -66,6 +67,12 @@ class Modes:
     def cover(self) -> NDArray[np.float32]:
         """(4, lines, pixels) ink area, as the first sensor's lens blurs it. [-]"""
         return self.images[-INKS:]
+
+    def inks(self, sensor: int) -> InkImages:
+        """What its kernels take of one sensor."""
+        return InkImages(
+            gain=self.gain[sensor], dot=self.dot[sensor], texture=self.texture[sensor], cover=self.cover
+        )
 
     def _of_inks(self, part: int) -> NDArray[np.float32]:
         size = self.sensors * INKS

@@ -13,8 +13,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
+from prooflight.detectors.matched_filter.fit.layout import FitLayout, FitParts
+from prooflight.kernels.residuals.fit import (
+    DOT_AT,
+    GAIN_AT,
+    LEVELS,
+    SHAPE_AT,
+    SHAPES,
+    SLOPE_AT,
+    SUMS,
+    block_sums,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +51,6 @@ EDGE_BIAS: Final = 0.05
 """By which edges of a block may all be wider or narrower: planes that hide each other's register. [pixels, assumed]"""
 FAR: Final = 4.685
 """Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
-INKS: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +75,23 @@ class PrintPrior:
     most_plane_mm: float = 0.114
     """Planes are off by no more."""
 
+    def amounts_sd(self, layout: FitLayout, pixel_mm: float) -> NDArray[np.float64]:
+        """The same of every amount of the fit's vector, (amounts,), in the units of ``Fit``."""
+        waves = np.arange(1, LAMP_WAVES + 1)
+        power = np.exp(-((np.pi * self.lamp_length * waves) ** 2) / 4)
+        power /= 0.5 * power.sum() + 0.5
+        found = np.empty(layout.size)
+        of = layout.parts(found)
+        of.white[...] = self.white
+        of.common[...] = self.common
+        of.lamp[...] = self.lamp * np.sqrt(power)
+        of.shape[...] = self.shape
+        of.gain[...] = self.gain, self.tilt, self.tilt
+        of.dot[...] = self.dot
+        # About where registration found them.
+        of.planes[...] = 0.25 * self.plane_mm / pixel_mm
+        return found
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
@@ -83,7 +110,7 @@ class Fit:
     planes: NDArray[np.float64]
     """(4, 2) how far each plane lies too far right and down. [pixels]"""
     pulls: NDArray[np.float64]
-    """(amounts,) each amount over the standard deviation it would have on good prints; in the order above."""
+    """(amounts,) each amount over the standard deviation it would have on good prints; as ``FitLayout`` has them."""
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
     spread: float
@@ -92,6 +119,12 @@ class Fit:
     """Share of blocks that the fit does not explain. [-]"""
     prior: PrintPrior
     """That it was made with."""
+
+    @property
+    def surprises(self) -> FitParts:
+        """``pulls`` by what its amounts are of."""
+        layout = FitLayout(sensors=self.white.size, colours=self.shape.shape[1])
+        return layout.parts(self.pulls)
 
     def emptied(self) -> Fit:
         """The same with every amount 0: it explains nothing."""
@@ -201,14 +234,56 @@ def fit_nuisances(
 
     planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
     """
-    means, places = _summed(measured_dn, seen, modes, where, sensors, colours)
+    blocks = _summed(measured_dn, seen, modes, where, sensors, colours)
     noise = np.ones(len(sensors))
-    model = _Model.of(means, places, len(colours.centres), prior, pixel_mm, planes)
+    model = _Model.of(blocks, prior, pixel_mm, planes)
     amounts, sd, robust, lost = model.solved(
         noise, residual_variance, np.array([sensor.white_dn for sensor in sensors])
     )
-    parts = model.parted(amounts)
-    return Fit(**parts, pulls=amounts / sd, noise=noise, spread=robust, lost=lost, prior=prior)
+    found = model.layout.parts(amounts * model.scale)
+    return Fit(
+        white=found.white + found.common,
+        lamp=found.lamp,
+        shape=found.shape,
+        gain=found.gain,
+        dot=found.dot,
+        planes=found.planes,
+        pulls=amounts / sd,
+        noise=noise,
+        spread=robust,
+        lost=lost,
+        prior=prior,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Blocks:
+    """Means over the pixels of some blocks of every sensor; darker is less."""
+
+    pixels: NDArray[np.float64]
+    """(sensors, blocks) how many are inside."""
+    residual: NDArray[np.float64]
+    """Measured less expected. [DN]"""
+    light: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    steepness: NDArray[np.float64]
+    """Squared slope of the light. [DN^2 / pixel^2]"""
+    texture: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    """(sensors, 4, blocks) ``Modes.gain``."""
+    dot: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    """(sensors, colours, blocks) features of colour times light."""
+    slopes: NDArray[np.float64]
+    """(sensors, 2, 4, blocks) of each ink's plane, across and along. [DN / pixel]"""
+    across: NDArray[np.float64]
+    """(blocks,) where they lie, -1 left .. 1 right."""
+    along: NDArray[np.float64]
+
+    @property
+    def layout(self) -> FitLayout:
+        """Of what is fitted to them."""
+        return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
 def _summed(
@@ -218,8 +293,7 @@ def _summed(
     where: PixelMap,
     sensors: Sequence[SensorModel],
     colours: Colours,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means over blocks (sensors, channels, blocks), channel 0 their pixels; where these lie, -1 .. 1 (2, blocks)."""
+) -> _Blocks:
     rows, columns = (extent // BLOCK for extent in where.inside.shape)
     cut = where.inside[: rows * BLOCK, : columns * BLOCK]
     full = cut.reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3), dtype=np.int32)
@@ -227,7 +301,7 @@ def _summed(
     used = used[:: max(used.size // BLOCKS, 1)]
     place = np.stack(np.divmod(used, columns))
     corners = np.ascontiguousarray(place.T * BLOCK)
-    sums = np.empty((len(sensors), used.size, 22 + SHAPES), np.float32)
+    sums = np.empty((len(sensors), used.size, SUMS), np.float32)
     bells = colours.bells()
     for index, sensor in enumerate(sensors):
         block_sums(
@@ -235,114 +309,86 @@ def _summed(
             seen.expected_dn[index],
             sensor.column_offset_dn,
             seen.variance_dn2[index],
-            modes.gain[index],
-            modes.dot[index],
-            modes.texture[index],
-            modes.cover,
+            modes.inks(index),
             where.inside,
             bells,
             corners,
             BLOCK,
             sums[index],
         )
-    count = len(colours.centres)
-    shapes = sums[..., 14 : 14 + count] @ colours.root.T
-    kept = np.concatenate([sums[..., :14], shapes, sums[..., 14 + SHAPES :]], axis=-1).astype(np.float64)
-    kept[..., 1:] /= np.maximum(kept[..., :1], 1)
-    return np.moveaxis(kept, -1, 1), 2 * (place + 0.5) / np.array([[rows], [columns]]) - 1
+    shape = sums[..., SHAPE_AT : SHAPE_AT + len(colours.centres)] @ colours.root.T
+    pixels = sums[..., 0].astype(np.float64)
+
+    def means(some: NDArray[np.float32]) -> NDArray[np.float64]:
+        return np.moveaxis(some / np.maximum(pixels, 1)[..., None], -1, 1)
+
+    residual, light, variance, steepness, texture = np.moveaxis(means(sums[..., 1:GAIN_AT]), 1, 0)
+    slopes = means(sums[..., SLOPE_AT:])
+    along, across = 2 * (place + 0.5) / np.array([[rows], [columns]]) - 1
+    return _Blocks(
+        pixels=pixels,
+        residual=residual,
+        light=light,
+        variance=variance,
+        steepness=steepness,
+        texture=texture,
+        gain=means(sums[..., GAIN_AT:DOT_AT]),
+        dot=means(sums[..., DOT_AT:SHAPE_AT]),
+        shape=means(shape),
+        slopes=slopes.reshape(len(slopes), 2, INKS, -1),
+        across=across,
+        along=along,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Model:
     """Linear model of block means: rows are blocks of all sensors."""
 
-    sensors: int
-    colours: int
-    sums: NDArray[np.float64]
-    """(sensors, channels, blocks) means over each block's pixels; channel 0 their number."""
+    layout: FitLayout
+    blocks: _Blocks
     x: NDArray[np.float64]
-    """(sensors, blocks, amounts), scaled by the prior's standard deviations."""
-    y: NDArray[np.float64]
-    """(sensors, blocks) [DN]"""
+    """(sensors, blocks, amounts), scaled by the prior's standard deviations. [DN]"""
     scale: NDArray[np.float64]
     """(amounts,) prior standard deviations."""
     start: NDArray[np.float64]
     """(amounts,) prior means."""
 
     @classmethod
-    def of(
-        cls,
-        means: NDArray[np.float64],
-        places: NDArray[np.float64],
-        colours: int,
-        prior: PrintPrior,
-        pixel_mm: float,
-        planes: NDArray[np.float64],
-    ) -> _Model:
-        count, used = len(means), means.shape[-1]
-        v, u = places
-        light = means[:, 2]
+    def of(cls, blocks: _Blocks, prior: PrintPrior, pixel_mm: float, planes: NDArray[np.float64]) -> _Model:
+        layout, light = blocks.layout, blocks.light
+        x = np.zeros((*light.shape, layout.size))
+        by, scale = layout.parts(x), prior.amounts_sd(layout, pixel_mm)
         waves = np.arange(1, LAMP_WAVES + 1)
-        power = np.exp(-((np.pi * prior.lamp_length * waves) ** 2) / 4)
-        power /= 0.5 * power.sum() + 0.5
-        lamp = np.cos(np.pi * np.multiply.outer((u + 1) / 2, waves))
-        x, names = [], []
-        for s in range(count):
-            own = np.zeros((count, used))
-            own[s] = light[s]
-            x.append(own * prior.white)
-            names.append(prior.white)
-        x.append(light * prior.common)
-        names.append(prior.common)
-        for k in range(LAMP_WAVES):
-            sd = prior.lamp * np.sqrt(power[k])
-            x.append(light * lamp[:, k] * sd)
-            names.append(sd)
-        for s in range(count):
-            for j in range(colours):
-                own = np.zeros((count, used))
-                own[s] = means[s, 14 + j]
-                x.append(own * prior.shape)
-                names.append(prior.shape)
+        for sensor in range(layout.sensors):
+            by.white[sensor, :, sensor] = light[sensor]
+            by.shape[sensor, :, sensor] = blocks.shape[sensor].T
+        by.common[...] = light[..., None]
+        by.lamp[...] = light[..., None] * np.cos(np.pi * np.multiply.outer((blocks.across + 1) / 2, waves))
         for ink in range(INKS):
-            x += [
-                means[:, 6 + ink] * prior.gain,
-                means[:, 6 + ink] * u * prior.tilt,
-                means[:, 6 + ink] * v * prior.tilt,
-            ]
-            names += [prior.gain, prior.tilt, prior.tilt]
-        for ink in range(INKS):
-            x.append(means[:, 10 + ink] * prior.dot)
-            names.append(prior.dot)
-        plane = 0.25 * prior.plane_mm / pixel_mm
-        for ink in range(INKS):
+            gain = blocks.gain[:, ink]
+            for column, one in enumerate((gain, gain * blocks.across, gain * blocks.along)):
+                by.gain[..., ink, column] = one
+            by.dot[..., ink] = blocks.dot[:, ink]
             for axis in range(2):
-                x.append(-means[:, 14 + colours + 4 * axis + ink] * plane)
-                names.append(plane)
-        start = np.zeros(len(names))
-        start[-2 * INKS :] = planes.ravel() / plane
-        return cls(
-            sensors=count,
-            colours=colours,
-            sums=means,
-            x=np.stack(x, axis=-1),
-            y=means[:, 1],
-            scale=np.array(names),
-            start=start,
-        )
+                by.planes[..., ink, axis] = -blocks.slopes[:, axis, ink]
+        x *= scale
+        start = np.zeros(layout.size)
+        layout.parts(start).planes[...] = planes / layout.parts(scale).planes
+        return cls(layout=layout, blocks=blocks, x=x, scale=scale, start=start)
 
     def solved(
         self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
         """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
-        pixels, light = self.sums[:, 0], self.sums[:, 2]
+        of = self.blocks
         variance = (
-            noise[:, None] * self.sums[:, 3]
-            + residual_variance.contrast * self.sums[:, 5]
-            + 4 * residual_variance.edge * self.sums[:, 4]
+            noise[:, None] * of.variance
+            + residual_variance.contrast * of.texture
+            + 4 * residual_variance.edge * of.steepness
         )
-        variance = variance / pixels + EDGE_BIAS**2 * self.sums[:, 4]
-        variance += (residual_variance.share_of(light, white_dn[:, None]) * light) ** 2
+        variance = variance / of.pixels + EDGE_BIAS**2 * of.steepness
+        variance += (residual_variance.share_of(of.light, white_dn[:, None]) * of.light) ** 2
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]
@@ -352,29 +398,14 @@ class _Model:
             w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
             x = self.x.reshape(-1, size) * np.sqrt(w)[:, None]
             normal = x.T @ x + np.eye(size)  # of one matrix: half the work
-            asked = x.T @ (np.sqrt(w) * self.y.ravel()) + self.start
+            asked = x.T @ (np.sqrt(w) * of.residual.ravel()) + self.start
             unsure = np.asarray(np.linalg.inv(normal), np.float64)
             amounts = unsure @ asked
-            z = (self.y - self.x @ amounts) / np.sqrt(variance)
+            z = (of.residual - self.x @ amounts) / np.sqrt(variance)
             spread_found = float(np.median(np.abs(z)) / 0.6745)
             far = z / (FAR * max(spread_found, 1.0))
             robust = np.where(np.abs(far) < 1, (1 - far**2) ** 2, 0) + 1e-4
         # On good prints an estimate scatters by the prior's variance less what stays unknown.
         sd = np.sqrt(np.maximum(1 - np.diag(unsure), 1e-4))
-        sd[-2 * INKS :] = 1
+        self.layout.parts(sd).planes[...] = 1
         return amounts, sd, spread_found, float((robust < 0.01).mean())
-
-    def parted(self, amounts: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Amounts by name, in their own units."""
-        found = amounts * self.scale
-        s, n = self.sensors, self.colours
-        cuts = np.cumsum([s, 1, LAMP_WAVES, s * n, 3 * INKS, INKS])
-        white, common, lamp, shape, gain, dot, planes = np.split(found, cuts)
-        return {
-            "white": white + common[0],
-            "lamp": lamp,
-            "shape": shape.reshape(s, n),
-            "gain": gain.reshape(INKS, 3),
-            "dot": dot,
-            "planes": planes.reshape(INKS, 2),
-        }

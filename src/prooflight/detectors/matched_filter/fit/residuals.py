@@ -8,7 +8,14 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.kernels.residuals.residuals import residuals, slope_sums, take_slopes, variances
+from prooflight.kernels.residuals.residuals import (
+    FittedAmounts,
+    VarianceShares,
+    residuals,
+    slope_sums,
+    take_slopes,
+    variances,
+)
 from prooflight.pages.planes import displaced
 
 if TYPE_CHECKING:
@@ -61,20 +68,21 @@ def residual_images(
     weight, of_edges = np.empty_like(left), np.empty_like(left)
     noise, bells = np.ones(len(sensors)), colours.bells()
     for index, sensor in enumerate(sensors):
+        fitted = FittedAmounts(
+            shape=colours.weights(fit.shape[index]),
+            columns=(fit.white[index] + lamp).astype(np.float32),
+            gain=fit.gain.astype(np.float32),
+            dot=fit.dot.astype(np.float32),
+            planes=fit.planes.astype(np.float32),
+        )
         residuals(
             measured_dn[index],
             seen.expected_dn[index],
             sensor.column_offset_dn,
             where.inside,
-            modes.gain[index],
-            modes.dot[index],
-            modes.cover,
+            modes.inks(index),
             bells,
-            colours.weights(fit.shape[index]),
-            (fit.white[index] + lamp).astype(np.float32),
-            fit.gain.astype(np.float32),
-            fit.dot.astype(np.float32),
-            fit.planes.astype(np.float32),
+            fitted,
             left[index],
         )
         light = seen.expected_dn[index] - sensor.column_offset_dn
@@ -86,17 +94,21 @@ def residual_images(
             where.inside,
             residual_variance,
         )
+        amounts = (
+            noise[index],
+            residual_variance.edge,
+            residual_variance.contrast,
+            residual_variance.share,
+            residual_variance.dark,
+            sensor.white_dn,
+        )
+        shares = VarianceShares._make(map(np.float32, amounts))
         variances(
             light,
             seen.variance_dn2[index],
             modes.texture[index],
             where.inside,
-            np.float32(noise[index]),
-            np.float32(residual_variance.edge),
-            np.float32(residual_variance.contrast),
-            np.float32(residual_variance.share),
-            np.float32(residual_variance.dark),
-            np.float32(sensor.white_dn),
+            shares,
             weight[index],
             of_edges[index],
         )

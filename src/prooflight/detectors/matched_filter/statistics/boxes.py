@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     COMMON,
     GHOST_BOXES_MM,
@@ -34,7 +35,6 @@ COMMON_NEAR: Final = 0.001
 LAGS_MM: Final = (3.0, 60.0)
 DETAIL_MM: Final = 15.0
 LEAST_DETAIL: Final = 1e-3
-INKS: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -20,7 +19,6 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     streaks,
 )
 from prooflight.detectors.matched_filter.statistics.located import (
-    INK,
     NOISE,
     of_bands,
     of_boxes,
@@ -33,7 +31,13 @@ from prooflight.detectors.matched_filter.statistics.located import (
     waves_of,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import flat_part
-from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Box, Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    FLAT_AREAS,
+    GOOD_PRINTS,
+    OWN_PAGE,
+    Observed,
+    Statistic,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,25 +48,23 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.registration.register import Registration
 
-__all__ = ["NOWHERE", "Box", "Statistic", "all_statistics", "samples"]
-
 SAMPLES: Final = 400
 
 
-def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Statistic]:
-    """Every statistic of one scan, always the same names in the same order."""
+def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
+    """Every statistic of one scan, always the same in the same order."""
     flat = flat_part(sums)
     waves = waves_of(sums, scatter)
     return [
         *of_boxes(sums, scatter),
         *of_flat_boxes(flat, scatter),
-        *of_streaks(sums, scatter, good="streak", own="line"),
-        *of_streaks(flat, scatter, own="calm"),
+        *of_streaks(sums, scatter, GOOD_PRINTS, OWN_PAGE),
+        *of_streaks(flat, scatter, FLAT_AREAS),
         *of_bands(sums, waves, scatter),
-        *of_waves(waves, family="wave"),
-        *of_waves(waves_of(flat, scatter), family="swell"),
-        *of_ghosts(sums, scatter.ghosts, good="ghost", own="echo"),
-        *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), own="double"),
+        *of_waves(waves, OWN_PAGE),
+        *of_waves(waves_of(flat, scatter), FLAT_AREAS),
+        *of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE),
+        *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
         *of_swapped_planes(sums),
         *_of_fit(fit),
         *_of_place(found),
@@ -71,49 +73,53 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
     ]
 
 
-def _of_fit(fit: Fit) -> Iterator[Statistic]:
-    sensors, colours = fit.white.size, fit.shape.shape[1]
-    at = np.cumsum([sensors + 1, LAMP_WAVES, sensors * colours, 3 * INKS, INKS])
-    white, lamp, shape, gain, dot, planes = np.split(fit.pulls, at)
-    gain, planes = gain.reshape(INKS, 3), planes.reshape(INKS, 2)
-    yield Statistic(name="fit/white", value=float(np.abs(white).max()))
-    yield Statistic(name="fit/lamp", value=float(np.sqrt((lamp**2).mean())))
-    yield Statistic(name="fit/shape", value=float(np.sqrt((shape**2).mean())))
-    yield Statistic(name="fit/shape-most", value=float(np.abs(shape).max()))
-    for ink in range(INKS):
-        yield Statistic(name=f"fit/gain-{INK[ink]}", value=float(abs(gain[ink, 0])))
-        yield Statistic(name=f"fit/tilt-{INK[ink]}", value=float(np.abs(gain[ink, 1:]).max()))
-        yield Statistic(name=f"fit/dot-{INK[ink]}", value=float(abs(dot[ink])))
-        yield Statistic(name=f"fit/plane-{INK[ink]}", value=float(np.abs(planes[ink]).max()))
-    yield Statistic(name="fit/gain-all", value=float(abs(gain[:, 0].sum()) / 2))
-    yield Statistic(name="fit/gain-rms", value=float(np.sqrt((gain[:, 0] ** 2).sum())))
-    yield Statistic(name="fit/spread", value=float(np.log(fit.spread + 0.1)))
-    yield Statistic(name="fit/lost", value=float(np.log(fit.lost + 1e-4)))
+def _of_fit(fit: Fit) -> Iterator[Observed]:
+    white, common, lamp, shape, gain, dot, planes = fit.surprises
+    yield Observed(statistic=Statistic("fit", "white"), value=float(np.abs([*white, *common]).max()))
+    yield Observed(statistic=Statistic("fit", "lamp"), value=float(np.sqrt((lamp**2).mean())))
+    yield Observed(statistic=Statistic("fit", "shape"), value=float(np.sqrt((shape**2).mean())))
+    yield Observed(statistic=Statistic("fit", "shape-most"), value=float(np.abs(shape).max()))
+    for ink, letter in enumerate(INK_LETTERS):
+        yield Observed(statistic=Statistic("fit", "gain", letter), value=float(abs(gain[ink, 0])))
+        yield Observed(statistic=Statistic("fit", "tilt", letter), value=float(np.abs(gain[ink, 1:]).max()))
+        yield Observed(statistic=Statistic("fit", "dot", letter), value=float(abs(dot[ink])))
+        yield Observed(statistic=Statistic("fit", "plane", letter), value=float(np.abs(planes[ink]).max()))
+    yield Observed(statistic=Statistic("fit", "gain-all"), value=float(abs(gain[:, 0].sum()) / 2))
+    yield Observed(statistic=Statistic("fit", "gain-rms"), value=float(np.sqrt((gain[:, 0] ** 2).sum())))
+    yield Observed(statistic=Statistic("fit", "spread"), value=float(np.log(fit.spread + 0.1)))
+    yield Observed(statistic=Statistic("fit", "lost"), value=float(np.log(fit.lost + 1e-4)))
 
 
-def _of_place(found: Registration) -> Iterator[Statistic]:
+def _of_place(found: Registration) -> Iterator[Observed]:
     where = found.placement
     shift = max(abs(value) for value in where.shift_mm)
     # The placement moves with whatever plane leads; relative to the sheet nothing does.
-    yield Statistic(name="place/lost", value=float(not found.found))
-    yield Statistic(name="place/shift", value=float(shift))
-    yield Statistic(name="place/skew", value=float(abs(where.skew_deg)))
-    yield Statistic(name="place/stretch", value=float(max(abs(value) for value in where.stretch_percent)))
+    yield Observed(statistic=Statistic("place", "lost"), value=float(not found.found))
+    yield Observed(statistic=Statistic("place", "shift"), value=float(shift))
+    yield Observed(statistic=Statistic("place", "skew"), value=float(abs(where.skew_deg)))
+    yield Observed(
+        statistic=Statistic("place", "stretch"),
+        value=float(max(abs(value) for value in where.stretch_percent)),
+    )
     warp = 0.0 if where.warp is None else float(np.abs(where.warp.nodes_mm).max())
-    yield Statistic(name="place/warp", value=warp)
-    yield Statistic(name="place/residual", value=float(min(found.residual_rms_pixels, 5.0)))
-    yield Statistic(name="place/unlike", value=float(1 - found.tiles_matching))
-    yield Statistic(name="place/foreign", value=float(found.tiles_foreign))
-    yield Statistic(name="place/sheet", value=float(max(abs(value) for value in found.sheet_mm)))
-    for ink in range(INKS):
-        yield Statistic(name=f"place/plane-{INK[ink]}", value=float(np.abs(found.planes_mm[ink]).max()))
-    yield Statistic(name="place/planes", value=float(np.ptp(found.planes_mm, axis=0).max()))
+    yield Observed(statistic=Statistic("place", "warp"), value=warp)
+    yield Observed(statistic=Statistic("place", "residual"), value=float(min(found.residual_rms_pixels, 5.0)))
+    yield Observed(statistic=Statistic("place", "unlike"), value=float(1 - found.tiles_matching))
+    yield Observed(statistic=Statistic("place", "foreign"), value=float(found.tiles_foreign))
+    yield Observed(
+        statistic=Statistic("place", "sheet"), value=float(max(abs(value) for value in found.sheet_mm))
+    )
+    for ink, letter in enumerate(INK_LETTERS):
+        yield Observed(
+            statistic=Statistic("place", "plane", letter), value=float(np.abs(found.planes_mm[ink]).max())
+        )
+    yield Observed(statistic=Statistic("place", "planes"), value=float(np.ptp(found.planes_mm, axis=0).max()))
 
 
-def _of_shifts(sums: Sums) -> Iterator[Statistic]:
-    for ink, (sure, share, *_) in zip(INK, sums.shifts, strict=True):
-        yield Statistic(name=f"moved/{ink}/sure", value=float(sure))
-        yield Statistic(name=f"moved/{ink}/share", value=float(share))
+def _of_shifts(sums: Sums) -> Iterator[Observed]:
+    for ink, (sure, share, *_) in zip(INK_LETTERS, sums.shifts, strict=True):
+        yield Observed(statistic=Statistic("moved", ink=ink, part="sure"), value=float(sure))
+        yield Observed(statistic=Statistic("moved", ink=ink, part="share"), value=float(share))
 
 
 def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:

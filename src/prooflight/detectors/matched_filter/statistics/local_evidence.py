@@ -19,7 +19,7 @@ from scipy import ndimage
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
-from prooflight.kernels.statistics.tiles import line_sums, tile_sums
+from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -104,10 +104,10 @@ def summed(
     offset = np.stack([sensor.column_offset_dn for sensor in sensors])
     light = seen.expected_dn - offset[:, None]
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
-    images = left, weight, light, white, modes.add, modes.gain, of_edges
+    images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
     for index in range(len(sensors)):
-        own = (image[index] for image in images)
-        line_sums(*own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
+        own = ResidualImages._make(image[index] for image in images)
+        line_sums(own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
         gains = np.empty(pixels, np.float32)
         column_gains(left[index], weight[index], light[index], np.float32(1 / COLUMN_SD**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
@@ -115,7 +115,7 @@ def summed(
             gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
         )
         take_columns(left[index], weight[index], light[index], gains)
-    tile_sums(*images, side, tiles)
+    tile_sums(images, side, tiles)
     size = (pixels // side, lines // side)
     cover = np.stack(
         [

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.fit.binning import binned
-from prooflight.detectors.matched_filter.fit.nuisance import INKS
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -30,7 +30,16 @@ from prooflight.detectors.matched_filter.statistics.page_scale import (
     extremes_of_boxes,
     swapped_planes,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    FLAT_AREAS,
+    GOOD_PRINTS,
+    NOWHERE,
+    OWN_PAGE,
+    Observed,
+    Reference,
+    Statistic,
+    mode_and_ink,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,7 +49,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.detectors.matched_filter.statistics.statistic import Box
 
-INK: Final = "CMYK"
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8
 """Of ghosts, for what they scatter by."""
@@ -50,47 +58,51 @@ ENERGY: Final = np.array([2.0, 2.0, 0.0])
 """Variance of a pixel's squared residual in its own variance."""
 NOISE: Final = np.array([1.0, 1.0, 0.0])
 ONE_SIGMA: Final = 0.6827
+MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 
 
-def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Statistic]:
+def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
     """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
     for place, cells in enumerate(cells_of(sums)):
         size, extremes = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, extremes, strict=True):
+        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
+            more, less = (Statistic("box", mode, ink, sign, size) for sign in "+-")
+            own_more, own_less = (Statistic("box", mode, ink, sign, size, "", OWN_PAGE) for sign in "+-")
             box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
-            yield Statistic(name=f"box/{name}+/{size}", value=most.high, box=box[0])
-            yield Statistic(name=f"box/{name}-/{size}", value=-most.low, box=box[1])
-            yield Statistic(name=f"apart/{name}+/{size}", value=most.own_high, box=box[2])
-            yield Statistic(name=f"apart/{name}-/{size}", value=-most.own_low, box=box[3])
-            yield Statistic(name=f"spread/{name}/{size}", value=float(np.log(most.energy + 0.1)))
+            yield Observed(statistic=more, value=most.high, box=box[0])
+            yield Observed(statistic=less, value=-most.low, box=box[1])
+            yield Observed(statistic=own_more, value=most.own_high, box=box[2])
+            yield Observed(statistic=own_less, value=-most.own_low, box=box[3])
+            spread = Statistic("spread", mode, ink, "", size)
+            yield Observed(statistic=spread, value=float(np.log(most.energy + 0.1)))
 
 
-def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Statistic]:
+def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Observed]:
     """The same against this page's own, where there are no edges."""
     for place, cells in enumerate(cells_of(flat)):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, extremes, strict=True):
-            if name == "blur":
+        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
+            if mode == "blur":
                 continue
+            more, less = (Statistic("box", mode, ink, sign, cells.size, "", FLAT_AREAS) for sign in "+-")
             box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
-            yield Statistic(name=f"flat/{name}+/{cells.size}", value=most.own_high, box=box[0])
-            yield Statistic(name=f"flat/{name}-/{cells.size}", value=-most.own_low, box=box[1])
+            yield Observed(statistic=more, value=most.own_high, box=box[0])
+            yield Observed(statistic=less, value=-most.own_low, box=box[1])
 
 
-def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Statistic]:
-    """Streaks of every mode, width and length against this page's own scatter, and against good prints if named."""
+def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
+    """Streaks of every mode, width and length against each of ``references``."""
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
         extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-        for name, most in zip(MODES[:LINE_MODES], extremes, strict=True):
-            for family, high, low, place in (
-                (good, most.high, most.low, 0),
-                (own, most.own_high, most.own_low, 2),
-            ):
-                if family:
-                    part, column = most.places[place + (high < -low)]
-                    box = _streak_mm(sums, int(part), int(column), width, s)
-                    yield Statistic(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
+        for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], extremes, strict=True):
+            for reference in references:
+                good = reference is GOOD_PRINTS
+                high, low = (most.high, most.low) if good else (most.own_high, most.own_low)
+                part, column = most.places[2 * (not good) + (high < -low)]
+                box = _streak_mm(sums, int(part), int(column), width, s)
+                which = Statistic("streak", mode, ink, "", width, span, reference)
+                yield Observed(statistic=which, value=max(high, -low), box=box)
 
 
 def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
@@ -122,27 +134,30 @@ def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     return found
 
 
-def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Statistic]:
+def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Observed]:
     """Waves along the travel of every mode against good prints, and single rows."""
     for mode, (name, one) in enumerate(zip(MODES, seen, strict=True)):
-        yield Statistic(name=f"band/{name}/wave", value=float(one.waves.max()))
-        yield Statistic(name=f"band/{name}/harmonics", value=float(one.together.max()))
+        band = Statistic("wave", *mode_and_ink(name), reference=GOOD_PRINTS)
+        yield Observed(statistic=band._replace(part="wave"), value=float(one.waves.max()))
+        yield Observed(statistic=band._replace(part="harmonics"), value=float(one.together.max()))
         t = t_statistic(one.own, one.power, one.edges, scatter.bands[mode])
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
-        yield Statistic(name=f"band/{name}/row", value=float(abs(t[row])), box=(0.0, y, np.inf, sums.tile_mm))
+        box = (0.0, y, np.inf, sums.tile_mm)
+        yield Observed(statistic=band._replace(part="row"), value=float(abs(t[row])), box=box)
 
 
-def of_waves(seen: Sequence[Waves], *, family: str) -> Iterator[Statistic]:
+def of_waves(seen: Sequence[Waves], reference: Reference) -> Iterator[Observed]:
     """Waves along the travel against others of about their length on this page."""
     for name, one in zip(MODES, seen, strict=True):
         wave, harmonics = above_neighbours(one.frequency, one.waves)
-        yield Statistic(name=f"{family}/{name}/one", value=wave)
-        yield Statistic(name=f"{family}/{name}/harmonics", value=harmonics)
+        which = Statistic("wave", *mode_and_ink(name), reference=reference)
+        yield Observed(statistic=which._replace(part="one"), value=wave)
+        yield Observed(statistic=which._replace(part="harmonics"), value=harmonics)
 
 
-def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str = "") -> Iterator[Statistic]:
-    """Ghosts of each ink's detail further down, against those that this page has anyway, and good prints if named."""
+def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference) -> Iterator[Observed]:
+    """Ghosts of each ink's detail further down, against each of ``references``: a page has some of its own anyway."""
     seen = ghosts(sums)
     for ink in range(INKS):
         found = seen.through(ink)
@@ -156,9 +171,10 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
                     usual = _usual(t[..., ::EVERY_LAG])
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
-            if good:
-                yield Statistic(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
-            yield Statistic(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
+            for reference in references:
+                over = value if reference is GOOD_PRINTS else value / usual
+                which = Statistic("ghost", ink=INK_LETTERS[ink], size=b, reference=reference)
+                yield Observed(statistic=which, value=over, box=box)
 
 
 def _usual(t: NDArray[np.float32]) -> float:
@@ -167,24 +183,30 @@ def _usual(t: NDArray[np.float32]) -> float:
     return max(float(np.quantile(known, ONE_SIGMA)), 0.5) if known.size >= LEAST_BOXES else 1.0
 
 
-def of_swapped_planes(sums: Sums) -> Iterator[Statistic]:
+def of_swapped_planes(sums: Sums) -> Iterator[Observed]:
     """Inks swapped over the page."""
     for (one, other), t in zip(PAIRS, swapped_planes(sums), strict=True):
-        yield Statistic(name=f"swap/{INK[one]}{INK[other]}", value=abs(t))
+        both = INK_LETTERS[one] + INK_LETTERS[other]
+        yield Observed(statistic=Statistic("swap", ink=both), value=abs(t))
 
 
-def of_energy(sums: Sums) -> Iterator[Statistic]:
+def of_energy(sums: Sums) -> Iterator[Observed]:
     """Squared residuals over their variance, in no one's shape."""
     energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
     share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
-    yield Statistic(name="energy/page", value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)))
+    yield Observed(
+        statistic=Statistic("energy", "page"),
+        value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)),
+    )
     maps, side = np.stack([energy, pixels, share]), 1
     for size in (2, 8, 32):
+        whole = Statistic("energy", size=size)
+        excess = whole._replace(reference=OWN_PAGE)
         step, side = size // side, size
         maps = binned(maps, step)[:, : maps.shape[1] // step] * np.float32(step**2)
         if not maps.size:
-            yield Statistic(name=f"energy/{size}", value=0.0)
-            yield Statistic(name=f"excess/{size}", value=0.0)
+            yield Observed(statistic=whole, value=0.0)
+            yield Observed(statistic=excess, value=0.0)
             continue
         e, n, of_edges = maps
         full = n >= 0.5 * n.max()
@@ -192,9 +214,9 @@ def of_energy(sums: Sums) -> Iterator[Statistic]:
         row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)
         extent = size * sums.tile_mm
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Statistic(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
+        yield Observed(statistic=whole, value=float(np.log(mean[row, column] + 1e-3)), box=box)
         stray = np.stack([e - n, n * full, of_edges])[:, None]
         most = extremes_of(stray, ENERGY[None], overlap=1)[0]
         row, column = most.places[2]
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Statistic(name=f"excess/{size}", value=most.own_high, box=box)
+        yield Observed(statistic=excess, value=most.own_high, box=box)

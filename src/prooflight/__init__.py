@@ -3,4 +3,4 @@
 Read the packages in the order of the light: pages, printing, sensing, acquiring, predicting, comparing, deciding.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 
 BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 
-.PHONY: demo test test-bounds check fuzz bench docs site format lock clean
+.PHONY: demo test test-bounds check fuzz bench docs site changelog format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -59,6 +59,10 @@ $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 $(VENV)/.installed-docs: requirements-docs.txt $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.txt
 	touch $@
+
+# Moves the fragments of changes/ into CHANGELOG.md, under the version of pyproject.toml.
+changelog: $(VENV)/.installed-dev
+	$(BIN)/towncrier build --yes
 
 # Rewrites all lock files from pyproject.toml; needs uv on the path.
 lock:

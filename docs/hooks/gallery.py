@@ -22,7 +22,14 @@ from root_pages import expanded
 
 ROOT = Path(__file__).resolve().parents[2]
 INDEX = "gallery/index.md"
-FIRST = ("predict_a_page", "table_1_small", "second_sensor", "teach_a_press", "golden_copy", "write_a_detector")
+FIRST = (
+    "predict_a_page",
+    "table_1_small",
+    "second_sensor",
+    "teach_a_press",
+    "golden_copy",
+    "write_a_detector",
+)
 LONGEST_S = 300.0
 
 
@@ -76,7 +83,9 @@ def run(path: Path) -> Example:
     title, _, text = (ast.get_docstring(ast.parse(source)) or path.stem).partition("\n")
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, str(path), folder]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LONGEST_S, check=False)
+        done = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, timeout=LONGEST_S, check=False
+        )
         if done.returncode:
             raise PluginError(f"examples/{path.name} ended with {done.returncode}:\n{done.stderr}")
         pictures = {found.name: found.read_bytes() for found in sorted(Path(folder).glob("*.png"))}

@@ -52,7 +52,9 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
 its pixels, eight times as wide."""
 
 
-BLOCK = re.compile(r"(?:<!-- runs: (?P<how>[^>]*) -->\n\n?)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL)
+BLOCK = re.compile(
+    r"(?:<!-- runs: (?P<how>[^>]*) -->\n\n?)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL
+)
 SHOWN = {"toml", "text"}
 """Languages of blocks that nobody runs."""
 
@@ -122,7 +124,7 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
             case "scans" | "goldens":
                 seed = {"scans": 1, "goldens": 2}[name]
                 job, press = made("job.pdf"), made("my.press")
-                prooflight("simulate", job, "--press", press, "-o", path, "--seed", seed, "--pages", "1-3")
+                prooflight("simulate", job, "--press", press, "-o", path, "--seed", seed)
             case "flatbed":
                 path.mkdir()
                 write_picture(path / "1.tif", spot=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -27,9 +28,13 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """A page for every room, and the list of them."""
     lines = [
         "# API\n",
-        "What a program or a notebook uses stands in `prooflight` itself:\n",
-        "::: prooflight\n    options:\n      heading_level: 2\n      show_root_heading: false\n",
-        "## The rooms\n",
+        "What a program or a notebook needs is in `import prooflight as pf`; each name is loaded when it is touched.\n",
+        "| name | is |\n|---|---|",
+        *(
+            f'| <autoref identifier="prooflight.{home}.{name}" optional>`{name}`</autoref> | {text} |'
+            for name, home, text in public_names()
+        ),
+        "\n## The rooms\n",
         "From the bottom to the top: a room imports only rooms that stand above it in this table.\n",
         "| room | holds |\n|---|---|",
         *(f"| [`{room}`]({room}.md) | {first_line(SOURCE / room)} |" for room in rooms()),
@@ -38,6 +43,19 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     for room in rooms():
         files.append(File.generated(config, page_of(room), content=room_page(room)))
     return files
+
+
+def public_names() -> list[tuple[str, str, str]]:
+    """Each name of ``import prooflight``, the module it comes from, and what the package's docstring says it is."""
+    tree = ast.parse((SOURCE / "__init__.py").read_text(encoding="utf-8"))
+    rows = re.findall(r"^(\w+) {2,}(\S.*)$", ast.get_docstring(tree) or "", re.MULTILINE)
+    homes = {
+        alias.name: node.module.removeprefix("prooflight.")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("prooflight.")
+        for alias in node.names
+    }
+    return [(name, homes[name], text) for name, text in rows if name in homes]
 
 
 def rooms() -> list[str]:

@@ -110,12 +110,12 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
     def make(name: str, path: Path) -> None:
         match name:
             case "press.toml":
-                path.write_text(small(prototype.text, eighth=8))
+                path.write_text(small(prototype.text, coarser=8))
             case "my.press":
                 prooflight("press", "build", made("press.toml"), "-o", path, "--designs", 24)
             case "fine my.press":
                 file = folder / "fine.toml"
-                file.write_text(small(prototype.text, eighth=2))
+                file.write_text(small(prototype.text, coarser=2))
                 prooflight("press", "build", file, "-o", path, "--detector", "none")
             case "job.pdf":
                 write_job(path, pages=24)
@@ -139,8 +139,7 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
                 shutil.copytree(ROOT / PRESETS, path)
             case _ if name == f"small {PRESETS}":
                 path.mkdir(parents=True)
-                for preset in (ROOT / PRESETS).glob("*.toml"):
-                    (path / preset.name).write_text(small(preset.read_text(), eighth=8))
+                (path / "prototype.toml").write_text(small(prototype.text, coarser=8))
             case _:
                 pytest.fail(f"nobody knows how to make {name}")
 
@@ -196,8 +195,11 @@ def prooflight(*arguments: object) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def small(press_file: str, *, eighth: int) -> str:
-    """A press file with fewer and wider pixels, which see the same field in less light."""
+def small(press_file: str, *, coarser: int) -> str:
+    """A press file with fewer and wider pixels, which see the same field in less light.
+
+    Between sheets lie 40 mm: the edge of a sheet is found to a pixel or two.
+    """
     pixels = re.search(r"^pixels = (\d+)", press_file, re.MULTILINE)
     pitch = re.search(r"^pixel_pitch_um = ([\d.]+)", press_file, re.MULTILINE)
     light = re.search(r"^luminance_cd_m2 = ([\d.]+)", press_file, re.MULTILINE)
@@ -205,28 +207,29 @@ def small(press_file: str, *, eighth: int) -> str:
     assert pitch is not None
     assert light is not None
     for found, value in (
-        (pixels, int(pixels[1]) // eighth),
-        (pitch, float(pitch[1]) * eighth),
-        (light, float(light[1]) / eighth**2),
+        (pixels, int(pixels[1]) // coarser),
+        (pitch, float(pitch[1]) * coarser),
+        (light, float(light[1]) / coarser**2),
     ):
         name = found[0].partition(" =")[0]
         press_file = re.sub(rf"^{name} = [\d.]+", f"{name} = {value}", press_file, flags=re.MULTILINE)
-    return press_file
+    return press_file + "\n[transport]\nlead_in_mm = 20.0\nlead_out_mm = 20.0\n"
 
 
 def write_job(path: Path, *, pages: int) -> None:
-    """Pages of tints and large type, 200 x 120 mm, each another."""
+    """Pages of tints and type, 200 x 120 mm, each laid out in another way."""
     rng = np.random.default_rng(1)
     canvas = Canvas(str(path), pagesize=(200 * mm, 120 * mm))
     for _ in range(pages):
-        canvas.setFillColorCMYK(*rng.uniform(0.1, 0.9, 3), 0.0)
-        canvas.rect(20 * mm, 70 * mm, 60 * mm, 35 * mm, fill=1, stroke=0)
-        canvas.setFillColorCMYK(*rng.uniform(0.1, 0.7, 3), 0.1)
-        canvas.circle(140 * mm, 80 * mm, 22 * mm, fill=1, stroke=0)
+        for _ in range(8):
+            canvas.setFillColorCMYK(*rng.uniform(0, 0.9, 3), 0.0)
+            x, y, width, height = rng.uniform((8, 8, 15, 8), (150, 90, 40, 25))
+            canvas.rect(x * mm, y * mm, width * mm, height * mm, fill=1, stroke=0)
         canvas.setFillColorCMYK(0, 0, 0, 1)
-        canvas.setFont("Helvetica-Bold", 28)
-        for line in range(4):
-            canvas.drawString(15 * mm, (52 - 12 * line) * mm, "".join(rng.choice(list("abcdefghij kmn"), 26)))
+        for _ in range(9):
+            canvas.setFont("Helvetica-Bold", rng.uniform(10, 26))
+            x, y = rng.uniform((8, 8), (110, 108))
+            canvas.drawString(x * mm, y * mm, "".join(rng.choice(list("abcdefghij kmn"), 16)))
         canvas.showPage()
     canvas.save()
 

@@ -21,8 +21,8 @@ test-bounds: $(VENV)/.installed-dev
 		tests/registration tests/detectors tests/inspection tests/line tests/journal tests/pages tests/prediction tests/properties tests/simulation
 
 check: $(VENV)/.installed-dev
-	$(BIN)/ruff format --check src studies tests examples docs
-	$(BIN)/ruff check src studies tests examples docs
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell src studies tests docs changes README.md CONTRIBUTING.md CHANGELOG.md
@@ -43,8 +43,8 @@ site: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 format: $(VENV)/.installed-dev
-	$(BIN)/ruff format src studies tests examples docs
-	$(BIN)/ruff check --fix src studies tests examples docs
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
 
 $(VENV)/.installed: requirements.txt pyproject.toml studies/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

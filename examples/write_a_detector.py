@@ -58,7 +58,7 @@ class PreparedSquares(pf.PreparedOnly):
             probability=None,
         )
         return pf.Inspection(
-            verdict=pf.Verdict.judged(self.page.name, decision, detector=self.detector.name),
+            verdict=pf.Verdict.from_decision(self.page.name, decision, detector=self.detector.name),
             placement=pf.IN_PLACE,
             area=area,
             measured_dn=measured,

@@ -122,12 +122,12 @@ class Made:
 
 
 @pytest.fixture(scope="session")
-def taught_press(press: Press, make_page: Callable[..., Page]) -> Press:
+def trained_press(press: Press, make_page: Callable[..., Page]) -> Press:
     """The press with our detector, which lets one good page in ten alarm: so much 9 of 24 designs can promise."""
-    from prooflight.commissioning.training.train import taught
+    from prooflight.commissioning.training.train import trained
 
     rarely = replace(press, good_pages_per_false_alarm=10.0)
-    return taught(rarely, Made(make=make_page), designs=24, seed=1, processes=1)
+    return trained(rarely, Made(make=make_page), designs=24, seed=1, processes=1)
 
 
 @pytest.fixture(scope="session")

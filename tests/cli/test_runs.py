@@ -18,9 +18,10 @@ from prooflight.cli import run, runs
 from prooflight.cli.show import people
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import kept_evidence
+from prooflight.inspection.redeciding import kept_evidence
 from prooflight.journal.journal import Journal, PageRecord, RunEnd, RunFacts
-from prooflight.simulation.scans import page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import scan_page
 
 if TYPE_CHECKING:
     from prooflight.pages.raster import Page
@@ -47,7 +48,9 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
     path = tmp_path_factory.mktemp("journal") / "j.sqlite"
     inspector = Inspector.of(press, "chi-square")
     prepared = inspector.prepare(page)
-    scan = scan_page(page, press=press, request=None, others=(), fetch=lambda _: page, rng=page_rng(1, 1))
+    scan = scan_page(
+        page, press=press, request=None, others=(), fetch=lambda _: page, rng=stream(1, "print", 1)
+    )
     inspection = inspector.inspect(prepared, scan.dn, scan_name="scan")
     bad = Verdict(
         page="p0002",

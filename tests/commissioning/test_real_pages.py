@@ -20,20 +20,20 @@ def pages(count: int, *, seed: int = 1, first: int = 0) -> tuple[dict[str, float
     return {name: float(rng.exponential(2.0)) for name in names}, {name: f"{name}{seed}" for name in names}
 
 
-def test_enough_real_pages_promise_by_themselves(taught_press: Press) -> None:
+def test_enough_real_pages_promise_by_themselves(trained_press: Press) -> None:
     scores, digests = pages(120)
-    learned = recalibrated(taught_press, scores, digests, false_alarm_rate=0.01)
+    learned = recalibrated(trained_press, scores, digests, false_alarm_rate=0.01)
     assert learned.ours is not None
     assert learned.ours.promise.conformal
     assert (learned.ours.promise.real, learned.ours.promise.simulated) == (120, 0)
     # ceil(121 x 0.99) = 120th smallest of 120: the greatest
     assert learned.ours.threshold == max(scores.values())
-    assert learned.digest != taught_press.digest
+    assert learned.digest != trained_press.digest
 
 
-def test_pages_add_up_over_runs_and_none_counts_twice(taught_press: Press) -> None:
+def test_pages_add_up_over_runs_and_none_counts_twice(trained_press: Press) -> None:
     scores, digests = pages(30)
-    first = recalibrated(taught_press, scores, digests, false_alarm_rate=0.1)
+    first = recalibrated(trained_press, scores, digests, false_alarm_rate=0.1)
     assert new_scans(first, digests) == {}
     more_scores, more = pages(30, seed=2)
     again = new_scans(first, more | {"p0000": digests["p0000"], "copy": more["p0001"]})
@@ -45,9 +45,9 @@ def test_pages_add_up_over_runs_and_none_counts_twice(taught_press: Press) -> No
     assert second.ours.promise.real == 59
 
 
-def test_too_few_real_pages_are_refused(taught_press: Press, press: Press) -> None:
+def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> None:
     scores, digests = pages(FEWEST_REAL - 1)
     with pytest.raises(RequestError, match=f"give {FEWEST_REAL} or more"):
-        recalibrated(taught_press, scores, digests, false_alarm_rate=0.1)
+        recalibrated(trained_press, scores, digests, false_alarm_rate=0.1)
     with pytest.raises(RequestError, match="was not taught our detector"):
         recalibrated(press, *pages(30), false_alarm_rate=0.1)

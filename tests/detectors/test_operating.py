@@ -17,7 +17,7 @@ from prooflight.detectors.operating import (
     conformal_threshold,
     false_alarms_in_words,
     least_cost,
-    least_promise,
+    least_false_alarm_rate,
     roc,
 )
 
@@ -136,7 +136,7 @@ def test_the_oracles_interval_holds_what_the_oracle_found() -> None:
 
 
 def test_a_promise_needs_enough_designs() -> None:
-    assert least_promise(199) == 0.005
+    assert least_false_alarm_rate(199) == 0.005
     score, design = np.arange(199.0), np.arange(199)
     assert conformal_threshold(score, design, false_alarm_rate=0.005) == 198
     assert conformal_threshold(score, design, false_alarm_rate=0.01) == 197

@@ -36,7 +36,7 @@ def test_a_number_that_is_not_finite_decides_nothing(name: str, value: float, mi
     sound = Decision(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
     decision = replace(sound, **{name: value})
     assert decision.word == "not-inspected"
-    verdict = Verdict.judged("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
+    verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
     assert (verdict.verdict, verdict.action, verdict.detector) == ("not-inspected", "accept", "ours")
     assert name.replace("_", "-") in verdict.reason
     json.dumps(asdict(verdict), allow_nan=False)
@@ -55,8 +55,8 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
     decision = Decision(misprint=True, score=2.0, threshold=1.0, p_value=None, probability=0.01)
     dear = RunningCosts(false_alarm_cents=1.0, missed_misprint_cents=1.0)
     actions = [
-        Verdict.judged("p", decision, costs=dear).action,
-        Verdict.judged("p", decision, costs=dear, surely=True).action,
-        Verdict.judged("p", replace(decision, probability=None)).action,
+        Verdict.from_decision("p", decision, costs=dear).action,
+        Verdict.from_decision("p", decision, costs=dear, surely=True).action,
+        Verdict.from_decision("p", replace(decision, probability=None)).action,
     ]
     assert actions == ["accept", "stop", "stop"]

@@ -16,11 +16,11 @@ import numpy as np
 import tifffile
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import taught
+from prooflight.commissioning.training.train import trained
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, kept_evidence
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
@@ -121,7 +121,7 @@ class Presses:
         return build_press(PressFile(Path("two.toml"), text), seed=2, pixels=400)
 
     @cached_property
-    def taught(self) -> Press:
+    def trained(self) -> Press:
         """One sensor; the matched-filter detector, and a Bayesian network taught on made-up statistics."""
         rng = np.random.default_rng(3)
         good = rng.normal([0, -4, 0.5], [0.02, 0.3, 0.005], (200, 3))
@@ -129,7 +129,7 @@ class Presses:
         labels = ["correct"] * 200 + ["local"] * 100 + ["global"] * 100
         network = BayesianNetwork.learn(np.vstack([good, bad]), labels, misprint_rate=0.01)
         press = replace(self.one, good_pages_per_false_alarm=10.0)
-        press = taught(press, Designs(), designs=24, seed=1, processes=1)
+        press = trained(press, Designs(), designs=24, seed=1, processes=1)
         return replace(press, bayes=BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
 
 
@@ -224,7 +224,7 @@ def _of_press(press: Press) -> Figures:
 
 def press_taught(folder: Path) -> Figures:
     """The taught press, saved and loaded again."""
-    digest_saved = PRESSES.taught.save(folder / "x.press")
+    digest_saved = PRESSES.trained.save(folder / "x.press")
     press = Press.load(folder / "x.press")
     assert press.digest == digest_saved
     ours = press.ours
@@ -235,7 +235,7 @@ def press_taught(folder: Path) -> Figures:
         Inspector.of(which, "ours")
         .inspect(Inspector.of(which, "ours").prepare(page), scan, scan_name="s")
         .verdict
-        for which in (PRESSES.taught, press)
+        for which in (PRESSES.trained, press)
     )
     assert replace(one, milliseconds=0.0) == replace(other, milliseconds=0.0)
     return {"tables": _of_press(press), "threshold": ours.threshold, "verdict": of_verdict(one)}
@@ -258,13 +258,13 @@ def chi_square_two() -> Figures:
 
 def bayes_ideal() -> Figures:
     """The paper's second detector."""
-    return inspected(PRESSES.taught, "bayes", "ideal", "", "streak", "scum")
+    return inspected(PRESSES.trained, "bayes", "ideal", "", "streak", "scum")
 
 
 def matched_filter_press() -> Figures:
     """Our detector in the press world."""
     return inspected(
-        PRESSES.taught,
+        PRESSES.trained,
         "ours",
         "press",
         "",
@@ -278,13 +278,13 @@ def matched_filter_press() -> Figures:
 
 def matched_filter_ideal() -> Figures:
     """Our detector in the ideal world."""
-    return inspected(PRESSES.taught, "ours", "ideal", "", "spots-voids")
+    return inspected(PRESSES.trained, "ours", "ideal", "", "spots-voids")
 
 
 def wrong_light() -> Figures:
     """Half the light: not inspected."""
-    inspector, page = Inspector.of(PRESSES.taught, "ours"), design(5)
-    scan = scanned(PRESSES.taught, page, "press").dn
+    inspector, page = Inspector.of(PRESSES.trained, "ours"), design(5)
+    scan = scanned(PRESSES.trained, page, "press").dn
     done = inspector.inspect(inspector.prepare(page), (scan * 0.5).astype(np.uint16), scan_name="scan")
     return {"verdict": of_verdict(done.verdict), "reason": done.verdict.reason}
 

@@ -15,10 +15,11 @@ from PIL import Image
 from prooflight.cli import run
 from prooflight.errors import ScanError
 from prooflight.inspection.golden import GoldenInspector, GoldenPage, golden_pages
+from prooflight.rng import stream
 from prooflight.scans.pictures import picture_files
 from prooflight.scans.recorded import write_scan
-from prooflight.simulation.scans import page_rng, scan_page
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.scans import scan_page
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
@@ -201,8 +202,8 @@ def printed(page: Page, press: Press, seed: int) -> np.ndarray:
         request=None,
         others=(),
         fetch=no_other,
-        rng=page_rng(seed, page.number),
-        session=Session.draw(amounts_of(press), press, session_rng(seed)),
+        rng=stream(seed, "print", page.number),
+        session=Session.draw(amounts_of(press), press, stream(seed, "session")),
     ).dn
 
 

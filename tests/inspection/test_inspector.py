@@ -15,7 +15,8 @@ from prooflight.detectors.verdict import Decision
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import Inspector, not_inspected
 from prooflight.inspection.registry import BUILT_IN, detector
-from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +36,7 @@ def printed(page: Page, press: Press, seed: int, request: MisprintRequest | None
         raise AssertionError(number)
 
     return scan_page(
-        page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(seed, page.number)
+        page, press=press, request=request, others=(), fetch=no_other, rng=stream(seed, "print", page.number)
     )
 
 
@@ -164,7 +165,7 @@ class Fixed:
     def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
         raise NotImplementedError
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         assert evidence.block_z.size
         return Decision(
             misprint=self.misprint, score=2.0, threshold=1.0, p_value=None, probability=self.probability

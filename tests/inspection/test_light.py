@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.light import BLACK_OFF, LEAST_OFF, light_tolerance, wrong_light
 from prooflight.inspection.light_level import light_levels
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
-from prooflight.simulation.captures import Room
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
@@ -56,22 +56,22 @@ def inked(page: Page) -> Page:
 @pytest.mark.parametrize("detector", DETECTORS)
 @pytest.mark.parametrize("light", [0.5, 0.7, 0.8, 1.3])
 def test_light_far_from_the_calibrated_is_said(
-    taught_press: Press, page: Page, light: float, detector: str
+    trained_press: Press, page: Page, light: float, detector: str
 ) -> None:
     for shown in (page, inked(page)):
-        found = verdict(shown, scan_of(shown, taught_press, light), taught_press, detector)
+        found = verdict(shown, scan_of(shown, trained_press, light), trained_press, detector)
         assert (found.verdict, found.action, found.kind) == ("not-inspected", "accept", None)
         assert found.score is None
         assert found.detector == detector
-        white = taught_press.sensors[0].white_dn
+        white = trained_press.sensors[0].white_dn
         assert found.reason.startswith(f"the light is {light:.2f} times what this press was calibrated for")
         assert f"{white:.0f} expected" in found.reason
 
 
-def test_light_that_good_presses_vary_by_is_not_said(taught_press: Press, page: Page) -> None:
+def test_light_that_good_presses_vary_by_is_not_said(trained_press: Press, page: Page) -> None:
     for light in (0.95, 1.0, 1.05):
         for shown in (page, inked(page)):
-            found = verdict(shown, scan_of(shown, taught_press, light), taught_press)
+            found = verdict(shown, scan_of(shown, trained_press, light), trained_press)
             assert found.verdict != "not-inspected"
 
 
@@ -79,12 +79,12 @@ def test_good_prints_of_the_press_world_lie_well_within(press: Press, make_page:
     """Also where they vary half as much again as the press says."""
     for seed in range(12):
         rng = np.random.default_rng([seed, 4])
-        day = Room.enter("press", replace(press, variation={"all_times": 1.5}), rng)
+        day = SimulatedDay.begin("press", replace(press, variation={"all_times": 1.5}), rng)
         page = make_page(seed) if seed % 2 else inked(make_page(seed))
         prepared = Inspector.of(press, "chi-square").prepare(page)
         (level,) = light_levels(prepared.lit, day.recorded(day.seen(day.good(page), rng), rng), press.sensors)
         assert level.page is not None or not seed % 2  # a picture a millimetre off its place need not agree
-        assert abs((level.page or 1.0) - 1) < 0.8 * light_tolerance(Tolerance())
+        assert abs((level.page or 1.0) - 1) < 0.8 * light_tolerance(PrintPrior())
         assert level.clipped == 0
         assert abs(level.darkest - level.darkest_due) < 0.6 * BLACK_OFF
 
@@ -107,8 +107,8 @@ def test_scans_that_no_calibrated_camera_makes(
     assert words in found.reason
 
 
-def test_a_black_level_that_is_far_off_never_passes_as_good(taught_press: Press, page: Page) -> None:
-    press, scan = taught_press, scan_of(page, taught_press)
+def test_a_black_level_that_is_far_off_never_passes_as_good(trained_press: Press, page: Page) -> None:
+    press, scan = trained_press, scan_of(page, trained_press)
     prepared = Inspector.of(press).prepare(page)
     for off_dn, told in ((0, False), (50, False), (200, True)):
         dark = scan + np.uint16(off_dn)
@@ -121,17 +121,17 @@ def test_a_black_level_that_is_far_off_never_passes_as_good(taught_press: Press,
 
 
 def test_a_dark_picture_that_fills_the_page_has_the_backing_speak_for_it(
-    taught_press: Press, page: Page
+    trained_press: Press, page: Page
 ) -> None:
     dark = replace(page, cmyk=np.maximum(page.cmyk, np.array([200, 150, 120, 140], np.uint8)))
     for light, told in ((0.7, True), (0.95, False), (1.0, False)):
-        scan = scan_of(dark, taught_press, light)
-        prepared = Inspector.of(taught_press).prepare(dark)
-        sensors = taught_press.sensors
+        scan = scan_of(dark, trained_press, light)
+        prepared = Inspector.of(trained_press).prepare(dark)
+        sensors = trained_press.sensors
         (level,) = light_levels(prepared.lit, scan, sensors)
         assert level.page is None
         assert (wrong_light((level,), sensors, tolerance=0.14) is not None) == told
-        assert verdict(dark, scan, taught_press).verdict != "good" or not told
+        assert verdict(dark, scan, trained_press).verdict != "good" or not told
 
 
 def test_one_sensor_of_two_is_named(two_sensor_press: Press, page: Page) -> None:
@@ -155,19 +155,19 @@ def test_what_is_wrong_with_the_page_alone_stays_a_misprint(press: Press, page: 
 
 
 def test_paper_that_is_not_what_was_calibrated_for_never_passes_as_good(
-    taught_press: Press, page: Page
+    trained_press: Press, page: Page
 ) -> None:
     """The backing is as it should be, so that it is not the lamp."""
-    grey = tuple(replace(one, mean_dn=one.mean_dn * np.float32(0.8)) for one in taught_press.sensors)
-    seen = predict(page, sensors=grey, geometry=taught_press.geometry, threads=1)
-    scan = ideal_scan(seen, taught_press, np.random.default_rng(1))
-    found = verdict(page, scan, taught_press)
+    grey = tuple(replace(one, mean_dn=one.mean_dn * np.float32(0.8)) for one in trained_press.sensors)
+    seen = predict(page, sensors=grey, geometry=trained_press.geometry, threads=1)
+    scan = ideal_scan(seen, trained_press, np.random.default_rng(1))
+    found = verdict(page, scan, trained_press)
     assert found.verdict != "good"
     if found.verdict == "not-inspected":
         assert "calibrate again for this paper" in found.reason
 
 
 def test_the_tolerance_follows_what_good_prints_do() -> None:
-    hardly = Tolerance(white=0.0, common=0.0, lamp=0.0, shape=0.0, gain=0.01)
+    hardly = PrintPrior(white=0.0, common=0.0, lamp=0.0, shape=0.0, gain=0.01)
     assert light_tolerance(hardly) == LEAST_OFF
     assert light_tolerance(replace(hardly, white=0.03, common=0.04, gain=0.0)) == pytest.approx(0.25)

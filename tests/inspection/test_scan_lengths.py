@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     MakePage = Callable[..., Page]
 
-SCRIPT = Path(__file__).with_name("judge_lengths.py")
+SCRIPT = Path(__file__).with_name("inspect_lengths.py")
 SAME = 1e-4
 """Of the score: sums in single precision are added up in another order by other processors and numbers of threads;
 2.6e-6 was seen. Lines of another scan (what this guards against) moved it by 2e-3 and more."""
@@ -44,7 +44,7 @@ NEAR = 0.05
 
 
 def _loaded() -> Any:
-    spec = util.spec_from_file_location("judge_lengths", SCRIPT)
+    spec = util.spec_from_file_location("inspect_lengths", SCRIPT)
     assert spec is not None
     assert spec.loader is not None
     module = util.module_from_spec(spec)
@@ -52,7 +52,7 @@ def _loaded() -> Any:
     return module
 
 
-judged = _loaded().judged
+inspected = _loaded().inspected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +66,12 @@ class Designs:
 def press_scan(press: Press, make_page: MakePage, kind: str = "") -> tuple[Page, NDArray[np.uint16]]:
     """A page and its scan in the press world; seeds 5 and 3."""
     designs = Designs(make=make_page)
-    room = PressDay.of(press, designs, seed=5, first=0).room
+    day = PressDay.of(press, designs, seed=5, first=0).day
     page, rng = designs.page(2), np.random.default_rng(3)
     printed = page
     if kind:
         printed = draw_misprint(page, kind, 0.9, others=[1], fetch=designs.page, rng=rng).page
-    return page, room.recorded(room.seen_in_press(printed, rng, IN_PLACE), rng)
+    return page, day.recorded(day.seen_in_press(printed, rng, IN_PLACE), rng)
 
 
 def lengths_about(press: Press, page: Page, seed: int) -> tuple[int, list[int]]:
@@ -94,30 +94,30 @@ def assert_alike(rows: list[dict[str, Any]], *, nominal: int) -> None:
 
 
 def test_a_scans_length_does_not_change_its_verdict(
-    taught_press: Press, make_page: MakePage, tmp_path: Path
+    trained_press: Press, make_page: MakePage, tmp_path: Path
 ) -> None:
     """20 lengths, 10 in each of two fresh processes, where what memory held before is not the same."""
-    page, scan = press_scan(taught_press, make_page)
-    nominal, lengths = lengths_about(taught_press, page, seed=28)
+    page, scan = press_scan(trained_press, make_page)
+    nominal, lengths = lengths_about(trained_press, page, seed=28)
     assert scan.shape[1] == nominal
-    taught_press.save(tmp_path / "x.press")
+    trained_press.save(tmp_path / "x.press")
     (tmp_path / "scan.pickle").write_bytes(pickle.dumps((page, scan)))
     command = [sys.executable, str(SCRIPT), str(tmp_path / "x.press"), str(tmp_path / "scan.pickle"), "ours"]
-    rows = judged(taught_press, page, scan, "ours", [nominal])
+    rows = inspected(trained_press, page, scan, "ours", [nominal])
     for part in (lengths[:10], lengths[10:]):
         done = subprocess.run([*command, *map(str, part)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-500:]
         rows += [json.loads(line) for line in done.stdout.splitlines()]
     assert len(rows) == 21
     assert_alike(rows, nominal=nominal)
-    for here, there in zip(judged(taught_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
+    for here, there in zip(inspected(trained_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
         assert here == there | {"score": pytest.approx(there["score"], rel=SAME)}
 
 
-def test_a_misprint_is_one_at_any_length(taught_press: Press, make_page: MakePage) -> None:
-    page, scan = press_scan(taught_press, make_page, "streak")
-    nominal, lengths = lengths_about(taught_press, page, seed=5)
-    rows = judged(taught_press, page, scan, "ours", [nominal, *lengths[:5]])
+def test_a_misprint_is_one_at_any_length(trained_press: Press, make_page: MakePage) -> None:
+    page, scan = press_scan(trained_press, make_page, "streak")
+    nominal, lengths = lengths_about(trained_press, page, seed=5)
+    rows = inspected(trained_press, page, scan, "ours", [nominal, *lengths[:5]])
     assert rows[0]["verdict"] == "misprint"
     assert_alike(rows, nominal=nominal)
 
@@ -127,7 +127,7 @@ def test_lengths_do_not_change_the_papers_verdicts(press: Press, page: Page) -> 
     seen = predict(page, sensors=press.sensors, geometry=press.geometry)
     scan = ideal_scan(seen, press, np.random.default_rng(2))
     nominal, lengths = lengths_about(press, page, seed=4)
-    rows = judged(press, page, scan, "chi-square", [nominal, *lengths])
+    rows = inspected(press, page, scan, "chi-square", [nominal, *lengths])
     assert {(row["verdict"], row["score"]) for row in rows} == {("good", rows[0]["score"])}
     evidence, of_longer = (
         page_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press.station()) for more in (0, 7)
@@ -148,34 +148,34 @@ def test_what_a_shorter_scan_lacks_is_not_judged(press: Press, page: Page) -> No
 
 
 def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
-    prototype: PressFile, two_sensor_press: Press, taught_press: Press, make_page: MakePage
+    prototype: PressFile, two_sensor_press: Press, trained_press: Press, make_page: MakePage
 ) -> None:
     """A line of 401 pixels, which nothing divides, and two sensors with 400, of which two are taken together."""
     for other in (build_press(prototype, seed=1, pixels=401), two_sensor_press):
-        press = replace(other, ours=taught_press.ours)
+        press = replace(other, ours=trained_press.ours)
         page, scan = press_scan(press, make_page)
         nominal, lengths = lengths_about(press, page, seed=6)
-        assert_alike(judged(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
+        assert_alike(inspected(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
 
 
 @pytest.mark.parametrize("size_mm", [(5.0, 5.0), (5.0, 30.0), (30.0, 5.0)])
 def test_the_least_pages_are_judged(
-    taught_press: Press, make_page: MakePage, size_mm: tuple[float, float]
+    trained_press: Press, make_page: MakePage, size_mm: tuple[float, float]
 ) -> None:
     """A ruined one is never good; a good one may alarm our detector, which cannot find it."""
-    rows, columns = (round(extent_mm * taught_press.dpi / 25.4) + 1 for extent_mm in size_mm)
+    rows, columns = (round(extent_mm * trained_press.dpi / 25.4) + 1 for extent_mm in size_mm)
     whole = make_page(3)
     page = replace(whole, cmyk=np.ascontiguousarray(whole.cmyk[-rows:, :columns]))
-    assert taught_press.geometry.lay(page) is page
-    seen = predict(page, sensors=taught_press.sensors, geometry=taught_press.geometry)
-    scan = ideal_scan(seen, taught_press, np.random.default_rng(1))
+    assert trained_press.geometry.lay(page) is page
+    seen = predict(page, sensors=trained_press.sensors, geometry=trained_press.geometry)
+    scan = ideal_scan(seen, trained_press, np.random.default_rng(1))
     ruined = scan.copy()
     ruined[:, :, ::3] = 0
     for name in ("ours", "chi-square"):
         for one, words in ((scan, {"good", "misprint"}), (ruined, {"misprint", "not-inspected"})):
-            done = Inspector.of(taught_press, name).inspect(page, one)
+            done = Inspector.of(trained_press, name).inspect(page, one)
             assert done.verdict.verdict in words
             assert done.verdict.verdict == "not-inspected" or np.isfinite(done.verdict.score or np.nan)
-    beyond = Placement(shift_mm=(0.0, taught_press.geometry.lead_in_mm + page.height_mm - 0.3))
-    area = inside(page, taught_press.geometry, beyond, lines=scan.shape[1])
-    assert area == taught_press.geometry.on_page(page.width_mm, page.height_mm)
+    beyond = Placement(shift_mm=(0.0, trained_press.geometry.lead_in_mm + page.height_mm - 0.3))
+    area = inside(page, trained_press.geometry, beyond, lines=scan.shape[1])
+    assert area == trained_press.geometry.on_page(page.width_mm, page.height_mm)

@@ -23,10 +23,11 @@ from tests.journal.journals import facts, files_of, record
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, kept_evidence
 from prooflight.journal import packs
 from prooflight.journal.journal import Journal, JournalError
-from prooflight.simulation.scans import page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -297,10 +298,12 @@ def test_what_is_kept_is_read_as_numpy_reads_it(tmp_path: Path, dtype: str, shap
 
 @pytest.fixture(scope="module", params=["chi-square", "ours"])
 def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict[str, Any], Press, str]:
-    of_press = request.getfixturevalue("taught_press") if request.param == "ours" else press
+    of_press = request.getfixturevalue("trained_press") if request.param == "ours" else press
     inspector = Inspector.of(of_press, request.param)
     prepared = inspector.prepare(page)
-    scan = scan_page(page, press=of_press, request=None, others=(), fetch=lambda _: page, rng=page_rng(1, 1))
+    scan = scan_page(
+        page, press=of_press, request=None, others=(), fetch=lambda _: page, rng=stream(1, "print", 1)
+    )
     inspection = inspector.inspect(prepared, scan.dn, scan_name="scan")
     return dict(kept_evidence(inspection, prepared.page, inspector.press)), of_press, request.param
 

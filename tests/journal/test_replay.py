@@ -13,10 +13,11 @@ from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.rejudging import Figure, decided_again, kept_evidence, replayed
+from prooflight.inspection.redeciding import Figure, decided_again, kept_evidence, replayed
 from prooflight.journal.journal import Journal, PageRecord, RunFacts
 from prooflight.press.artefact import Press
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import MisprintRequest, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +36,7 @@ def scanned(page: Page, press: Press, kind: str, other: Page) -> np.ndarray:
     """A scan in the ideal world."""
     request = MisprintRequest(kind=kind, severity=0.9) if kind == "streak" else None
     shown = other if kind == "wrong-page" else page
-    rng = page_rng(4, page.number)
+    rng = stream(4, "print", page.number)
     return scan_page(shown, press=press, request=request, others=(), fetch=lambda _: other, rng=rng).dn
 
 
@@ -53,8 +54,8 @@ def bayes_press(press: Press) -> Press:
 @pytest.fixture(scope="module", params=["chi-square", "ours", "bayes"])
 def inspector(request: pytest.FixtureRequest, press: Press, bayes_press: Press) -> Inspector:
     of_name = {"chi-square": press, "bayes": bayes_press}
-    taught = of_name.get(request.param) or request.getfixturevalue("taught_press")
-    return Inspector.of(taught, request.param)
+    trained = of_name.get(request.param) or request.getfixturevalue("trained_press")
+    return Inspector.of(trained, request.param)
 
 
 @pytest.fixture(scope="module")

@@ -20,10 +20,11 @@ from prooflight.line.pager import (
 from prooflight.line.sheets.store import LineStore
 from prooflight.pages.raster import turned
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.lines import LineBlock
 from prooflight.simulation.drum import LINE_FAULTS, Drum, DrumFault, turns
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 
@@ -58,7 +59,7 @@ class Job:
             request=request,
             others=(1, 2),
             fetch=lambda number: self.pages[number - 1],
-            rng=page_rng(5, seed),
+            rng=stream(5, "print", seed),
             session=self.session,
         ).dn
 
@@ -147,7 +148,7 @@ def test_good_prints_are_paged_in_order_and_nothing_is_said_of_them(job: Job) ->
 
 def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
     pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES))
-    pager.rehearse()
+    pager.warm_up()
     drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
     for one, other in zip(found, job.play({}, sheets=PAGES), strict=True):
@@ -475,7 +476,7 @@ def test_two_sensors_are_paged_as_one(two_sensor_press: Press, make_page: Callab
             request=None,
             others=(),
             fetch=lambda _: pages[0],
-            rng=page_rng(1, n),
+            rng=stream(1, "print", n),
             session=session,
         )
         scans.append(made.dn)

@@ -12,13 +12,13 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
-from prooflight.line.judging import Judged
-from prooflight.line.monitor.run import PageEvidence, RunLevel
-from prooflight.line.outcomes import InOrder, Outcome, RunWatch, passed
+from prooflight.line.monitor.run import PageEvidence, RunMonitor
+from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
 from prooflight.line.pager import Fault, MissingPage, SeenPage
 from prooflight.line.queues import Waiting
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
+from prooflight.line.sheet_inspector import SheetResult
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Phase, Times
 from prooflight.scans.lines import LineBlock
@@ -93,7 +93,7 @@ class Pager:
     to_come: int = 0
     missing: int = 0
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         pass
 
     def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
@@ -104,7 +104,7 @@ class Pager:
 
 
 @dataclass
-class Judge:
+class SheetInspector:
     """Says good of every sheet; ``first`` is called before, with the sheet's name."""
 
     first: Callable[[str], None] = lambda _name: None
@@ -117,24 +117,24 @@ class Judge:
     def thumbnail(self, ready: Any) -> Thumbnail:
         return SMALL
 
-    def rehearse(self, ready: Any) -> None:
+    def warm_up(self, ready: Any) -> None:
         pass
 
-    def following(self, press: Any) -> Judge:
+    def following(self, press: Any) -> SheetInspector:
         return self
 
     def renewed(self, ready: Any) -> Any:
         return ready
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Judged:
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
         self.first(name)
-        return Judged(verdict=Verdict(page=f"design {ready}", verdict="good", action="accept"))
+        return SheetResult(verdict=Verdict(page=f"design {ready}", verdict="good", action="accept"))
 
 
 def watched(
     script: list[SeenPage | MissingPage],
     *,
-    judge: Judge | None = None,
+    inspector: SheetInspector | None = None,
     source: Source | None = None,
     clock: Clock | None = None,
     book: Book | None = None,
@@ -142,14 +142,14 @@ def watched(
 ) -> tuple[Running, list[Outcome]]:
     told: list[Outcome] = []
     costs = RunningCosts()
-    level = RunLevel.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=costs)
+    monitor = RunMonitor.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=costs)
     running = Running(
         press=None,  # type: ignore[arg-type]
         source=source or Source(script),
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
         book=book or Book(len(script)),
-        judge=judge or Judge(),
-        watch=RunWatch(level=level, adapting=None, sheets=len(script)),
+        inspector=inspector or SheetInspector(),
+        watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script)),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,
         clock=clock or Clock(),
@@ -183,22 +183,24 @@ def test_outcomes_are_put_in_order_whichever_is_decided_first() -> None:
         if name == "sheet 1":
             second.set()
 
-    _, told = run([seen(0), seen(1), seen(2)], judge=Judge(first=first))
+    _, told = run([seen(0), seen(1), seen(2)], inspector=SheetInspector(first=first))
     assert [one.record.sheet for one in told] == [0, 1, 2]
 
 
 def test_repeated_designs_are_made_ready_once() -> None:
-    judge = Judge()
-    run([seen(page) for page in range(60)], judge=judge, book=Book(60, designs=7))
-    assert sorted(judge.prepared) == list(range(7))
+    inspector = SheetInspector()
+    run([seen(page) for page in range(60)], inspector=inspector, book=Book(60, designs=7))
+    assert sorted(inspector.prepared) == list(range(7))
 
 
 def test_designs_are_made_ready_ahead_of_their_sheets() -> None:
     """When the first line is read, the next ten are."""
-    judge, ready = Judge(), list[list[int]]()
+    inspector, ready = SheetInspector(), list[list[int]]()
     script = [seen(page) for page in range(30)]
-    source = Source(script, before=lambda place: ready.append(sorted(judge.prepared)) if place == 0 else None)
-    run(script, judge=judge, source=source, ahead=10)
+    source = Source(
+        script, before=lambda place: ready.append(sorted(inspector.prepared)) if place == 0 else None
+    )
+    run(script, inspector=inspector, source=source, ahead=10)
     assert ready == [list(range(10))]
 
 
@@ -210,7 +212,7 @@ def test_a_verdict_behind_its_deadline_is_late_and_still_told() -> None:
 
     script = [seen(page) for page in range(3)]
     running, told = run(
-        script, judge=Judge(first=first), clock=clock, source_waits=False, inspectors=1, room=10
+        script, inspector=SheetInspector(first=first), clock=clock, source_waits=False, inspectors=1, room=10
     )
     late = [one.record.sheet for one in told if one.record.late]
     assert late[0] == 1
@@ -226,7 +228,9 @@ def test_a_source_that_waits_has_no_deadline_and_loses_no_sheet() -> None:
     def first(_name: str) -> None:
         clock.now_s += 10
 
-    running, told = run([seen(page) for page in range(20)], judge=Judge(first=first), clock=clock, room=2)
+    running, told = run(
+        [seen(page) for page in range(20)], inspector=SheetInspector(first=first), clock=clock, room=2
+    )
     assert [one.record.verdict.verdict for one in told] == ["good"] * 20
     assert running.status().late == 0
 
@@ -247,7 +251,7 @@ def test_a_slow_machine_passes_sheets_on_and_says_so() -> None:
     script = [seen(page) for page in range(10)]
     source = Source(script, before=before)
     running, told = watched(
-        script, judge=Judge(first=first), source=source, source_waits=False, inspectors=1, room=2
+        script, inspector=SheetInspector(first=first), source=source, source_waits=False, inspectors=1, room=2
     )
     running.start()
     while running.status().pages_seen < 10:
@@ -286,11 +290,11 @@ def test_faults_of_the_paper_path_are_counted_and_spoil_no_run() -> None:
 def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
     evidence = PageEvidence(values={"gain-cyan": 9.0})
 
-    class Loud(Judge):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Judged:
-            return Judged(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
+    class Loud(SheetInspector):
+        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+            return SheetResult(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
 
-    _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], judge=Loud())
+    _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
     assert [dict(one.evidence.values) for one in told] == [{"gain-cyan": 9.0}, {}, {"gain-cyan": 9.0}]
 
 
@@ -300,7 +304,7 @@ def test_a_sheet_that_breaks_the_judge_is_passed_on(error: Exception) -> None:
         if name == "sheet 1":
             raise error
 
-    running, told = run([seen(page) for page in range(4)], judge=Judge(first=first))
+    running, told = run([seen(page) for page in range(4)], inspector=SheetInspector(first=first))
     assert [one.record.verdict.verdict for one in told] == ["good", "not-inspected", "good", "good"]
     assert running.status().phase is Phase.STOPPED
 
@@ -420,7 +424,7 @@ def test_a_slow_start_does_not_end_all_trying() -> None:
 
     running, _ = watched(
         script,
-        judge=Judge(first=first),
+        inspector=SheetInspector(first=first),
         source=source,
         clock=clock,
         source_waits=False,
@@ -436,7 +440,7 @@ def test_a_slow_start_does_not_end_all_trying() -> None:
 
 def test_in_order_holds_back_what_comes_early() -> None:
     order = InOrder()
-    outcomes = [passed(number, seen(number), "why") for number in range(3)]
+    outcomes = [skipped(number, seen(number), "why") for number in range(3)]
     assert order.put(outcomes[2]) == []
     assert order.put(outcomes[0]) == [outcomes[0]]
     assert order.put(outcomes[1]) == [outcomes[1], outcomes[2]]

@@ -19,7 +19,7 @@ from prooflight.line.monitor.evidence import COLUMN_MM, columns, columns_mm, run
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.outcomes import outcome
 from prooflight.line.pager import SeenPage
-from prooflight.line.prefetch import Ahead, size_bytes
+from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.settings import Settings
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Tally
@@ -51,13 +51,13 @@ class Book:
 
 def test_designs_are_kept_as_far_as_memory_allows() -> None:
     book = Book()
-    ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=2, room_bytes=3000)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, lambda page: page, depth=2, room_bytes=3000)
     for sheet in (0, 1, 2, 3):
-        ahead.get(sheet)
-    assert ahead.ready == 3
-    assert ahead.get(3)[0] == 3
-    ahead.get(0)
-    ahead.close()
+        prefetcher.get(sheet)
+    assert prefetcher.ready == 3
+    assert prefetcher.get(3)[0] == 3
+    prefetcher.get(0)
+    prefetcher.close()
     assert book.asked == [0, 1, 2, 3, 0]
 
 
@@ -69,24 +69,26 @@ def test_designs_are_kept_as_far_as_memory_allows() -> None:
 def test_memory_is_asked_for_that_designs_will_take(
     sheets: int, room_bytes: int, ready: int, expected: int
 ) -> None:
-    ahead: Ahead[Any] = Ahead(Book(sheets=sheets), lambda page: page, depth=2, room_bytes=room_bytes)
-    assert ahead.still_to_fill() == 0
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
+        Book(sheets=sheets), lambda page: page, depth=2, room_bytes=room_bytes
+    )
+    assert prefetcher.still_to_fill() == 0
     for sheet in range(ready):
-        ahead.get(sheet)
-    assert ahead.still_to_fill() == expected
-    ahead.close()
+        prefetcher.get(sheet)
+    assert prefetcher.still_to_fill() == expected
+    prefetcher.close()
 
 
 def test_the_largest_design_is_rehearsed() -> None:
-    ahead: Ahead[Any] = Ahead(
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
         Book(), lambda page: page[: 100 * (3 - abs(int(page[0]) - 1))], depth=3, room_bytes=10**6
     )
     with pytest.raises(ValueError, match="empty"):
-        ahead.largest()
+        prefetcher.largest()
     for sheet in (0, 1, 2):
-        ahead.get(sheet)
-    assert ahead.largest()[0] == 1
-    ahead.close()
+        prefetcher.get(sheet)
+    assert prefetcher.largest()[0] == 1
+    prefetcher.close()
 
 
 def test_a_design_that_failed_is_tried_again() -> None:
@@ -97,11 +99,11 @@ def test_a_design_that_failed_is_tried_again() -> None:
             raise failures.pop()
         return page
 
-    ahead: Ahead[Any] = Ahead(Book(), prepare, depth=1, room_bytes=10**6)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(Book(), prepare, depth=1, room_bytes=10**6)
     with pytest.raises(RuntimeError, match="once"):
-        ahead.get(5)
-    assert ahead.get(5)[0] == 5
-    ahead.close()
+        prefetcher.get(5)
+    assert prefetcher.get(5)[0] == 5
+    prefetcher.close()
 
 
 def test_what_is_stale_is_used_until_it_is_made_again() -> None:
@@ -112,33 +114,33 @@ def test_what_is_stale_is_used_until_it_is_made_again() -> None:
         again.wait(20)
         return page + 100
 
-    ahead: Ahead[Any] = Ahead(Book(), lambda page: page, depth=1, room_bytes=10**6)
-    assert ahead.get(7)[0] == 7
-    ahead.renew(renewed)
-    ahead.expect(7)
-    assert ahead.get(7)[0] == 7
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(Book(), lambda page: page, depth=1, room_bytes=10**6)
+    assert prefetcher.get(7)[0] == 7
+    prefetcher.renew(renewed)
+    prefetcher.expect(7)
+    assert prefetcher.get(7)[0] == 7
     assert begun.wait(20)
     again.set()
-    ahead.close()
-    assert ahead.get(7)[0] == 107
+    prefetcher.close()
+    assert prefetcher.get(7)[0] == 107
 
 
 def test_what_is_ready_is_made_anew_from_what_it_was_where_that_is_less_work() -> None:
     book = Book()
-    ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=1, room_bytes=10**6)
-    assert ahead.get(7)[0] == 7
-    ahead.renew(lambda page: page + 100, again=lambda ready: ready + 50)
-    ahead.expect(7)
-    ahead.close()
-    assert ahead.get(7)[0] == 57
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, lambda page: page, depth=1, room_bytes=10**6)
+    assert prefetcher.get(7)[0] == 7
+    prefetcher.renew(lambda page: page + 100, again=lambda ready: ready + 50)
+    prefetcher.expect(7)
+    prefetcher.close()
+    assert prefetcher.get(7)[0] == 57
     assert book.asked == [7]
 
 
 def test_stale_designs_are_made_again_one_at_a_time_so_that_new_ones_need_not_wait() -> None:
     book = Book()
-    ahead: Ahead[Any] = Ahead(book, lambda page: page, depth=3, room_bytes=10**6)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, lambda page: page, depth=3, room_bytes=10**6)
     for sheet in range(3):
-        ahead.get(sheet)
+        prefetcher.get(sheet)
     held, begun = threading.Event(), threading.Event()
 
     def renewed(page: Any) -> Any:
@@ -146,13 +148,13 @@ def test_stale_designs_are_made_again_one_at_a_time_so_that_new_ones_need_not_wa
         held.wait(20)
         return page
 
-    ahead.renew(renewed)
+    prefetcher.renew(renewed)
     for _ in range(3):
-        ahead.expect(0)
+        prefetcher.expect(0)
     assert begun.wait(20)
     assert book.asked == [0, 1, 2, 2]
     held.set()
-    ahead.close()
+    prefetcher.close()
     assert book.asked == [0, 1, 2, 2]
 
 
@@ -164,13 +166,13 @@ def test_designs_whose_sheets_have_passed_are_not_made_any_more() -> None:
         held.wait(20)
         return page
 
-    ahead: Ahead[Any] = Ahead(book, slow, depth=4, room_bytes=10**6)
-    ahead.expect(0)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, slow, depth=4, room_bytes=10**6)
+    prefetcher.expect(0)
     assert begun.wait(20)
-    ahead.expect(10)
+    prefetcher.expect(10)
     held.set()
-    assert ahead.get(13)[0] == 13
-    ahead.close()
+    assert prefetcher.get(13)[0] == 13
+    prefetcher.close()
     assert book.asked == [0, 10, 11, 12, 13]
 
 
@@ -182,17 +184,17 @@ def test_a_design_that_someone_waits_for_is_made_though_its_sheet_has_passed() -
         held.wait(20)
         return page
 
-    ahead: Ahead[Any] = Ahead(Book(), slow, depth=1, room_bytes=10**6)
-    ahead.expect(0)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(Book(), slow, depth=1, room_bytes=10**6)
+    prefetcher.expect(0)
     assert begun.wait(20)
-    waiter = threading.Thread(target=lambda: got.append(int(ahead.get(1)[0])))
+    waiter = threading.Thread(target=lambda: got.append(int(prefetcher.get(1)[0])))
     waiter.start()
-    while 1 not in ahead._kept or 1 in ahead._queued:
+    while 1 not in prefetcher._kept or 1 in prefetcher._queued:
         waiter.join(0.001)
-    ahead.expect(10)
+    prefetcher.expect(10)
     held.set()
     waiter.join(20)
-    ahead.close()
+    prefetcher.close()
     assert got == [1]
 
 

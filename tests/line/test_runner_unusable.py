@@ -12,13 +12,13 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
-from prooflight.line.judging import Judged
-from prooflight.line.monitor.run import RunLevel
+from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.notices import Notice
 from prooflight.line.outcomes import Outcome, RunWatch
 from prooflight.line.pager import Fault, SeenPage
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
+from prooflight.line.sheet_inspector import SheetResult
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Phase
 from prooflight.scans.lines import LineBlock
@@ -89,7 +89,7 @@ class Pager:
     def to_come(self) -> int:
         return len(self.known) - self.next_page
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         pass
 
     def push(self, block: LineBlock) -> list[SeenPage]:
@@ -104,7 +104,7 @@ class Pager:
         return []
 
 
-class Judge:
+class SheetInspector:
     """Says good of every sheet."""
 
     def prepare(self, page: Any) -> Any:
@@ -113,17 +113,17 @@ class Judge:
     def thumbnail(self, ready: Any) -> Thumbnail:
         return SMALL
 
-    def rehearse(self, ready: Any) -> None:
+    def warm_up(self, ready: Any) -> None:
         pass
 
-    def following(self, press: Any) -> Judge:
+    def following(self, press: Any) -> SheetInspector:
         return self
 
     def renewed(self, ready: Any) -> Any:
         return ready
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Judged:
-        return Judged(verdict=Verdict(page=f"p{ready + 1:04d}", verdict="good", action="accept"))
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+        return SheetResult(verdict=Verdict(page=f"p{ready + 1:04d}", verdict="good", action="accept"))
 
 
 def seen(page: int | None, **facts: Any) -> SeenPage:
@@ -151,13 +151,13 @@ def run_of(
     book: Book,
     *,
     source: Source | None = None,
-    judge: Judge | None = None,
+    inspector: SheetInspector | None = None,
     odd: dict[int, SeenPage] | None = None,
     clock: Callable[[], float] = lambda: 0.0,
     start: bool = True,
     **given: Any,
 ) -> Run:
-    level = RunLevel.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=RunningCosts())
+    monitor = RunMonitor.begin(sensors=("mono",), columns_mm=np.array([0.5]), costs=RunningCosts())
     settings = {name: given.pop(name) for name in ("ahead", "stall_s") if name in given}
     told, noticed = list[Outcome](), list[Notice]()
     running = Running(
@@ -165,8 +165,8 @@ def run_of(
         source=source or Source(book.sheets),
         pager=lambda known: Pager(known, odd or {}),  # type: ignore[arg-type,return-value]
         book=book,
-        judge=judge or Judge(),
-        watch=RunWatch(level=level, adapting=None, sheets=book.sheets),
+        inspector=inspector or SheetInspector(),
+        watch=RunWatch(monitor=monitor, adapting=None, sheets=book.sheets),
         settings=Settings(source_waits=True, **settings),
         **{"tell": told.append, "notice": noticed.append, "clock": clock} | given,
     )
@@ -220,13 +220,13 @@ def test_where_no_page_can_be_used_the_press_is_not_watched() -> None:
 
 
 def test_a_fault_of_our_own_in_a_design_costs_its_sheets_alone(caplog: pytest.LogCaptureFixture) -> None:
-    class Odd(Judge):
+    class Odd(SheetInspector):
         def prepare(self, page: Any) -> Any:
             if page == 1:
                 raise IndexError("7 is out of bounds")
             return page
 
-    run = run_of(Book(3), judge=Odd())
+    run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]
     assert "a fault of Prooflight itself: IndexError: 7 is out of bounds" in run.reasons()[0]
     assert "Traceback" in caplog.text
@@ -312,11 +312,11 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 
 
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
-    class Odd(Judge):
+    class Odd(SheetInspector):
         def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Any:
             return None if ready == 1 else super().inspect(ready, scan, name=name, seed=seed)
 
-    run = run_of(Book(3), judge=Odd())
+    run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]
 
 

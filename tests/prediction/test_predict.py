@@ -15,7 +15,7 @@ from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.pages.raster import Page
 from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import predict
-from prooflight.prediction.quantised_table import bricks_of
+from prooflight.prediction.quantised_table import quantised_table
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 SINGLE_PRECISION_DN = 3e-3
 """A few hundred additions of up to 4000 DN in single precision, each good to 2e-4 DN, rounded at random."""
 NEAREST_PHASE_DN = 1.2
-"""Weights of the nearest phase err by up to 0.012 % of a step, and several may meet, 4500 DN in bricks of random
-tables (``course.PHASES``)."""
+"""Weights of the nearest phase err by up to 0.012 % of a step, and several may meet, 4500 DN in tables of random
+tables (``sampling_grid.PHASES``)."""
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +77,9 @@ def flat_page(recipe: tuple[int, int, int, int], *, width_mm: float = 20.0, heig
 
 
 def sixteen_corners(table: np.ndarray, cmyk: np.ndarray) -> np.ndarray:
-    """What the table's bricks say of each recipe, in whole numbers but for the last step."""
-    bricks = bricks_of(table)
-    bits = bricks.bits.astype(np.int64)
+    """What the quantised table says of each recipe, in whole numbers but for the last step."""
+    quantised = quantised_table(table)
+    bits = quantised.bits.astype(np.int64)
     cell, fraction = np.divmod(cmyk.astype(np.int64), 256 >> bits)
     place = np.zeros(cmyk.shape[:-1], np.int64)
     for ink in (3, 2, 1, 0):
@@ -88,8 +88,8 @@ def sixteen_corners(table: np.ndarray, cmyk: np.ndarray) -> np.ndarray:
     for corner in product((0, 1), repeat=4):
         weight = np.prod(np.where(np.array(corner) == 1, fraction, (256 >> bits) - fraction), axis=-1)
         c, m, y, k = corner
-        total += weight * bricks.bricks[place, 8 * k + 4 * y + 2 * m + c]
-    return float(bricks.unit) * total.astype(np.float64) ** 2 - float(bricks.offset)
+        total += weight * quantised.codes[place, 8 * k + 4 * y + 2 * m + c]
+    return float(quantised.unit) * total.astype(np.float64) ** 2 - float(quantised.offset)
 
 
 def dense_weights(

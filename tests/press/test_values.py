@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.fuzz.press_mutants import mutants, press_of, taken_apart
 
-from prooflight.commissioning.training.ranking import forested
+from prooflight.commissioning.training.ranking import fitted_forest
 from prooflight.detectors.matched_filter.ranking import FOREST, Forest
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import PressError
@@ -32,12 +32,12 @@ INFINITE = (np.nan, np.inf, -np.inf)
 
 
 @pytest.fixture(scope="module")
-def whole(taught_press: Press) -> Press:
+def whole(trained_press: Press) -> Press:
     """A press with both detectors; what the paper's learned is noise."""
     statistics = np.random.default_rng(4).standard_normal((80, 3))
     labels = ["correct", "misprint"] * 40
     network = BayesianNetwork.learn(statistics, labels, misprint_rate=0.01, bins=8)
-    return replace(taught_press, bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)))
+    return replace(trained_press, bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)))
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +97,10 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
         ("inks.model.density", (0, 0), np.nan),
         ("ours.simulated", 0, np.nan),
         ("ours.simulated", 0, 1e6),  # no longer rising
-        ("ours.tolerance.sd", 5, 0.0),
-        ("ours.tolerance.family", 5, 10_000),
-        ("ours.tolerance.tail", (7, 0), 1e6),  # begins where no quantile is
-        ("ours.tolerance.baseline", (0, 0), np.nan),
+        ("ours.model.sd", 5, 0.0),
+        ("ours.model.family", 5, 10_000),
+        ("ours.model.tail", (7, 0), 1e6),  # begins where no quantile is
+        ("ours.model.baseline", (0, 0), np.nan),
         ("bayes.log_likelihood", (0, 0, 0), 0.0),  # no distribution
         ("bayes.unit", 0, np.nan),
     ],
@@ -129,8 +129,8 @@ def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
         ("variation", {"ink": {"gain_print_percent": float("nan")}}),
         ("variation", {"ink": [[[[[[[1]]]]]]]}),
         ("detectors.ours.false_alarm_rate", 0.0),
-        ("detectors.ours.tolerance.threshold", float("nan")),
-        ("detectors.ours.tolerance.names", ["fit"]),
+        ("detectors.ours.model.threshold", float("nan")),
+        ("detectors.ours.model.names", ["fit"]),
         ("detectors.bayes.threshold", float("nan")),
         ("detectors.chi", {}),
         ("ink_facts", {"name": "a", "model": "alchemy"}),
@@ -250,7 +250,7 @@ def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
 
 def grown(rng: np.random.Generator) -> Forest:
     columns = rng.standard_normal((60, 5))
-    return forested(columns, columns[:, 0] > 0, np.ones(60), rng=rng, trees=3)
+    return fitted_forest(columns, columns[:, 0] > 0, np.ones(60), rng=rng, trees=3)
 
 
 @pytest.mark.parametrize(

@@ -73,13 +73,13 @@ def test_permuting_pages_permutes_verdicts_and_changes_no_input(
     detector: EvidenceDetector, seed: int, order: list[int]
 ) -> None:
     evidence = [evidence_of(page) for page in pages(seed)]
-    told = [detector.judge(one) for one in evidence]
-    assert [detector.judge(evidence[place]) for place in order] == [told[place] for place in order]
+    told = [detector.decide(one) for one in evidence]
+    assert [detector.decide(evidence[place]) for place in order] == [told[place] for place in order]
 
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
-def test_permuting_pages_permutes_the_scores_of_peers_and_changes_no_input(
+def test_permuting_pages_permutes_the_scores_of_baselines_and_changes_no_input(
     seed: int, order: list[int]
 ) -> None:
     model = VariationModel(floor=0.01, edge=0.1, signal=0.01)

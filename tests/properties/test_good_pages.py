@@ -11,7 +11,8 @@ from prooflight.detectors.paper.chi_square import ChiSquare
 from prooflight.detectors.paper.detector import PaperDetector
 from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
-from prooflight.simulation.scans import ideal_scan, page_rng
+from prooflight.rng import stream
+from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +32,7 @@ def test_p_values_of_good_pages_are_uniform(two_sensor_press: Press, make_page: 
         page = make_page(20 + design, width_mm=20.0, height_mm=20.0)
         good = predict(page, sensors=press.sensors, geometry=press.geometry)
         for copy in range(SCANS // 3):
-            scan = ideal_scan(good, press, page_rng(design, copy))
+            scan = ideal_scan(good, press, stream(design, "print", copy))
             verdict = of_pages.inspect(page, scan, seed=copy).verdict
             assert verdict.p_value is not None
             p_values.append(verdict.p_value)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
-from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of
@@ -31,7 +31,7 @@ DPI = 481.8
 FOUR_INKS = (180, 170, 160, 230)
 """A black of four inks: C 71, M 67, Y 63, K 90 %."""
 BLACK = (0, 0, 0, 255)
-GOOD_MM = Tolerance().most_plane_mm
+GOOD_MM = PrintPrior().most_plane_mm
 INK_STEPS = {
     "cyan": [[1, 0], [0, 0], [0, 0], [0, 0]],
     "two apart": [[0, 1], [0, 0], [-2, 0], [0, 0]],
@@ -146,9 +146,11 @@ def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:
 
 
 @pytest.mark.parametrize("ink", [BLACK, FOUR_INKS], ids=["one ink", "four inks"])
-@pytest.mark.parametrize("spread", [Spread(), Spread.none()], ids=["varies", "exact"])
+@pytest.mark.parametrize(
+    "residual_variance", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"]
+)
 def test_a_look_without_fringes_is_what_it_was(
-    two_sensor_press: Press, ink: tuple[int, int, int, int], spread: Spread
+    two_sensor_press: Press, ink: tuple[int, int, int, int], residual_variance: ResidualVariance
 ) -> None:
     """Bit by bit; with them it differs only where planes share edges and prints vary."""
     press, page = two_sensor_press, set_in(ink)
@@ -157,12 +159,20 @@ def test_a_look_without_fringes_is_what_it_was(
     looks = []
     for how in ({}, {"fringes": False}, {"fringes": True}):
         known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, **how)
-        looks.append(look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread))
+        looks.append(
+            analyse(
+                known,
+                scan,
+                sensors=press.sensors,
+                geometry=press.geometry,
+                residual_variance=residual_variance,
+            )
+        )
     plain, off, on = looks
     np.testing.assert_array_equal(off.sums.tiles, plain.sums.tiles)
-    np.testing.assert_array_equal(off.fit.surprise, plain.fit.surprise)
+    np.testing.assert_array_equal(off.fit.pulls, plain.fit.pulls)
     np.testing.assert_array_equal(on.found.planes_mm, plain.found.planes_mm)  # evidence stays registration's
-    followed = ink == FOUR_INKS and not spread.exact
+    followed = ink == FOUR_INKS and not residual_variance.exact
     assert np.array_equal(on.sums.tiles, plain.sums.tiles) != followed
 
 
@@ -174,6 +184,6 @@ def test_fringes_followed_leave_less(two_sensor_press: Press) -> None:
     most = []
     for fringes in (False, True):
         known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=fringes)
-        looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
-        most.append(float(np.abs(looked.fit.surprise).max()))
+        analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
+        most.append(float(np.abs(analysis.fit.pulls).max()))
     assert most[1] < 0.7 * most[0]

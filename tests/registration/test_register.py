@@ -17,7 +17,7 @@ from prooflight.registration.field import Basis, Waves, fitted
 from prooflight.registration.landmarks import TILE_PIXELS
 from prooflight.registration.pose import Pose, slopes
 from prooflight.registration.register import Prior, prepare, printed_shares, register
-from prooflight.registration.tiles import Room, TileMoves, measured
+from prooflight.registration.tiles import TileMoves, Workspace, measured
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.prints import draw_placement
 from prooflight.simulation.scans import ideal_scan
@@ -48,8 +48,8 @@ def error_pixels(found: Registration, truth: Placement, page: Page, press: Press
     """(points, 2) how far what is said to be seen lies off what is, on a grid of 2 mm over the page."""
     x, y = np.meshgrid(np.arange(1, page.width_mm, 2.0), np.arange(1, page.height_mm, 2.0))
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    said, is_ = found.placement.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
-    off = np.stack([a - b for a, b in zip(said, is_, strict=True)], axis=-1).reshape(-1, 2)
+    tile_moves, is_ = found.placement.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
+    off = np.stack([a - b for a, b in zip(tile_moves, is_, strict=True)], axis=-1).reshape(-1, 2)
     return off / [press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm]
 
 
@@ -249,9 +249,11 @@ def test_a_tile_in_its_place_says_so(press: Press, page: Page, landmarks: Landma
     tiles = np.arange(landmarks.lines.size)
     scan = scan_of(page, press, Placement(shift_mm=(0.5 * press.geometry.pixel_pitch_mm, 0.0)))
     for guess in (0.0, 0.5):
-        said = measured(landmarks, scan, tiles, np.tile([guess, 0.0], (tiles.size, 1)), unsure_pixels=0.3)
-        sd = np.sqrt(np.linalg.inv(said.precision[said.good])[:, [0, 1], [0, 1]])
-        move = said.moves[said.good]
+        tile_moves = measured(
+            landmarks, scan, tiles, np.tile([guess, 0.0], (tiles.size, 1)), unsure_pixels=0.3
+        )
+        sd = np.sqrt(np.linalg.inv(tile_moves.precision[tile_moves.good])[:, [0, 1], [0, 1]])
+        move = tile_moves.moves[tile_moves.good]
         sharp = sd < 0.1
         # One step of half a pixel is right to about a tenth (linear in the displacement); none is right to noise.
         tolerance = 0.15 if guess == 0 else 0.03
@@ -270,7 +272,7 @@ def test_tiles_are_rendered_as_numpy_does_it(press: Press, ratio: float, off: tu
     out = np.empty((3, TILE_PIXELS, TILE_PIXELS), np.float32)
     x, y = 1.3 + off[0], 1.6 + off[1]
     of_axis = (taps.across, taps.across_slope, taps.along, taps.along_slope)
-    render_tile(window, x, y, ratio, ratio, *of_axis, Room.of(width, ratio, taps), out)
+    render_tile(window, x, y, ratio, ratio, *of_axis, Workspace.of(width, ratio, taps), out)
 
     def weights(begin: float, table: NDArray[np.float32]) -> NDArray[np.float64]:
         matrix = np.zeros((TILE_PIXELS, width))
@@ -329,7 +331,7 @@ def test_a_plane_without_contrast_does_not_count() -> None:
     shares[:100, :, 3], shares[100:200, :, 0], shares[200:300, :, [0, 3]] = 1, 1, 0.5
     gain = np.repeat([0.0, 1.0, 0.5, 1.0], 100)
     yes = np.ones(400, bool)
-    said = TileMoves(
+    tile_moves = TileMoves(
         moves=np.zeros((400, 2)),
         precision=np.zeros((400, 2, 2)),
         seen=yes,
@@ -338,11 +340,11 @@ def test_a_plane_without_contrast_does_not_count() -> None:
         gain=gain,
         gain_sd=np.full(400, 0.01),
     )
-    kept = printed_shares(shares, said)
+    kept = printed_shares(shares, tile_moves)
     assert (kept[..., 3] == 0).all()
     assert kept[100:300, :, 0] == pytest.approx(1)
     assert (kept[300:] == 0).all()
-    assert printed_shares(shares, replace(said, gain=np.ones(400))) == pytest.approx(shares)
+    assert printed_shares(shares, replace(tile_moves, gain=np.ones(400))) == pytest.approx(shares)
 
 
 def test_prior_is_the_press_worlds() -> None:

@@ -18,7 +18,8 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.pages.raster import Page
 from prooflight.reporting import pictures
 from prooflight.reporting.pictures import Frame
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import MisprintRequest, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +47,7 @@ def inspected(page: Page, press: Press, kind: str | None = None) -> Inspection:
         request=request,
         others=(),
         fetch=lambda _number: page,
-        rng=page_rng(5, page.number),
+        rng=stream(5, "print", page.number),
     )
     return Inspector.of(press, "chi-square").inspect(page, scan.dn)
 

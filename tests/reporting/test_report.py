@@ -22,7 +22,8 @@ from prooflight.reporting.report import (
     page_entry,
     write_report,
 )
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.rng import stream
+from prooflight.simulation.scans import MisprintRequest, scan_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +105,7 @@ def entry_of(page: Page, press: Press, request: MisprintRequest | None, title: s
         request=request,
         others=(),
         fetch=lambda _number: page,
-        rng=page_rng(3, page.number),
+        rng=stream(3, "print", page.number),
     )
     inspection = Inspector.of(press, "chi-square").inspect(page, scan.dn)
     return page_entry(page, inspection, press, truth=scan.misprint, title=title)

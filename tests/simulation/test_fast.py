@@ -13,11 +13,12 @@ from prooflight.camera.exposure import page_electrons
 from prooflight.pages.planes import displaced
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement, Warp
 from prooflight.simulation.exact import PrintedInks, Specimen, exact_mean_variance
 from prooflight.simulation.fast import fast_mean_variance, fast_scan, half_normals, noisy
 from prooflight.simulation.prints import Print, Speck
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
 from prooflight_studies.edges.rig import Rig
 
@@ -56,7 +57,7 @@ def small(rig: Rig, make_page: Callable[..., Page]) -> Page:
 @pytest.fixture(scope="module")
 def still(rig: Rig, small: Page) -> tuple[Session, Print]:
     """A session and a print that vary in nothing."""
-    session = Session.draw(Amounts.stated({"all_times": 0.0}), rig.press, session_rng(1))
+    session = Session.draw(Amounts.stated({"all_times": 0.0}), rig.press, stream(1, "session"))
     return session, Print.draw(session, rig.press, small, np.random.default_rng(1))
 
 
@@ -268,7 +269,7 @@ def test_noise_is_normal_white_and_reproducible(rig: Rig, still: tuple[Session, 
 
 
 def test_a_scan_is_its_mean_and_variance(rig: Rig, small: Page) -> None:
-    session = Session.draw(Amounts.stated(), rig.press, session_rng(3))
+    session = Session.draw(Amounts.stated(), rig.press, stream(3, "session"))
     print_ = Print.draw(session, rig.press, small, np.random.default_rng(3))
     seen = fast_mean_variance(small, rig.press, session, print_)
     scans = [
@@ -288,7 +289,7 @@ def test_both_paths_agree_in_the_press_world(rig: Rig, specimen: Specimen, small
 
     Without tilt, whose blending takes the full path nine times as long.
     """
-    session = Session.draw(Amounts.stated(), rig.press, session_rng(2))
+    session = Session.draw(Amounts.stated(), rig.press, stream(2, "session"))
     print_ = Print.draw(session, rig.press, small, np.random.default_rng(2))
     print_ = replace(print_, ink_tilt=np.zeros((4, 2)))
     fast = fast_mean_variance(small, rig.press, session, print_)
@@ -323,7 +324,7 @@ def test_a_placed_exposure_is_an_exposure_at_that_place(
 
 
 def test_printed_inks_change_what_is_printed(specimen: Specimen) -> None:
-    session = Session.draw(Amounts.stated({"all_times": 0.0}), specimen.press, session_rng(1))
+    session = Session.draw(Amounts.stated({"all_times": 0.0}), specimen.press, stream(1, "session"))
     inks = PrintedInks(
         inks=specimen.inks,
         gain=np.array([0.1, 0, 0, -1.0]),

@@ -10,9 +10,10 @@ import pytest
 
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
+from prooflight.rng import stream
 from prooflight.scans.recorded import recorded_scans
 from prooflight.simulation.files import ScanToFile, write_truth
-from prooflight.simulation.scans import MisprintRequest, page_rng, scan_page
+from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.worlds import worlds_digest
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def test_the_file_holds_what_was_simulated_and_the_truth_says_what_was_done(task
             request=task.request,
             others=(2,),
             fetch=job.page,
-            rng=page_rng(9, 1),
+            rng=stream(9, "print", 1),
         )
     np.testing.assert_array_equal(scan.read(), again.dn)
     assert truth["misprint"]["kind"] == "streak"

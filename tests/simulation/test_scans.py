@@ -9,6 +9,7 @@ import pytest
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import Drawn, draw_misprint
 from prooflight.simulation.scans import (
     KINDS,
@@ -16,11 +17,10 @@ from prooflight.simulation.scans import (
     MisprintRequest,
     SimulatedScan,
     ideal_scan,
-    page_rng,
     passes_gate,
     scan_page,
 )
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts, gate
 
 if TYPE_CHECKING:
@@ -77,10 +77,12 @@ def test_a_request_for_something_else_is_refused_in_one_line(text: str, said: st
 
 def test_every_page_has_its_own_random_numbers_whatever_else_is_simulated() -> None:
     drawn = {
-        (seed, number): tuple(page_rng(seed, number).random(4)) for seed in (0, 1) for number in (1, 2, 3)
+        (seed, number): tuple(stream(seed, "print", number).random(4))
+        for seed in (0, 1)
+        for number in (1, 2, 3)
     }
     assert len(set(drawn.values())) == 6
-    assert tuple(page_rng(1, 2).random(4)) == drawn[1, 2]
+    assert tuple(stream(1, "print", 2).random(4)) == drawn[1, 2]
 
 
 # --- the ideal world (seeds fixed; five standard errors) ---
@@ -159,7 +161,7 @@ def test_the_gate_opens_when_any_sensor_sees_it(two_sensor_press: Press) -> None
 
 
 def test_a_good_scan_is_the_prediction_plus_noise(press: Press, page: Page) -> None:
-    scan = scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=page_rng(1, 1))
+    scan = scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=stream(1, "print", 1))
     assert scan.misprint is None
     assert scan.draws == 0
     good = predict(page, sensors=press.sensors, geometry=press.geometry)
@@ -172,7 +174,7 @@ def test_a_good_scan_is_the_prediction_plus_noise(press: Press, page: Page) -> N
 def test_a_misprinted_scan_differs_and_says_how(press: Press, page: Page, kind: str) -> None:
     request = MisprintRequest(kind=kind, severity=0.9)
     first, again = (
-        scan_page(page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(4, 1))
+        scan_page(page, press=press, request=request, others=(), fetch=no_other, rng=stream(4, "print", 1))
         for _ in range(2)
     )
     assert first.misprint is not None
@@ -191,7 +193,7 @@ def test_without_a_severity_each_draw_has_its_own(press: Press, page: Page) -> N
     severities = set()
     for number in range(1, 6):
         scan = scan_page(
-            page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(4, number)
+            page, press=press, request=request, others=(), fetch=no_other, rng=stream(4, "print", number)
         )
         assert scan.misprint is not None
         assert 0 <= scan.misprint.severity <= 1
@@ -204,7 +206,9 @@ def test_a_page_on_which_nothing_can_go_wrong_is_refused_by_name(press: Press) -
     for kind in ("missing-plane", "missing-content"):
         request = MisprintRequest(kind=kind, severity=1.0)
         with pytest.raises(RequestError, match=rf"page 6: {TRIES} draws of {kind}"):
-            scan_page(blank, press=press, request=request, others=(), fetch=no_other, rng=page_rng(1, 6))
+            scan_page(
+                blank, press=press, request=request, others=(), fetch=no_other, rng=stream(1, "print", 6)
+            )
 
 
 def test_a_draw_that_changes_nothing_is_drawn_again(
@@ -219,7 +223,7 @@ def test_a_draw_that_changes_nothing_is_drawn_again(
 
     monkeypatch.setattr("prooflight.simulation.scans.draw_misprint", twice_in_vain)
     request = MisprintRequest(kind="missing-content", severity=1.0)
-    scan = scan_page(page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(1, 1))
+    scan = scan_page(page, press=press, request=request, others=(), fetch=no_other, rng=stream(1, "print", 1))
     assert scan.draws == 3
     assert scan.misprint == calls[2].misprint
 
@@ -230,10 +234,10 @@ def test_a_draw_that_changes_nothing_is_drawn_again(
 def test_a_scan_in_the_press_world_does_not_depend_on_what_was_scanned_before(
     press: Press, page: Page
 ) -> None:
-    session = Session.draw(Amounts.stated(), press, session_rng(5))
+    session = Session.draw(Amounts.stated(), press, stream(5, "session"))
 
     def scan(number: int) -> SimulatedScan:
-        rng = page_rng(5, number)
+        rng = stream(5, "print", number)
         return scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=rng, session=session)
 
     first, second = scan(1), scan(2)
@@ -250,13 +254,19 @@ def test_a_scan_in_the_press_world_does_not_depend_on_what_was_scanned_before(
 def test_a_misprint_in_the_press_world_comes_on_top_of_what_a_good_print_does(
     press: Press, page: Page
 ) -> None:
-    session = Session.draw(Amounts.stated(), press, session_rng(5))
+    session = Session.draw(Amounts.stated(), press, stream(5, "session"))
     request = MisprintRequest(kind="missing-content", severity=0.8)
     bad = scan_page(
-        page, press=press, request=request, others=(), fetch=no_other, rng=page_rng(5, 1), session=session
+        page,
+        press=press,
+        request=request,
+        others=(),
+        fetch=no_other,
+        rng=stream(5, "print", 1),
+        session=session,
     )
     good = scan_page(
-        page, press=press, request=None, others=(), fetch=no_other, rng=page_rng(5, 1), session=session
+        page, press=press, request=None, others=(), fetch=no_other, rng=stream(5, "print", 1), session=session
     )
     assert bad.misprint is not None
     assert bad.print_ is not None
@@ -275,7 +285,7 @@ def test_a_misprint_in_the_press_world_comes_on_top_of_what_a_good_print_does(
 
 
 def test_the_ideal_world_has_no_print(press: Press, page: Page) -> None:
-    scan = scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=page_rng(5, 1))
+    scan = scan_page(page, press=press, request=None, others=(), fetch=no_other, rng=stream(5, "print", 1))
     assert scan.print_ is None
     seen = predict(page, sensors=press.sensors, geometry=press.geometry)
-    np.testing.assert_array_equal(scan.dn, ideal_scan(seen, press, page_rng(5, 1)))
+    np.testing.assert_array_equal(scan.dn, ideal_scan(seen, press, stream(5, "print", 1)))

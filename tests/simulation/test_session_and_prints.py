@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from prooflight.pages.raster import Page
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.fields import ColourWaves, smooth_field, smooth_line
 from prooflight.simulation.prints import Print, Speck, plane_pixels, speck_pixels, together
-from prooflight.simulation.session import Session, beyond_solid, noise_curve, session_rng
+from prooflight.simulation.session import Session, beyond_solid, noise_curve
 from prooflight.simulation.worlds import Amounts
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ A4 = Page(cmyk=np.zeros((297, 210, 4), np.uint8), dpi=25.4, name="p0001", number
 @pytest.fixture(scope="module")
 def sessions(two_sensor_press: Press) -> list[Session]:
     amounts = Amounts.stated()
-    return [Session.draw(amounts, two_sensor_press, session_rng(seed)) for seed in range(DRAWS)]
+    return [Session.draw(amounts, two_sensor_press, stream(seed, "session")) for seed in range(DRAWS)]
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,7 @@ def test_half_of_the_webs_jitter_depends_on_the_line_alone(prints: list[Print]) 
 
 def test_without_amounts_nothing_varies(two_sensor_press: Press) -> None:
     none = Amounts.stated({"all_times": 0.0})
-    session = Session.draw(none, two_sensor_press, session_rng(1))
+    session = Session.draw(none, two_sensor_press, stream(1, "session"))
     print_ = Print.draw(session, two_sensor_press, A4, np.random.default_rng(1))
     assert print_.placement.is_shift
     assert print_.placement.shift_mm == (0, 0)

@@ -31,7 +31,7 @@ from prooflight.simulation.corpus.designs.setting import Style, broken, cut, wid
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight_studies.corpus.figures import page_figures, summary, table
 from prooflight_studies.corpus.page import write_corpus_page
-from prooflight_studies.corpus.sheet import THUMBNAIL_PX, look_at, write_contact_sheet
+from prooflight_studies.corpus.sheet import THUMBNAIL_PX, summary_of, write_contact_sheet
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -202,10 +202,10 @@ def test_figures_of_a_known_page() -> None:
 
 
 def test_page_of_results_names_its_pictures(tmp_path: Path) -> None:
-    sights = [look_at(Corpus(seed=SEED, dpi=50.0), index) for index in (1, 2, 4)]
-    figures = table(sight.figures for sight in sights)
+    summaries = [summary_of(Corpus(seed=SEED, dpi=50.0), index) for index in (1, 2, 4)]
+    figures = table(summary.figures for summary in summaries)
     sheet = tmp_path / "corpus-1.jpg"
-    write_contact_sheet(sheet, [sight.thumbnail for sight in sights], columns=2)
+    write_contact_sheet(sheet, [summary.thumbnail for summary in summaries], columns=2)
     assert cv2.imread(str(sheet)).shape == (2 * THUMBNAIL_PX[1], 2 * THUMBNAIL_PX[0], 3)
     write_corpus_page(
         tmp_path / "corpus.md",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
@@ -17,7 +17,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Scatter,
     Sums,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import Said
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -26,7 +26,7 @@ from prooflight_studies.detectability.defects import paled, patched, spotted, st
 from prooflight_studies.detectability.findings import DEFECTS
 from prooflight_studies.detectability.page import page_lines
 from prooflight_studies.detectability.study import run_detectability_study
-from prooflight_studies.harness.psychometric import Catching
+from prooflight_studies.harness.psychometric import Psychometric
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,10 +54,10 @@ def spot_mm(wanted: float, power: float) -> float:
 
 def told(of: Sums, *, noise: float = 1.0) -> Telling:
     """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
-    said = [Said(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
+    statistics = [Statistic(name=f"fit/gain-{letter}", value=2.0) for letter in LETTERS]
     gain = np.zeros((4, 3))
-    gain[:, 0] = Tolerance().gain
-    return Telling.of(of, SimpleNamespace(gain=gain, tolerance=Tolerance()), said, scattered(noise))  # type: ignore[arg-type]
+    gain[:, 0] = PrintPrior().gain
+    return Telling.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), statistics, scattered(noise))  # type: ignore[arg-type]
 
 
 def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
@@ -108,11 +108,13 @@ def test_a_streak_is_as_faint_as_its_columns_tell() -> None:
 def test_an_ink_is_missed_by_as_much_as_good_prints_scatter() -> None:
     reach = Reach.of(told(sums(400.0)), dict.fromkeys(DEFECTS, 4.0))
     # An estimate that surprises by 2 for a gain of one prior's deviation has half of that deviation for its own.
-    assert reach.inks_percent["M"] == pytest.approx(100 * 4 * Tolerance().gain / 0.5)
+    assert reach.inks_percent["M"] == pytest.approx(100 * 4 * PrintPrior().gain / 0.5)
     assert Reach.of(told(sums(400.0)), dict.fromkeys(DEFECTS, 40.0)).inks_percent["M"] == np.inf
 
 
-def asked(found: Catching, page: int, middle: float, prints: int, rng: np.random.Generator) -> Catching:
+def asked(
+    found: Psychometric, page: int, middle: float, prints: int, rng: np.random.Generator
+) -> Psychometric:
     """So many prints of a page on which single ones begin to alarm at ``middle``, give or take 30 %."""
     for _ in range(prints):
         strength = found.next(page, rng)
@@ -123,7 +125,7 @@ def asked(found: Catching, page: int, middle: float, prints: int, rng: np.random
 
 def test_what_it_takes_is_found_by_asking() -> None:
     """Seed 5: 200 prints know the middle to about spread / sqrt(100) = 3 %, and 99 % to twice that; 15 % is allowed."""
-    found = asked(Catching.unknown(0.01), 1, 20.0, 200, np.random.default_rng(5))
+    found = asked(Psychometric.unknown(0.01), 1, 20.0, 200, np.random.default_rng(5))
     assert found.prints == 200
     assert found.strength(1, 0.5) == pytest.approx(20, rel=0.15)
     assert found.strength(1, 0.99) == pytest.approx(20 * np.exp(2.33 * 0.3), rel=0.15)
@@ -133,20 +135,20 @@ def test_every_page_has_its_own_strength_and_lends_it_to_the_others() -> None:
     """Seed 6: 40 prints of a page know its middle to about 7 %; 25 % is allowed."""
     rng = np.random.default_rng(6)
     middles = {1: 6.0, 2: 9.0, 3: 30.0, 4: 12.0}
-    found = Catching.unknown(0.01)
+    found = Psychometric.unknown(0.01)
     for page, middle in middles.items():
         found = asked(found, page, middle, 40, rng)
     for page, middle in middles.items():
         assert found.strength(page, 0.5) == pytest.approx(middle, rel=0.25)
     assert 6.0 < found.strength(5, 0.5) < 30.0
     assert found.strength(5, 0.99) > 2 * found.strength(2, 0.99)  # nobody asked about page 5
-    alone = asked(Catching.unknown(0.01), 5, 12.0, 4, np.random.default_rng(7))
+    alone = asked(Psychometric.unknown(0.01), 5, 12.0, 4, np.random.default_rng(7))
     helped = asked(found, 5, 12.0, 4, np.random.default_rng(7))
     assert helped.strength(5, 0.99) < alone.strength(5, 0.99)
 
 
 def test_what_is_never_caught_is_out_of_reach() -> None:
-    found = Catching.unknown(0.01)
+    found = Psychometric.unknown(0.01)
     for _ in range(30):
         found = found.seen(1, 1000.0, caught=False)
     assert found.strength(1, 0.99) == np.inf
@@ -195,14 +197,14 @@ def test_defects_are_printed_as_large_as_is_said(make_page: Callable[..., Page])
 
 
 def test_the_study_writes_its_page_and_pictures(
-    taught_press: Press, press: Press, make_page: Callable[..., Page], tmp_path: Path
+    trained_press: Press, press: Press, make_page: Callable[..., Page], tmp_path: Path
 ) -> None:
     page = make_page(3)
     write_tiff(page, tmp_path / "p0001.tif")
     job = JobSource(path=tmp_path / "p0001.tif", dpi=page.dpi)
-    assert taught_press.ours is not None
+    assert trained_press.ours is not None
     # So few designs promise so little that prints of one page may all alarm; the plumbing is seen as well above.
-    rarely = replace(taught_press, ours=replace(taught_press.ours, threshold=12.0))
+    rarely = replace(trained_press, ours=replace(trained_press.ours, threshold=12.0))
     reach = run_detectability_study(job, rarely, tmp_path / "out", learning=2, trials=1)
     (found,) = reach.pages
     assert set(found.verified) == {"none", *DEFECTS}
@@ -212,7 +214,7 @@ def test_the_study_writes_its_page_and_pictures(
     assert (tmp_path / "out" / "detectability-p0001.png").stat().st_size > 10_000
     with pytest.raises(RequestError, match="was not taught our detector"):
         run_detectability_study(job, press, tmp_path / "none")
-    always = replace(taught_press, ours=replace(taught_press.ours, threshold=-np.inf))
+    always = replace(trained_press, ours=replace(trained_press.ours, threshold=-np.inf))
     with pytest.raises(RequestError, match="p0001: 4 good prints of it alarm"):
         run_detectability_study(job, always, tmp_path / "out", learning=2, trials=1)
     assert (tmp_path / "out" / "detectability.md").read_text() == text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.measures import FIRST_SHARE, UNITS, WINDOWS
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
@@ -63,7 +63,7 @@ def drawn_rows(plan: Plan, frames: int = 1) -> Rows:
     windows = rng.normal(size=(count, frames, 2, len(WINDOWS), FIRST_SHARE + len(UNITS)))
     windows += shift[..., None, None] * np.where(np.arange(FIRST_SHARE + len(UNITS)) == 1, -1, 1)
     chi = rng.chisquare(15, (count, frames, 2)) + 4 * shift
-    peers = rng.normal(size=(count, frames, len(PEERS))) + shift.sum(axis=2)[..., None]
+    baselines = rng.normal(size=(count, frames, len(BASELINES))) + shift.sum(axis=2)[..., None]
     return {
         "design": design,
         "kind": kind.astype("U16"),
@@ -74,7 +74,7 @@ def drawn_rows(plan: Plan, frames: int = 1) -> Rows:
         "chi_square": chi,
         "chi_square_naive": chi,
         "chi_square_tile": chi,
-        "peers": peers,
+        "peers": baselines,
         "unmade_kind": np.array(["plane-register"] * 3, "U16"),
     }
 
@@ -124,7 +124,7 @@ def test_every_row_of_the_papers_tables_is_there(result: WorldResult) -> None:
     names = {row.name for row in result.tables["raw"]}
     assert names == {"1 sensor", "2 sensors", "2 sensors, one misprint type", "2 sensors, noise 200%"}
     assert names <= {*PRINTED}
-    assert {row.name for row in result.detectors} > {*PEERS}
+    assert {row.name for row in result.detectors} > {*BASELINES}
     assert result.good == {"learn": 120, "tune": 80, "test": 120}
     assert sum(sum(made) for made in result.made.values()) == result.bad["test"] == 120
     assert result.unmade == {"plane-register": 3}
@@ -204,7 +204,7 @@ def test_the_page_shows_the_papers_digits_beside_ours(
     text = (tmp_path / "paper.md").read_text(encoding="utf-8")
     for table, printed in PRINTED.values():
         assert f"paper, {table} | {' | '.join(printed)} |" in text
-    for name in ("ideal world at 0.254", "press world at 0.254", "--seed 4 --quick", *PEERS, *KINDS):
+    for name in ("ideal world at 0.254", "press world at 0.254", "--seed 4 --quick", *BASELINES, *KINDS):
         assert name in text
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|") or "\n|" in block]
     for lines in tables:

@@ -13,7 +13,7 @@ from tests.fuzz.press_mutants import bytes_spoilt
 from prooflight.detectors.paper.evidence import INTERVALS
 from prooflight.detectors.paper.windows import window_means, window_statistics
 from prooflight.prediction.predict import predict
-from prooflight.simulation.captures import Room, noisier_tables
+from prooflight.simulation.captures import SimulatedDay, noisier_tables
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.measures import FIRST_SHARE, MEAN, MINIMUM, WINDOWS, window_numbers
 from prooflight_studies.harness.protocol import SETS, PilotWork, Plan, WatchWork, variation_models
@@ -138,8 +138,8 @@ def test_a_press_day_prints_pages_off_their_place_and_finds_them(
 
 
 def test_days_differ_in_the_press_world(two_sensor_press: Press, page: Page) -> None:
-    rooms = [Room.enter("press", two_sensor_press, np.random.default_rng(seed)) for seed in (1, 1, 2)]
-    seen = [room.seen(room.good(page), np.random.default_rng(7)).expected_dn for room in rooms]
+    days = [SimulatedDay.begin("press", two_sensor_press, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    seen = [day.seen(day.good(page), np.random.default_rng(7)).expected_dn for day in days]
     np.testing.assert_array_equal(seen[0], seen[1])
     assert np.abs(seen[2] - seen[0]).max() > 1
 
@@ -150,14 +150,14 @@ def test_noise_scales_but_rounding_does_not(two_sensor_press: Press, page: Page)
     np.testing.assert_allclose(noisier.variance_dn2 - 1 / 12, 9 * (expected.variance_dn2 - 1 / 12), rtol=1e-4)
     assert noisier_tables(expected, 1.0) is expected
     # a day whose true sigma is the table's scales as the tables do, where no halftone adds to it
-    room = Room.enter("press", two_sensor_press, np.random.default_rng(3))
-    assert room.session is not None
-    seen = room.seen(room.good(page), np.random.default_rng(4))
-    added = room.noisier(seen, 3.0).variance_dn2 - seen.variance_dn2
-    for sensor, day in enumerate(room.session.sensors):
+    day = SimulatedDay.begin("press", two_sensor_press, np.random.default_rng(3))
+    assert day.session is not None
+    seen = day.seen(day.good(page), np.random.default_rng(4))
+    added = day.noisier(seen, 3.0).variance_dn2 - seen.variance_dn2
+    for sensor, own in enumerate(day.session.sensors):
         paper = np.abs(seen.expected_dn[sensor] - seen.expected_dn[sensor].max()) < 20
         table = two_sensor_press.sensors[sensor].variance_dn2[0, 0, 0, 0] - 1 / 12
-        assert np.median(added[sensor][paper]) == pytest.approx(8 * table * day.sigma_error**2, rel=0.05)
+        assert np.median(added[sensor][paper]) == pytest.approx(8 * table * own.sigma_error**2, rel=0.05)
 
 
 def test_numbers_of_windows_are_the_detectors_statistics() -> None:

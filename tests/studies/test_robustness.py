@@ -147,8 +147,8 @@ def test_equation_5_has_its_degrees_of_freedom_where_sigma_is_right() -> None:
 def rows(two_sensor_press: Press, make_page: Callable[..., Page]) -> Rows:
     pages = SmallPages(make_page)
     (day,) = PLAN.days("pilot")
-    taught = learned(LearnGood(press=two_sensor_press, pages=pages, plan=PLAN)(day))
-    work = WatchWrong(press=two_sensor_press, pages=pages, plan=PLAN, learned=taught)
+    trained = learned(LearnGood(press=two_sensor_press, pages=pages, plan=PLAN)(day))
+    work = WatchWrong(press=two_sensor_press, pages=pages, plan=PLAN, learned=trained)
     made = [work(day) for day in PLAN.days("learn", "tune", "test")]
     return {name: np.concatenate([one[name] for one in made]) for name in made[0]}
 
@@ -176,7 +176,7 @@ def test_the_learned_detector_is_unmoved_by_any_factor_of_sigma_and_chi_square_i
     assert len(relearned) == 1
 
 
-def test_peers_that_do_not_know_sigma_are_unmoved_by_it(rows: Rows) -> None:
+def test_baselines_that_do_not_know_sigma_are_unmoved_by_it(rows: Rows) -> None:
     for place, disturbance in enumerate(all_disturbances()):
         if disturbance.belief in ("sigma factor", "sigma offset", "swing, calibrated"):
             np.testing.assert_array_equal(rows["peers"][:, place, :2], rows["peers"][:, 0, :2])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 
-def test_every_step_stands_beside_its_peers(
+def test_every_step_stands_beside_its_baselines(
     press: Press, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(speed, "REPEATS", 1)

@@ -61,7 +61,7 @@ def page_electrons(
     falloff: the lens's cos^4 as well. Returns (sensors, lines, pixels) [e-]. RequestError: the raster does not fit.
     """
     grid = _Grid.fit(camera, page, centres_x_mm, centres_y_mm, tile_pixels)
-    codes = page.words
+    codes = page.packed
     colours = distinct_colours(codes)
     electrons = np.empty((len(camera.sensors), grid.lines, grid.pixels), np.float32)
     backing = np.full(spectra.BANDS, backing_reflectance)

@@ -101,11 +101,10 @@ def make(
     json: Json = False,
 ) -> None:
     """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS)."""
-    import numpy as np
-
     from prooflight.inks.chart_print import make_chart
+    from prooflight.rng import stream
 
-    files = make_chart(out, patches, rng=np.random.default_rng(seed), ink_limit_percent=ink_limit)
+    files = make_chart(out, patches, rng=stream(seed, "chart-places"), ink_limit_percent=ink_limit)
     if json:
         show.print_json(
             {

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
@@ -15,9 +13,10 @@ from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
 from prooflight.press.press_file import PressFile
 from prooflight.reporting.report import PageEntry, page_entry
+from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight.simulation.scans import MisprintRequest, SimulatedScan, page_rng, scan_page
+from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_page
 from prooflight.simulation.worlds import Gate
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
     prints: how many; None: the job once, or as often as makes 8.
     """
     count = prints or max(job_pages, math.ceil(FEWEST_PRINTS / job_pages) * job_pages)
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "demonstration-misprints")
     bad = sorted(rng.permutation(count)[: max(1, round(count * MISPRINT_SHARE))].tolist())
     kinds = {index: KINDS[turn % len(KINDS)] for turn, index in enumerate(bad)}
     return tuple(
@@ -111,7 +110,7 @@ class PrintAndInspect:
 
     def _scan(self, page: Page, sheet: Print) -> SimulatedScan:
         """A print, with a misprint of the kind to try first, or of the next that shows on this page."""
-        rng = page_rng(self.seed, sheet.index)
+        rng = stream(self.seed, "print", sheet.index)
         others = tuple(number for number in range(1, len(opened(self.job)) + 1) if number != sheet.page)
         requests: list[MisprintRequest | None] = [None]
         if sheet.first_kind is not None:

@@ -46,12 +46,11 @@ def build(
     json: Json = False,
 ) -> None:
     """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
-    import numpy as np
-
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.train import Plan
     from prooflight.press.press_file import PressFile
+    from prooflight.rng import stream
 
     if detector not in TEACHING:
         what = f"there is no {detector!r}"
@@ -61,9 +60,11 @@ def build(
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
-    accuracy = table_accuracy(settings.camera(), settings.inks(), press.sensors, np.random.default_rng(seed))
+    accuracy = table_accuracy(
+        settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
+    )
     if detector != "none":
-        press = _taught(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
+        press = _trained(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
@@ -81,11 +82,11 @@ def build(
         show.people.print(f"detector {name}: {promise}")
 
 
-def _taught(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.training.train import taught
+def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
+    from prooflight.commissioning.training.train import trained
     from prooflight.simulation.corpus.corpus import Corpus
 
-    return taught(
+    return trained(
         press,
         Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,

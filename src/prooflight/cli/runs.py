@@ -176,7 +176,7 @@ def replay(
     json: Json = False,
 ) -> None:
     """Make a verdict again from the evidence that was kept; exits 1 if a figure differs."""
-    from prooflight.inspection.rejudging import replayed
+    from prooflight.inspection.redeciding import replayed
     from prooflight.press.artefact import Press
 
     loaded = Press.load(press)

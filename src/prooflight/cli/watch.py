@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from prooflight.line.judging import Keep
+    from prooflight.line.sheet_inspector import Keep
 
 MOST_SHEETS: Final = 10_000_000
 """Three weeks at 5 sheets a second."""

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from prooflight.errors import RequestError
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -129,7 +128,7 @@ def _passing(sheets: int, wishes: DrumWishes) -> Iterable[Turn]:
     if not wishes.fault_every:
         return (Turn(page=sheet) for sheet in range(sheets))
     faults = {}
-    rng = np.random.default_rng([wishes.seed, 9])
+    rng = stream(wishes.seed, "drum-faults")
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
     for turn, start in enumerate(range(wishes.fault_every, sheets - 2, wishes.fault_every)):
         faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)

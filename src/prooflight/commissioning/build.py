@@ -18,6 +18,7 @@ from prooflight.errors import PressFileError
 from prooflight.inks.ink_model import InkModel
 from prooflight.prediction.tables import SensorModel
 from prooflight.press.artefact import Press
+from prooflight.rng import stream
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def build_press(
         camera = with_pixels(camera, pixels)
     inks = press_file.inks(progress=lambda model: progress(f"trying ink model {model}"))
     refuse_light(press_file, camera)
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "specimen")
     patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
     progress("calibrating columns")
     white = np.full(BANDS, WHITE_TILE)

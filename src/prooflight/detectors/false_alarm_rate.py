@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.operating import conformal_threshold, least_promise
+from prooflight.detectors.operating import conformal_threshold, least_false_alarm_rate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,7 +46,7 @@ class Promise:
         basis = " and ".join(sources)
         if self.conformal:
             return f"{odds}; by count, from {basis}"
-        least = 1 / least_promise(self.simulated + self.real)
+        least = 1 / least_false_alarm_rate(self.simulated + self.real)
         return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
 
 
@@ -68,7 +68,7 @@ class GoodScores:
     @property
     def least_rate(self) -> float:
         """Rarest rate that these designs allow to speak of, by drawing on their tail. [-]"""
-        return least_promise(self.worst.size) / FURTHEST
+        return least_false_alarm_rate(self.worst.size) / FURTHEST
 
     def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
         """Which score a new design's good page exceeds at most so often, and whether that is by count (conformal).
@@ -77,7 +77,7 @@ class GoodScores:
         times ln(share in the tail / rate), and no less than the greatest score seen.
         """
         count = self.worst.size
-        if false_alarm_rate >= least_promise(count):
+        if false_alarm_rate >= least_false_alarm_rate(count):
             every = np.arange(count)
             return conformal_threshold(self.worst, every, false_alarm_rate=false_alarm_rate), True
         begin, excess, share = self._tail

@@ -173,7 +173,7 @@ def false_alarms_in_words(alarms: int, good_pages: int) -> str:
     return f"{alarms / good_pages:.1e}"
 
 
-def least_promise(designs: int) -> float:
+def least_false_alarm_rate(designs: int) -> float:
     """Least false-alarm rate that so many exchangeable good designs can promise without a model: 1 / (n + 1). [-]"""
     return 1 / (designs + 1)
 
@@ -191,7 +191,7 @@ def conformal_threshold(
     np.maximum.at(worst, np.unique(design, return_inverse=True)[1], score)
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
     if rank > len(worst):
-        message = f"{len(worst)} designs cannot promise less than {least_promise(len(worst)):.2g}"
+        message = f"{len(worst)} designs cannot promise less than {least_false_alarm_rate(len(worst)):.2g}"
         raise ValueError(message)
     return float(np.sort(worst)[rank - 1])
 

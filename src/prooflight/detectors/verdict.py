@@ -1,7 +1,7 @@
 """What a detector says of one page.
 
 A number that is not finite lies neither above nor below a threshold: nothing is decided by it, and nobody calls such a
-page good (``Verdict.judged``).
+page good (``Verdict.from_decision``).
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Verdict:
                 object.__setattr__(self, name, value)
 
     @classmethod
-    def judged(
+    def from_decision(
         cls,
         page: str,
         decision: Decision,
@@ -119,7 +119,7 @@ class Verdict:
         costs: None, every misprint stops the press. surely: a misprint stops whatever it costs. told: all else.
         """
         if why := unsound(decision):
-            return cls.passed(page, why, detector=told.get("detector", ""))
+            return cls.skipped(page, why, detector=told.get("detector", ""))
         chance, pays = decision.probability, True
         if costs is not None and chance is not None:
             pays = costs.stopping_pays(chance)
@@ -136,8 +136,8 @@ class Verdict:
         )
 
     @classmethod
-    def passed(cls, page: str, reason: str = "", *, detector: str = "") -> Self:
-        """Of a page that nobody judged: it is passed on, and said so."""
+    def skipped(cls, page: str, reason: str = "", *, detector: str = "") -> Self:
+        """Of a page that was not inspected: it is passed on, and said so."""
         return cls(page=page, verdict="not-inspected", action="accept", reason=reason, detector=detector)
 
 

@@ -13,6 +13,7 @@ from prooflight.inks.neighbours import LocalLinear, Neighbours
 from prooflight.inks.neugebauer import CellularNeugebauer, Neugebauer
 from prooflight.inks.radial_basis import Hybrid, RadialBasis
 from prooflight.inks.reflectance import LogLinear
+from prooflight.rng import stream
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ class Choice:
 
 def fold_of_recipe(recipes: int, folds: int, seed: int) -> NDArray[np.int64]:
     """Fold (recipes,) of each recipe, 0..folds-1, equally many in each up to one."""
-    return np.random.default_rng(seed).permutation(recipes) % folds
+    return stream(seed, "recipe-folds").permutation(recipes) % folds
 
 
 def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -> ChartModel:

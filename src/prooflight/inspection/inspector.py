@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
 from prooflight.inspection.light import light_tolerance, wrong_light
@@ -98,7 +98,7 @@ class Inspector:
         prepared = page if isinstance(page, Prepared) else self.prepare(page)
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
-        scan = Scan(dn=judged_lines(scan.name, scan.dn, prepared.page, self.press), name=scan.name)
+        scan = Scan(dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press), name=scan.name)
         done = prepared.known.inspect(scan, seed=seed)
         verdict = self._under_its_light(done.verdict, prepared, scan.dn)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
@@ -110,7 +110,7 @@ class Inspector:
         wrong = wrong_light(
             light_levels(prepared.lit, dn, sensors),
             sensors,
-            tolerance=light_tolerance(Tolerance() if ours is None else ours.tolerance.prior),
+            tolerance=light_tolerance(PrintPrior() if ours is None else ours.model.prior),
         )
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
@@ -127,7 +127,7 @@ def _sound(press: Press) -> None:
     press.check()
 
 
-def judged_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
+def inspected_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
     """The lines of a scan (sensors, lines, pixels) that are looked at: no more than scans of such a page have.
 
     It may have fewer if it holds the page in its place; what it lacks is unknown to all that follows. ScanError: it is
@@ -147,4 +147,4 @@ def judged_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) 
 
 def not_inspected(page_name: str, reason: str = "") -> Verdict:
     """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
-    return Verdict.passed(page_name, reason)
+    return Verdict.skipped(page_name, reason)

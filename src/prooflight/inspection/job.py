@@ -52,11 +52,11 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
     numbers = range(1, len(job) + 1)
     by_name = {scan.name: scan for scan in recorded}
     if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
-        strange = sorted(set(by_name) - {page_name(number) for number in numbers})
-        if strange:
-            named = ", ".join(by_name[name].path.name for name in strange[:NAMED])
-            more = f" and {len(strange) - NAMED} more" if len(strange) > NAMED else ""
-            what = f"{named}{more} {'is' if len(strange) == 1 else 'are'} no page of the job"
+        unknown = sorted(set(by_name) - {page_name(number) for number in numbers})
+        if unknown:
+            named = ", ".join(by_name[name].path.name for name in unknown[:NAMED])
+            more = f" and {len(unknown) - NAMED} more" if len(unknown) > NAMED else ""
+            what = f"{named}{more} {'is' if len(unknown) == 1 else 'are'} no page of the job"
             raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
         return [(number, by_name.get(page_name(number))) for number in numbers]
     by_number = {_last_number(scan.name): scan for scan in recorded}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+    from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
     from prooflight.inspection.light_level import LightLevel
     from prooflight.prediction.tables import SensorModel
 
@@ -40,7 +40,7 @@ class WrongLight:
     """It may be the sheet alone, not what sees it: another paper, or a misprint, which says more."""
 
 
-def light_tolerance(prior: Tolerance) -> float:
+def light_tolerance(prior: PrintPrior) -> float:
     """How far the light of a good print may be off; prior: what good prints of the press do. [-]
 
     Where no paper is bare, ink and tables are a part of it.

@@ -37,15 +37,15 @@ def chi_square(press: Press) -> Detector:
 def bayes(press: Press) -> Detector:
     """The paper's learned detector; RequestError: this press was not taught it."""
     if press.bayes is None:
-        raise _untaught(press, "bayes", "`prooflight press build --detector full`")
+        raise _untrained(press, "bayes", "`prooflight press build --detector full`")
     return PaperDetector(station=press.station(), test=press.bayes)
 
 
 def matched_filter(press: Press) -> Detector:
     """Ours; RequestError: this press was not taught it."""
     if press.ours is None:
-        raise _untaught(press, "ours", "`prooflight press build --detector quick`")
-    return MatchedFilterDetector(station=press.station(), model=press.ours)
+        raise _untrained(press, "ours", "`prooflight press build --detector quick`")
+    return MatchedFilterDetector(station=press.station(), calibrated=press.ours)
 
 
 BUILT_IN: Final[dict[str, Factory]] = {
@@ -74,6 +74,6 @@ def _registered() -> dict[str, Factory]:
     return {entry.name: entry.load() for entry in entry_points(group=GROUP)}
 
 
-def _untaught(press: Press, name: str, how: str) -> RequestError:
+def _untrained(press: Press, name: str, how: str) -> RequestError:
     what = f"press {press.name} was not taught {name!r}"
     return RequestError("detector", what, remedy=f"build it with {how}, or choose chi-square")

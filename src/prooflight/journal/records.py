@@ -71,7 +71,7 @@ class PageRecord:
     notes: tuple[str, ...] = ()
     """What the run as a whole said with this sheet: drifts, recommendations."""
     evidence: Mapping[str, NDArray[Any]] | None = None
-    """``rejudging.kept_evidence``: what the verdict is made from again, and cuts for people. None: nothing kept."""
+    """``redeciding.kept_evidence``: what the verdict is made from again, and cuts for people. None: nothing kept."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

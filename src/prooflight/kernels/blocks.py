@@ -9,9 +9,9 @@ from prooflight.kernels.compiled import kernel
 INKS = 4
 
 
-@kernel("words (_, _), lines (R, _), columns (C, _), ink (R, C, INKS)")
-def block_inks(words, lines, columns, ink):  # type: ignore[no-untyped-def]
-    """Add to ink (rows, across, 4) the mean ink fractions of the raster, words (lines, columns) uint32, in blocks.
+@kernel("packed (_, _), lines (R, _), columns (C, _), ink (R, C, INKS)")
+def block_inks(packed, lines, columns, ink):  # type: ignore[no-untyped-def]
+    """Add to ink (rows, across, 4) the mean ink fractions of the raster, packed (lines, columns) uint32, in blocks.
 
     lines (rows, n), columns (across, n): the n lines and columns of the raster that stand for a row of blocks.
     """
@@ -20,7 +20,7 @@ def block_inks(words, lines, columns, ink):  # type: ignore[no-untyped-def]
     for row in range(lines.shape[0]):
         out = ink[row]
         for line in lines[row]:
-            source = words[line]
+            source = packed[line]
             for block in range(columns.shape[0]):
                 cyan, magenta, yellow, black = np.uint32(0), np.uint32(0), np.uint32(0), np.uint32(0)
                 for column in columns[block]:

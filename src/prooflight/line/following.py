@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.nuisance import Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +56,7 @@ class Adapting:
     @classmethod
     def begin(cls, press: Press) -> Self:
         """Nothing is followed yet."""
-        known = Tolerance() if press.ours is None else press.ours.tolerance.prior
+        known = PrintPrior() if press.ours is None else press.ours.model.prior
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * known.lamp_length * waves) ** 2) / 4)
         lamp = known.lamp * np.sqrt(power / (0.5 * power.sum() + 0.5))

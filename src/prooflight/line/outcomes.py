@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.line.following import Adapting
-    from prooflight.line.monitor.run import Announcement, RunLevel
+    from prooflight.line.monitor.run import Announcement, RunMonitor
     from prooflight.line.pager import Fault, MissingPage, SeenPage
 
 SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
@@ -66,14 +66,14 @@ def outcome(
     return Outcome(record=record, latency_s=latency_s, evidence=told)
 
 
-def passed(number: int, seen: SeenPage, why: str, *, name: str | None = None) -> Outcome:
+def skipped(number: int, seen: SeenPage, why: str, *, name: str | None = None) -> Outcome:
     """Of a sheet that nobody inspected; why: in one line. name: of the page that it shows or is taken for."""
     if name is None:
         name = f"sheet {number}" if seen.job_page is None else page_name(seen.job_page + 1)
-    return outcome(number, seen, Verdict.passed(name, why))
+    return outcome(number, seen, Verdict.skipped(name, why))
 
 
-def strange(number: int, seen: SeenPage) -> Outcome:
+def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
     """Of a sheet that shows no page of the job: there is nothing to compare it with, and nothing right about it."""
     kinds = kinds_of(seen.faults)
     blank = "blank" in kinds
@@ -86,13 +86,13 @@ def strange(number: int, seen: SeenPage) -> Outcome:
     )
 
 
-def absent(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
+def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
     """Of a page of the job that did not come; name: its own."""
     reason = "; ".join(fault.detail for fault in page.faults)
     record = PageRecord(
         sheet=number,
         job_page=page.job_page,
-        verdict=Verdict.passed(name or page_name(page.job_page + 1), reason),
+        verdict=Verdict.skipped(name or page_name(page.job_page + 1), reason),
         late=False,
         first_line=page.faults[0].first_line if page.faults else 0,
         time_s=time_s,
@@ -127,7 +127,7 @@ class InOrder:
 class RunWatch:
     """What the run as a whole says, sheet after sheet."""
 
-    level: RunLevel
+    monitor: RunMonitor
     adapting: Adapting | None
     sheets: int | None
     """In the run; None: nobody said."""
@@ -136,10 +136,10 @@ class RunWatch:
         """The next sheet, in order; returns it with what the run says now."""
         number, evidence = outcome.record.sheet, outcome.evidence
         left = None if self.sheets is None else max(self.sheets - 1 - (outcome.record.job_page or number), 0)
-        said = self.level.see(number, evidence, pages_left=left)
+        said = self.monitor.see(number, evidence, pages_left=left)
         if self.adapting is not None:
             for name, level in self.adapting.see(evidence.values):
-                said += self.level.excursion(number, name, level, pages_left=left)
+                said += self.monitor.excursion(number, name, level, pages_left=left)
         if not said:
             return outcome
         record = replace(outcome.record, notes=(*outcome.record.notes, *(one.text for one in said)))

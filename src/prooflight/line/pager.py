@@ -140,7 +140,7 @@ class Pager:
         """Pages that were said to be missing and have not come since."""
         return len(self._following.missing)
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
         self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
         for page in self._following.known_near()[:1]:

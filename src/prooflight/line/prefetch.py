@@ -59,7 +59,7 @@ def size_bytes(value: object) -> int:
     return sum(arrays.values())
 
 
-class Ahead(Generic[Ready]):
+class DesignPrefetcher(Generic[Ready]):
     """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows.
 
     Designs whose sheets have passed before their turn came are not made any more: it would make the next ones late.

@@ -1,7 +1,7 @@
 """The running press: endless lines in, a verdict a sheet out, each before the reject gate.
 
 One thread reads the source and cuts sheets, some make designs ready ahead of them, some inspect, and one puts what they
-find in the order of the run: run level, journal, whoever watches. A sheet that cannot be inspected in time is passed
+find in the order of the run: run monitor, journal, whoever watches. A sheet that cannot be inspected in time is passed
 on and said so (``queues.Waiting`` has the rule); a source that can wait is made to.
 
     waiting -> preparing -> inspecting -> draining -> stopped
@@ -24,9 +24,9 @@ from prooflight.errors import ProoflightError
 from prooflight.inspection.reasons import reason_of
 from prooflight.line.book import KnownThumbnails
 from prooflight.line.notices import Notice, Silence, Unusable
-from prooflight.line.outcomes import InOrder, Outcome, absent, kinds_of, outcome, passed, strange
+from prooflight.line.outcomes import InOrder, Outcome, kinds_of, missing_page, outcome, skipped, unknown_sheet
 from prooflight.line.pager import MissingPage, SeenPage
-from prooflight.line.prefetch import Ahead, size_bytes
+from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.status import Phase, Status, Tally
 from prooflight.pages.files import page_name
@@ -35,11 +35,11 @@ from prooflight.pages.process import touch
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from prooflight.line.judging import Judge, Judged
     from prooflight.line.outcomes import RunWatch
     from prooflight.line.pager import Pager
     from prooflight.line.prefetch import PageBook
     from prooflight.line.settings import Settings
+    from prooflight.line.sheet_inspector import SheetInspector, SheetResult
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock, LineSource
@@ -67,7 +67,7 @@ class Running:
         source: LineSource,
         pager: Callable[[Sequence[Thumbnail | None]], Pager],
         book: PageBook,
-        judge: Judge[Any],
+        inspector: SheetInspector[Any],
         watch: RunWatch,
         settings: Settings,
         tell: Callable[[Outcome], None] = lambda _outcome: None,
@@ -82,7 +82,7 @@ class Running:
         are known to be unusable, and why. durable: pages in the journal.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
-        self._judge, self._watch, self._settings = judge, watch, settings
+        self._inspector, self._watch, self._settings = inspector, watch, settings
         self._tell, self._notice, self._name = tell, notice, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self.tally = Tally()
@@ -91,9 +91,9 @@ class Running:
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
-        self._ahead: Ahead[tuple[Judge[Any], Any, Any]] = Ahead(
+        self._prefetcher: DesignPrefetcher[tuple[SheetInspector[Any], Any, Any]] = DesignPrefetcher(
             book,
-            self._maker(judge),
+            self._maker(inspector),
             depth=settings.ahead,
             room_bytes=settings.ahead_bytes,
             threads=settings.preparers,
@@ -137,7 +137,7 @@ class Running:
         return self.tally.snapshot(
             queue_depth=len(self._waiting),
             being_inspected=self.tally.counts[BUSY],
-            ahead=self._ahead.ready,
+            ahead=self._prefetcher.ready,
             journalled=self._durable(),
             elapsed_s=self._clock() - self._started_s,
         )
@@ -166,7 +166,7 @@ class Running:
                 if thread.ident is not None:
                     thread.join()
             self._source.close()
-            self._ahead.close()
+            self._prefetcher.close()
             self._done.put(None)
             if finisher.ident is not None:
                 finisher.join()
@@ -181,32 +181,32 @@ class Running:
         for sheet, flaw in self._flaws.items():
             self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
         first = range(max(min(self._settings.ahead, len(self._book)), 1))
-        self._ahead.expect(0)
+        self._prefetcher.expect(0)
         for sheet in first:
             self._ready(sheet)
         if self._stopping.is_set():
             return
-        if not self._ahead.ready:
-            self._ahead.get(first[0])  # it raises: of the first designs none can be used
-        touch(self._ahead.still_to_fill())
+        if not self._prefetcher.ready:
+            self._prefetcher.get(first[0])  # it raises: of the first designs none can be used
+        touch(self._prefetcher.still_to_fill())
         # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
         # and last, or designs would lie where that memory was.
-        judge, ready, _ = self._ahead.largest()
+        inspector, ready, _ = self._prefetcher.largest()
         threads = self._settings.inspectors
-        with ThreadPoolExecutor(threads + 1) as rehearsing:  # one more: designs are made beside
+        with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are made beside
             turns = [
-                rehearsing.submit(lambda: None if self._stopping.is_set() else judge.rehearse(ready))
+                warming.submit(lambda: None if self._stopping.is_set() else inspector.warm_up(ready))
                 for _ in range(REHEARSALS * (threads + 1))
             ]
         for turn in turns:
             if (error := turn.exception()) is not None:
-                _log.error("a rehearsal failed", exc_info=error)  # its sheets will say so themselves
+                _log.error("a warm-up failed", exc_info=error)  # its sheets will say so themselves
                 break
 
     def _read_all(self) -> None:
         """Read until the lines end; whatever ends them, what has passed until then is inspected."""
         pager = self._make_pager(self._thumbnails)
-        pager.rehearse()
+        pager.warm_up()
         self.tally.phase = Phase.INSPECTING
         broken: Exception | None = None
         try:
@@ -252,7 +252,7 @@ class Running:
         while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
             left_s = within_s - (self._clock() - begun_s)
             try:
-                self._ahead.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
+                self._prefetcher.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
             except TimeoutError:
                 if left_s > MIND_S and not self._stopping.is_set():
                     continue
@@ -260,7 +260,7 @@ class Running:
                 _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has said it
             return
 
-    def _design_ready(self, design: Hashable, made: tuple[Judge[Any], Any, Any]) -> None:
+    def _design_ready(self, design: Hashable, made: tuple[SheetInspector[Any], Any, Any]) -> None:
         self._thumbnails.know(design, made[0].thumbnail(made[1]))
         self._unusable.remove(design)
 
@@ -271,14 +271,14 @@ class Running:
         if isinstance(page, MissingPage):
             self.tally.count("missing")
             name = self._name(page.job_page)
-            self._done.put(absent(number, page, now_s if block is None else block.time_s, name=name))
+            self._done.put(missing_page(number, page, now_s if block is None else block.time_s, name=name))
             return
         self.tally.arrived(now_s, list(kinds_of(page.faults)))
         if page.job_page is None:
             self._arrived_unknown(number, page, next_page)
             return
         self._unready = 0
-        self._ahead.expect(page.job_page)
+        self._prefetcher.expect(page.job_page)
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
@@ -292,16 +292,16 @@ class Running:
         """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
         name = None if page.taken_for is None else self._name(page.taken_for)
         if page.cut_short:
-            self._done.put(passed(number, page, CUT_SHORT, name=name))
+            self._done.put(skipped(number, page, CUT_SHORT, name=name))
         elif page.taken_for is not None:
             why = self._why_unusable(page.taken_for)
             self._unready += not why
-            self._ahead.expect(next_page + self._unready)
-            self._done.put(passed(number, page, why or "its design was not ready in time", name=name))
+            self._prefetcher.expect(next_page + self._unready)
+            self._done.put(skipped(number, page, why or "its design was not ready in time", name=name))
         elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
-            self._done.put(passed(number, page, doubt))
+            self._done.put(skipped(number, page, doubt))
         else:
-            self._done.put(strange(number, page))
+            self._done.put(unknown_sheet(number, page))
 
     def _why_unusable(self, sheet: int) -> str:
         """Why a sheet's page cannot be used; empty: nothing is known against it."""
@@ -341,36 +341,36 @@ class Running:
         self.tally.took("queue", begun_s - sheet.arrived_s)
         assert sheet.seen.job_page is not None
         try:
-            judge, ready, used = self._ahead.get(sheet.seen.job_page)
-            judged = judge.inspect(
+            inspector, ready, used = self._prefetcher.get(sheet.seen.job_page)
+            result = inspector.inspect(
                 ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
             )
             decided_s = self._clock()
-            done = self._outcome(sheet, judged, used, decided_s)
+            done = self._outcome(sheet, result, used, decided_s)
         except Exception as error:
             why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
-            return passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
+            return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
         self.tally.took("inspect", decided_s - begun_s)
         self.tally.took("verdict", decided_s - sheet.arrived_s)
         return done
 
-    def _outcome(self, sheet: Sheet, judged: Judged, used: Any, decided_s: float) -> Outcome:
-        evidence, adapting = judged.evidence, self._watch.adapting
+    def _outcome(self, sheet: Sheet, result: SheetResult, used: Any, decided_s: float) -> Outcome:
+        evidence, adapting = result.evidence, self._watch.adapting
         if adapting is not None:
             evidence = replace(evidence, values=adapting.whole(evidence.values, used))
         return outcome(
             sheet.number,
             sheet.seen,
-            judged.verdict,
+            result.verdict,
             late=decided_s > sheet.deadline_s,
             latency_s=decided_s - sheet.arrived_s,
             evidence=evidence,
-            kept=judged.kept,
+            kept=result.kept,
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:
         assert sheet.seen.job_page is not None
-        self._done.put(passed(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
+        self._done.put(skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
 
     def _mind(self) -> None:
         while not self._ended.wait(MIND_S):
@@ -409,10 +409,10 @@ class Running:
         if adapting is not None:
             press = adapting.renewed(self._press, record.sheet)
             if press is not None:
-                self._judge = judge = self._judge.following(press)
+                self._inspector = inspector = self._inspector.following(press)
                 used = adapting.used.copy()
-                self._ahead.renew(
-                    self._maker(judge), again=lambda made: (judge, judge.renewed(made[1]), used)
+                self._prefetcher.renew(
+                    self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
                 )
         self._tell(told)
 
@@ -425,11 +425,11 @@ class Running:
             return told
         return replace(told, record=replace(told.record, notes=(*told.record.notes, *noted)))
 
-    def _maker(self, judge: Judge[Any]) -> Callable[[Any], tuple[Judge[Any], Any, Any]]:
+    def _maker(self, inspector: SheetInspector[Any]) -> Callable[[Any], tuple[SheetInspector[Any], Any, Any]]:
         """Makes designs ready for this judge, and says what the press was taken to do then."""
         adapting = self._watch.adapting
         used = None if adapting is None else adapting.used.copy()
-        return lambda page: (judge, judge.prepare(page), used)
+        return lambda page: (inspector, inspector.prepare(page), used)
 
     def _fault(self, error: Exception) -> None:
         if not isinstance(error, (ProoflightError, OSError)):

@@ -6,21 +6,21 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from prooflight.line.following import Adapting
-from prooflight.line.judging import PressJudge
 from prooflight.line.monitor.evidence import columns_mm
-from prooflight.line.monitor.run import RunLevel
+from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.outcomes import RunWatch
 from prooflight.line.pager import Pager, SheetEdge
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
+from prooflight.line.sheet_inspector import PressSheetInspector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.inspection.inspector import Inspector
-    from prooflight.line.judging import Keep
     from prooflight.line.pager import PageStart
     from prooflight.line.prefetch import PageBook
+    from prooflight.line.sheet_inspector import Keep
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.scans.lines import LineSource
 
@@ -39,7 +39,7 @@ def watched(
 ) -> Running:
     """A run ready to start.
 
-    follow: whether slow changes of lamp and paper are followed. false_alarms: of the run level, a 100,000 pages.
+    follow: whether slow changes of lamp and paper are followed. false_alarms: of the run's monitor, a 100,000 pages.
     told: ``tell``, ``notice``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
@@ -47,7 +47,7 @@ def watched(
     def pager(known: Sequence[Thumbnail | None]) -> Pager:
         return Pager(press, expected=known, start=start or SheetEdge())
 
-    level = RunLevel.begin(
+    monitor = RunMonitor.begin(
         sensors=[sensor.name for sensor in press.sensors],
         columns_mm=columns_mm(press),
         costs=press.costs,
@@ -58,9 +58,9 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        judge=PressJudge(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
+        inspector=PressSheetInspector(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
         watch=RunWatch(
-            level=level, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
+            monitor=monitor, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
         ),
         settings=settings,
         **told,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def displaced(page: Page, planes: NDArray[np.int64]) -> Page:
     """The page with planes so many raster pixels too far right and too far down, (4, 2); bare beyond."""
-    words = page.words
-    out = np.empty_like(words)
-    compose_rows(words, planes, out)
+    packed = page.packed
+    out = np.empty_like(packed)
+    compose_rows(packed, planes, out)
     return replace(page, cmyk=out.view(np.uint8).reshape(page.cmyk.shape))

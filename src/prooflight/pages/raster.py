@@ -48,7 +48,7 @@ class Page:
         return MM_PER_INCH / self.dpi
 
     @property
-    def words(self) -> NDArray[np.uint32]:
+    def packed(self) -> NDArray[np.uint32]:
         """(rows, columns) recipes, a word each with cyan lowest."""
         return np.asarray(np.ascontiguousarray(self.cmyk).view(np.uint32)[:, :, 0])
 

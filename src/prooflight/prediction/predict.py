@@ -15,8 +15,8 @@ from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.lens_correction import correct_light
-from prooflight.prediction.quantised_table import bricks_of
-from prooflight.prediction.sampling_grid import course
+from prooflight.prediction.quantised_table import quantised_table
+from prooflight.prediction.sampling_grid import sampling_grid
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
-    from prooflight.prediction.sampling_grid import Course
+    from prooflight.prediction.sampling_grid import SamplingGrid
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
@@ -57,11 +57,11 @@ def predict(
     The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not the signal
     of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
     it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
-    by its stretch. Displacements are linear between nodes 16 camera pixels apart (``course``).
+    by its stretch. Displacements are linear between nodes 16 camera pixels apart (``sampling_grid``).
     threads: bands of lines run at once, default one a core.
     """
     lines = geometry.lines(page.height_mm)
-    where = course(page, geometry, placement)
+    where = sampling_grid(page, geometry, placement)
     expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
     variance = np.empty_like(expected)
     workers = threads or os.cpu_count() or 1
@@ -102,7 +102,7 @@ def predict_light(
     """
     if not tables:
         return
-    where = course(page, geometry, IN_PLACE)
+    where = sampling_grid(page, geometry, IN_PLACE)
     nodes, backings = [table.mean_dn for table in tables], [table.backing_dn for table in tables]
     seen = _filtering_still(page, tables[0], where, nodes, backings, out, sign=sign)
     seen(line_from=0, line_to=len(out[0]))
@@ -140,15 +140,15 @@ def looked_up(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
-    words = np.zeros(-(-len(cmyk) // AT_ONCE) * AT_ONCE, np.uint32)
-    words[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
-    mean, variance = np.empty((2, words.size), np.float32)
-    look_up_light(words, bricks_of(sensor.mean_dn), np.float32(0), mean)
+    packed = np.zeros(-(-len(cmyk) // AT_ONCE) * AT_ONCE, np.uint32)
+    packed[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
+    mean, variance = np.empty((2, packed.size), np.float32)
+    look_up_light(packed, quantised_table(sensor.mean_dn), np.float32(0), mean)
     slope = shot_slope(sensor)
     if slope > 0:
         variance = (sensor.backing_variance_dn2 + slope * (mean - sensor.backing_dn)).astype(np.float32)
     else:
-        look_up_light(words, bricks_of(sensor.variance_dn2), np.float32(0), variance)
+        look_up_light(packed, quantised_table(sensor.variance_dn2), np.float32(0), variance)
     return mean[: len(cmyk)], variance[: len(cmyk)]
 
 
@@ -186,7 +186,7 @@ def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) ->
 def _filtering(
     page: Page,
     sensor: SensorModel,
-    where: Course,
+    where: SamplingGrid,
     table: NDArray[np.float32],
     backing: float,
     light: NDArray[np.float32],
@@ -197,8 +197,8 @@ def _filtering(
     across, along = where.across, where.along
     return partial(
         filter_moved_lines,
-        page.words,
-        bricks_of(table),
+        page.packed,
+        quantised_table(table),
         np.float32(backing),
         across.places,
         across.pitch,
@@ -218,7 +218,7 @@ def _filtering(
 def _filtering_still(
     page: Page,
     sensor: SensorModel,
-    where: Course,
+    where: SamplingGrid,
     tables: Sequence[NDArray[np.float32]],
     backings: Sequence[float],
     lights: Sequence[NDArray[np.float32]],
@@ -229,8 +229,8 @@ def _filtering_still(
     across, along = where.across, where.along
     return partial(
         filter_lines,
-        page.words,
-        tuple(bricks_of(table) for table in tables),
+        page.packed,
+        tuple(quantised_table(table) for table in tables),
         np.array(backings, np.float32),
         where.stride,
         across.places[0],

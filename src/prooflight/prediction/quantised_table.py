@@ -30,10 +30,10 @@ CODES = 32767
 INKS = 4
 
 
-class Bricks(NamedTuple):
+class QuantisedTable(NamedTuple):
     """One table: value = unit x (65536 x interpolated code)^2 - offset."""
 
-    bricks: NDArray[np.int16]
+    codes: NDArray[np.int16]
     """(2^16, 16) codes at a cell's corners; cells and corners with black slowest and cyan fastest."""
     inner: NDArray[np.int16]
     """(.., 4) weights of cyan and magenta's four corners at each pair of their fractions."""
@@ -63,7 +63,7 @@ class Bricks(NamedTuple):
         codes = np.rint(roots * scale).astype(np.int16)
         fractions = [8 - count for count in bits]
         return cls(
-            bricks=_bricks(codes),
+            codes=_by_cell(codes),
             inner=_weights(fractions[1], fractions[0]).astype(np.int16),
             outer=np.repeat(_weights(fractions[3], fractions[2]), 2, axis=1).astype(np.int32),
             bits=np.array(bits, np.uint32),
@@ -73,8 +73,8 @@ class Bricks(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _found(key: _ByIdentity) -> Bricks:
-    return Bricks.of(key.table)
+def _found(key: _ByIdentity) -> QuantisedTable:
+    return QuantisedTable.of(key.table)
 
 
 class _ByIdentity:
@@ -90,8 +90,8 @@ class _ByIdentity:
         return isinstance(other, _ByIdentity) and other.table is self.table
 
 
-def bricks_of(table: NDArray[np.float32]) -> Bricks:
-    """``Bricks.of``, made once for each table."""
+def quantised_table(table: NDArray[np.float32]) -> QuantisedTable:
+    """``QuantisedTable.of``, made once for each table."""
     return _found(_ByIdentity(table))
 
 
@@ -155,7 +155,7 @@ def _weights(slow_bits: int, fast_bits: int) -> NDArray[np.int64]:
     return np.asarray(np.einsum("ai,bj->abij", *sides), np.int64).reshape(-1, 4)
 
 
-def _bricks(codes: NDArray[np.int16]) -> NDArray[np.int16]:
+def _by_cell(codes: NDArray[np.int16]) -> NDArray[np.int16]:
     """Nodes of cyan, magenta, yellow, black -> corners of each cell, (2^16, 16), at an even address."""
     nodes = codes.transpose()
     cells = tuple(count - 1 for count in nodes.shape)
@@ -163,9 +163,9 @@ def _bricks(codes: NDArray[np.int16]) -> NDArray[np.int16]:
         nodes[tuple(slice(start, start + count) for start, count in zip(corner, cells, strict=True))]
         for corner in product((0, 1), repeat=INKS)
     ]
-    # A brick of 32 bytes must not straddle two lines of the cache.
+    # A cell of 32 bytes must not straddle two lines of the cache.
     room = np.empty((1 << CELL_BITS) * 16 + 32, np.int16)
     first = -room.ctypes.data % 64 // 2
-    bricks = room[first : first + (1 << CELL_BITS) * 16].reshape(-1, 16)
-    bricks[:] = np.stack(corners, axis=-1).reshape(-1, 16)
-    return bricks
+    by_cell = room[first : first + (1 << CELL_BITS) * 16].reshape(-1, 16)
+    by_cell[:] = np.stack(corners, axis=-1).reshape(-1, 16)
+    return by_cell

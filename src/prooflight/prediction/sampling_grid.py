@@ -46,7 +46,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Course:
+class SamplingGrid:
     """The two coordinates that the two passes need."""
 
     across: Nodes
@@ -61,7 +61,7 @@ class Course:
     """A raster pixel has 2^phase_bits phases."""
 
 
-def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
+def sampling_grid(page: Page, geometry: ScanGeometry, placement: Placement) -> SamplingGrid:
     """What the camera sees of ``page`` where ``placement`` puts it."""
     rows, lines = page.cmyk.shape[0], geometry.lines(page.height_mm)
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(lines)
@@ -94,7 +94,7 @@ def course(page: Page, geometry: ScanGeometry, placement: Placement) -> Course:
     along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)
     steps = np.diff(across.places[0]) / across.segment
     even = still and np.abs(steps - round(ratio)).max() < _ROUNDING
-    return Course(
+    return SamplingGrid(
         across=across,
         along=along,
         still=still,

@@ -5,7 +5,7 @@ What it may hold, ``press_schema`` says; nothing else is written or read. Schema
 2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
 3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
 4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
-5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
+5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.model.kind*``).
 6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
 presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
 """
@@ -148,10 +148,10 @@ class Press:
         arrays |= {INKS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
         detectors: dict[str, Any] = {}
         for name in DETECTORS:
-            taught: CalibratedDetector | BayesDetector | None = getattr(self, name)
-            if taught is not None:
-                detectors[name] = taught.facts()
-                arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in taught.arrays().items()}
+            trained: CalibratedDetector | BayesDetector | None = getattr(self, name)
+            if trained is not None:
+                detectors[name] = trained.facts()
+                arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in trained.arrays().items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
             for name in (*TABLES, "column_offset_dn", "column_gain"):

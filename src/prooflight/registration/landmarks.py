@@ -10,7 +10,7 @@ import numpy as np
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.landmarks import edge_shares, tile_information, tile_signals
-from prooflight.prediction.quantised_table import bricks_of
+from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.coarse import CoarsePage, coarse_page
 from prooflight.registration.field import Basis, Prior
 
@@ -132,10 +132,10 @@ def prepare(
     taps = tuple(_sensor_taps(sensor, ratio, page.pixel_mm, pitch) for sensor in sensors)
     begin, corners, (width, height) = raster_windows(first, size, page.pixel_mm, ratio, taps[0])
     windows = np.empty((len(sensors), rows.size, height, width), np.float32)
-    words = page.words
+    packed = page.packed
     for sensor, window in zip(sensors, windows, strict=True):
-        bricks, backing = bricks_of(sensor.mean_dn), np.float32(sensor.backing_dn)
-        tile_signals(words, corners[:, 1], corners[:, 0], bricks, backing, window)
+        quantised, backing = quantised_table(sensor.mean_dn), np.float32(sensor.backing_dn)
+        tile_signals(packed, corners[:, 1], corners[:, 0], quantised, backing, window)
     shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio)
     apart = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
     centres = first + (size - 1) / 2 * pitch
@@ -200,12 +200,12 @@ def _shares(
     page: Page, sensors: Sequence[SensorModel], corners: NDArray[np.int64], ratio: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     sums = np.zeros((len(corners), 2, 6))
-    words = page.words
+    packed = page.packed
     stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
     for sensor in sensors:
         logs = np.log(light_left(sensor)).astype(np.float32)
         edge_shares(
-            words,
+            packed,
             corners[:, 1],
             corners[:, 0],
             TILE_PIXELS,

@@ -36,7 +36,7 @@ class Overlaps:
     lines: NDArray[np.int64]
     """(patches,) first line of each, the page in its place."""
     columns: NDArray[np.int64]
-    words: NDArray[np.uint32]
+    packed: NDArray[np.uint32]
     """(patches, height + 2 margin, width + 2 margin) raster under each patch, a word a recipe, cyan lowest."""
     margin: int
     """Raster pixels by which planes may be displaced."""
@@ -80,12 +80,12 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
     )
     margin = _reach(good_mm, page.pixel_mm) + 1
     width, height = width + 2 * margin, height + 2 * margin
-    words = [_cut(page.words, y - margin, x - margin, height, width) for x, y in corners.tolist()]
+    packed = [_cut(page.packed, y - margin, x - margin, height, width) for x, y in corners.tolist()]
     of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
     return Overlaps(
         lines=top,
         columns=left,
-        words=np.stack(words),
+        packed=np.stack(packed),
         margin=margin,
         origins=begin - corners,
         inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
@@ -108,17 +108,17 @@ def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
     scores = np.zeros((rows, columns, 2, EDGES))
     # An ink counts as for the sensor that sees it best.
     light = np.min([light_left(sensor) for sensor in landmarks.sensors], axis=0).astype(np.float32)
-    shared_edges(page.words, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
+    shared_edges(page.packed, PATCH_PIXELS, int(stride_x), int(stride_y), light, scores)
     inner = np.zeros_like(scores)  # a print that is displaced shows the backing there, or a page's edge
     inner[1:-1, 1:-1] = scores[1:-1, 1:-1]
     return inner
 
 
-def _cut(words: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
+def _cut(packed: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
     """A window of the raster; bare where it reaches beyond."""
     found = np.zeros((height, width), np.uint32)
     above, aside = max(-top, 0), max(-left, 0)
-    within = words[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
+    within = packed[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
     found[above : above + within.shape[0], aside : aside + within.shape[1]] = within
     return found
 

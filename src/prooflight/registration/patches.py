@@ -9,10 +9,10 @@ import numpy as np
 
 from prooflight.kernels.registration.measuring import SUMS
 from prooflight.kernels.registration.shared_edges import fringe_sums, shared_cost, without_light
-from prooflight.prediction.quantised_table import bricks_of
+from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.landmarks import SIGNAL_NOISE
 from prooflight.registration.overlaps import INKS, LEAST_PATCHES, PATCH_PIXELS
-from prooflight.registration.tiles import Room
+from prooflight.registration.tiles import Workspace
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class Patches:
     landmarks: Landmarks
     parts: NDArray[np.float64]
     """(2, 4) how much each plane counts in the placement."""
-    words: NDArray[np.uint32]
+    packed: NDArray[np.uint32]
     """As ``Overlaps`` has them, of the patches that are seen."""
     origins: NDArray[np.float64]
     light: NDArray[np.float32]
@@ -101,7 +101,7 @@ class Patches:
             overlaps=overlaps,
             landmarks=landmarks,
             parts=parts,
-            words=overlaps.words[seen],
+            packed=overlaps.packed[seen],
             origins=overlaps.origins[seen],
             light=np.stack(light).astype(np.float32),
             moves=(moves - whole)[seen] * landmarks.ratio,
@@ -127,7 +127,7 @@ class Patches:
         if steps not in self.known:
             if steps not in self.left:
                 self.left[steps] = self._rendered(steps)
-            costs = np.empty(len(self.words))
+            costs = np.empty(len(self.packed))
             total, x, y = shared_cost(self.left[steps], OWN_SD, COMMON_SD, self.most, costs)
             off = np.array(steps) * self.overlaps.pixel_mm / PLANE_SD_MM
             self.known[steps] = total / self.scale + float(off @ off) / 2, x, y
@@ -135,7 +135,7 @@ class Patches:
 
     def sharpen(self, steps: Steps) -> None:
         """Take what is left with planes there for what a good patch leaves."""
-        costs = np.empty(len(self.words))
+        costs = np.empty(len(self.packed))
         shared_cost(self.left[steps], OWN_SD, COMMON_SD, self.most, costs)
         self.misfit = float(np.median(costs)) / (PATCH_PIXELS**2 * len(self.light))
         cost = max(self.misfit, LEAST_COST)
@@ -151,11 +151,11 @@ class Patches:
         for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
             fringe_sums(
                 self.light[index],
-                self.words,
+                self.packed,
                 overlaps.margin,
                 right,
                 down,
-                bricks_of(sensor.mean_dn),
+                quantised_table(sensor.mean_dn),
                 self.origins,
                 self.moves + self._centred(steps),
                 *landmarks.ratio,
@@ -164,12 +164,12 @@ class Patches:
                 taps.along,
                 taps.along_slope,
                 _noise(landmarks, index),
-                Room.of(self.words.shape[2] - 2 * overlaps.margin, landmarks.ratio[0], taps),
+                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, landmarks.ratio[0], taps),
                 not self.left,
                 self.base[index],
                 sums[index],
             )
-        left = np.empty((len(self.words), 6))
+        left = np.empty((len(self.packed), 6))
         without_light(sums, np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors]), GAIN_SD, left)
         return left
 

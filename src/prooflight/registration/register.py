@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.kernels.registration.judging import MOST_GAIN_SD
+from prooflight.kernels.registration.solving import MOST_GAIN_SD
 from prooflight.registration.coarse import shrunk
 from prooflight.registration.field import Field, Prior, fitted, trust
 from prooflight.registration.foreign import coarse_inside, foreign_print
@@ -166,42 +166,42 @@ def _fielded(
     measure = partial(measured, landmarks, scan, threads=threads)
 
     def fit(
-        tiles: NDArray[np.intp], said: TileMoves, places: NDArray[np.float64], **how: Any
+        tiles: NDArray[np.intp], tile_moves: TileMoves, places: NDArray[np.float64], **how: Any
     ) -> tuple[Field, Pose, NDArray[np.float64]]:
         """The field, the pose it moves to, and where both have all tiles. [mm]"""
         off = places - landmarks.moves(pose, tiles) * pitch
-        precision = said.precision / np.outer(pitch, pitch)
+        precision = tile_moves.precision / np.outer(pitch, pitch)
         found = fitted(basis, tiles, off, precision, shares[tiles], **how)
         moved = pose.moved(found.step)
         return found, moved, landmarks.moves(moved, every) * pitch + found.moves_mm(shares)
 
     some = spread(every.size, FIELD_TILES)
     start = landmarks.moves(pose, some)
-    said = measure(some, start, unsure_pixels=UNSURE_PIXELS[0])
-    _, pose, now = fit(some, said, (start + said.moves) * pitch, negligible=ROUGH)
-    said = measure(every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
-    shares = printed_shares(landmarks.shares, said)
-    places = now + said.moves * pitch
-    _, pose, better = fit(every, said, places, negligible=ROUGH)
-    again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & said.seen)
+    tile_moves = measure(some, start, unsure_pixels=UNSURE_PIXELS[0])
+    _, pose, now = fit(some, tile_moves, (start + tile_moves.moves) * pitch, negligible=ROUGH)
+    tile_moves = measure(every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
+    shares = printed_shares(landmarks.shares, tile_moves)
+    places = now + tile_moves.moves * pitch
+    _, pose, better = fit(every, tile_moves, places, negligible=ROUGH)
+    again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & tile_moves.seen)
     if again.size:
         more = measure(again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
-        said.put(again, more)
+        tile_moves.put(again, more)
         places[again] = better[again] + more.moves * pitch
-    weight = trust(places - better, said.precision / np.outer(pitch, pitch))
-    found, pose, _ = fit(every, said, places, weight=weight)
-    return _registration(landmarks, shares, pose, found, said, reason)
+    weight = trust(places - better, tile_moves.precision / np.outer(pitch, pitch))
+    found, pose, _ = fit(every, tile_moves, places, weight=weight)
+    return _registration(landmarks, shares, pose, found, tile_moves, reason)
 
 
-def printed_shares(shares: NDArray[np.float64], said: TileMoves) -> NDArray[np.float64]:
+def printed_shares(shares: NDArray[np.float64], tile_moves: TileMoves) -> NDArray[np.float64]:
     """``shares`` (tiles, 2, 4) without the planes that are not printed; the others of a tile make up for it.
 
     Tiles' contrasts are the presence of their planes, weighted by their shares, and of the page's own edge.
     """
-    told = said.seen & (said.gain_sd < MOST_GAIN_SD)
+    told = tile_moves.seen & (tile_moves.gain_sd < MOST_GAIN_SD)
     edge = 1 - shares.sum(axis=2, keepdims=True)
     model, (tile_sd, plane_sd) = np.concatenate([shares, edge], axis=2).mean(axis=1)[told], PRESENCE_SD
-    off = said.gain[told] - model.sum(axis=1)
+    off = tile_moves.gain[told] - model.sum(axis=1)
     weight = np.ones(off.size)
     for _ in range(4):
         weighted = model * weight[:, None]
@@ -216,22 +216,22 @@ def _registration(
     shares: NDArray[np.float64],
     pose: Pose,
     field: Field,
-    said: TileMoves,
+    tile_moves: TileMoves,
     reason: str,
 ) -> Registration:
     pitch = landmarks.pitch_mm
-    used = said.good & (field.weight > 0.5)
+    used = tile_moves.good & (field.weight > 0.5)
     part = shares[used].sum(axis=0)
     part /= np.maximum(part.sum(axis=1, keepdims=True), LEAST_PART)
     of_print = np.einsum("ap,pa->a", part, field.planes_mm)
     some = spread(shares.shape[0], SD_TILES)
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
-    seen = max(int(said.seen.sum()), 1)
-    of_inks = said.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
-    weight = said.precision[used][:, [0, 1], [0, 1]]
+    seen = max(int(tile_moves.seen.sum()), 1)
+    of_inks = tile_moves.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
+    weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
-    if not reason and (used.sum() < max(LEAST_TILES, said.good.sum() / 2) or rms > MOST_RMS_PIXELS):
+    if not reason and (used.sum() < max(LEAST_TILES, tile_moves.good.sum() / 2) or rms > MOST_RMS_PIXELS):
         reason = "parts of the page lie in different places"
     if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
         reason = "too little is printed to tell where"
@@ -245,9 +245,9 @@ def _registration(
         shift_sd_mm=(float(sd[0]), float(sd[1])),
         skew_sd_deg=float(np.rad2deg(field.turn_sd())),
         tiles_used=int(used.sum()),
-        tiles_matching=float(said.good.sum() / seen),
-        print_matching=float((said.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
-        tiles_foreign=float(said.foreign.sum() / seen),
+        tiles_matching=float(tile_moves.good.sum() / seen),
+        print_matching=float((tile_moves.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
+        tiles_foreign=float(tile_moves.foreign.sum() / seen),
         residual_rms_pixels=rms,
     )
 

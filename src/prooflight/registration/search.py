@@ -131,11 +131,11 @@ def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, threads: 
     agreeing = np.zeros(count, bool)
     for unsure in UNSURE_PIXELS:
         moves = landmarks.moves(pose, tiles)
-        said = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)
-        step, agreeing = _pose_step(landmarks, tiles, said)
+        tile_moves = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)
+        step, agreeing = _pose_step(landmarks, tiles, tile_moves)
         pose = pose.moved(step)
     return Candidate(
-        pose=pose, agreeing=float(agreeing.sum() / max(said.seen.sum(), 1)), tiles=int(agreeing.sum())
+        pose=pose, agreeing=float(agreeing.sum() / max(tile_moves.seen.sum(), 1)), tiles=int(agreeing.sum())
     )
 
 
@@ -145,15 +145,15 @@ def spread(count: int, most: int) -> NDArray[np.int64]:
 
 
 def _pose_step(
-    landmarks: Landmarks, tiles: NDArray[np.int64], said: TileMoves
+    landmarks: Landmarks, tiles: NDArray[np.int64], tile_moves: TileMoves
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,)."""
     pitch = landmarks.pitch_mm
     model = slopes(*landmarks.basis.points_mm[tiles].T)
-    moves = said.moves * pitch
-    covariance = np.linalg.inv(said.precision + np.eye(2) * 1e-6) + TILE_SD_PIXELS**2 * np.eye(2)
+    moves = tile_moves.moves * pitch
+    covariance = np.linalg.inv(tile_moves.precision + np.eye(2) * 1e-6) + TILE_SD_PIXELS**2 * np.eye(2)
     precision = np.linalg.inv(covariance * np.outer(pitch, pitch))
-    weight = said.good.astype(np.float64)
+    weight = tile_moves.good.astype(np.float64)
     for _ in range(4):
         weighted = precision * weight[:, None, None]
         pulls = np.einsum("anj,nab->nbj", model, weighted)
@@ -161,5 +161,5 @@ def _pose_step(
         step = np.linalg.solve(normal, np.einsum("nbj,nb->j", pulls, moves))
         left = moves - np.einsum("anj,j->na", model, step)
         far2 = np.einsum("na,nab,nb->n", left, precision, left)
-        weight = said.good / (1 + far2 / 4)
-    return step, said.good & (far2 < 9)
+        weight = tile_moves.good / (1 + far2 / 4)
+    return step, tile_moves.good & (far2 < 9)

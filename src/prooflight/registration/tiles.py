@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from prooflight.kernels.registration.judging import judge_tiles
 from prooflight.kernels.registration.measuring import SUMS, measure_tiles
 from prooflight.kernels.registration.rendering import EIGHT
+from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import shared_out
 from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
 
@@ -26,7 +26,7 @@ STEP_SHARE: Final = 0.25
 """What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """What rendering a tile needs to work in; a thread's own."""
 
     value: NDArray[np.float32]
@@ -97,12 +97,12 @@ def measured(
         for part in parts
     ]
     shared_out(tasks, threads=threads)
-    said, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
+    moved, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
     flags, told = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
-    judge_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, said, precision, flags, told)
+    solve_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, moved, precision, flags, told)
     seen, good, foreign = flags.T
     return TileMoves(
-        moves=said,
+        moves=moved,
         precision=precision,
         seen=seen,
         good=good,
@@ -149,6 +149,6 @@ def _measure(
         moves,
         TILE_PIXELS,
         np.array(noise, np.float32),
-        Room.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
+        Workspace.of(landmarks.windows.shape[3], landmarks.ratio[0], taps),
         sums,
     )

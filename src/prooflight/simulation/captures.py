@@ -54,7 +54,7 @@ class Printed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Room:
+class SimulatedDay:
     """A press on one day: everything that its prints share."""
 
     press: Press
@@ -62,7 +62,7 @@ class Room:
     """None in the ideal world, where every day is alike."""
 
     @classmethod
-    def enter(cls, world: World, press: Press, rng: np.random.Generator) -> Room:
+    def begin(cls, world: World, press: Press, rng: np.random.Generator) -> SimulatedDay:
         """A new day."""
         session = Session.draw(amounts_of(press), press, rng) if world == "press" else None
         return cls(press=press, session=session)

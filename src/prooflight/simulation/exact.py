@@ -284,7 +284,7 @@ def _texture(
 ) -> NDArray[np.float32]:
     """Variance of a halftone of unit contrast at fine centres: J_p^2 a_p (1 - a_p) as a footprint sees it. [DN^2]"""
     sensor = camera.sensors[0]
-    codes = printed.words
+    codes = printed.packed
     colours = distinct_colours(codes)
     area = inks.area(colours.view(np.uint8).reshape(-1, 4) / 255)
     texture = np.zeros(colours.size)

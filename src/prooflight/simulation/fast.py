@@ -11,7 +11,7 @@ from scipy import ndimage, special
 from prooflight.kernels.simulation.lines import add_noise, light_lines, scan_lines
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import Prediction
-from prooflight.prediction.sampling_grid import course
+from prooflight.prediction.sampling_grid import sampling_grid
 from prooflight.simulation.prints import CLOUD_PITCH_MM, CONTRAST_PITCH_MM, plane_pixels, speck_pixels
 from prooflight.simulation.session import true_sensors
 
@@ -37,8 +37,8 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
     Every ink is read from its own displaced plane, its area changed by gain, tilt and dot gain, and looked up in the
     session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
-    where = course(page, press.geometry, print_.placement)
-    words = page.words
+    where = sampling_grid(page, press.geometry, print_.placement)
+    packed = page.packed
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
     places, recipes = speck_pixels(print_, page)
     lines = press.geometry.lines(page.height_mm)
@@ -49,7 +49,7 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
         step = (footprint.across.size - 1) / (2 * footprint.reach_mm) * page.pixel_mm
         crossed = np.ptp(where.along.places, axis=1).max()
         scan_lines(
-            words,
+            packed,
             plane_pixels(print_, page),
             gains.astype(np.float32),
             print_.dot_gain.astype(np.float32),

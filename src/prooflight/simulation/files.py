@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.job import opened
+from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
-from prooflight.simulation.scans import page_rng, scan_page
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.scans import scan_page
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of, worlds_digest
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class ScanToFile:
             request=self.request,
             others=tuple(n for n in range(1, self.job_pages + 1) if n != number),
             fetch=lambda other: press.geometry.lay(job.page(other)),
-            rng=page_rng(self.seed, number),
+            rng=stream(self.seed, "print", number),
             session=session if self.world == "press" else None,
         )
         path = self.out / f"{page.name}.tif"
@@ -72,7 +73,7 @@ class _Day:
 @lru_cache(maxsize=1)
 def _today(day: _Day) -> tuple[Press, Session]:
     """The press and its session, the same two objects for every page of a run in one process: true tables are kept."""
-    return day.press, Session.draw(amounts_of(day.press), day.press, session_rng(day.seed))
+    return day.press, Session.draw(amounts_of(day.press), day.press, stream(day.seed, "session"))
 
 
 def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, seed: int, press: Press) -> None:
@@ -80,7 +81,7 @@ def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, see
 
     In the press world also what the press was like, ``session``, and what each print did, in mm, degrees and per cent.
     """
-    session = Session.draw(amounts_of(press), press, session_rng(seed)) if world == "press" else None
+    session = Session.draw(amounts_of(press), press, stream(seed, "session")) if world == "press" else None
     document = {
         "world": world,
         "worlds_sha256": worlds_digest(),

@@ -11,8 +11,9 @@ import numpy as np
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
-from prooflight.simulation.scans import page_rng, scan_page
-from prooflight.simulation.session import Session, session_rng
+from prooflight.rng import stream
+from prooflight.simulation.scans import scan_page
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class RingPrint:
         wanted = self.request if index % self.every == self.every - 1 else None
         number = index % self.pages + 1
         others = tuple(other for other in range(1, self.pages + 1) if other != number)
-        rng = page_rng(self.seed, index)
+        rng = stream(self.seed, "print", index)
         for request in (wanted, None):
             try:
                 return scan_page(
@@ -79,7 +80,7 @@ class RingPrint:
         first = self.page(1)
         blank = replace(first, cmyk=np.zeros_like(first.cmyk))
         foreign = replace(first, cmyk=np.ascontiguousarray(first.cmyk[::-1, ::-1, [1, 2, 0, 3]]))
-        rng = page_rng(self.seed, 2**31)
+        rng = stream(self.seed, "strangers")
         scans = [
             scan_page(page, press=self.press, request=None, others=(), fetch=self.page, rng=rng).dn
             for page in (blank, foreign)
@@ -90,7 +91,7 @@ class RingPrint:
 @lru_cache(maxsize=1)
 def _session(press: Press, seed: int) -> Session:
     """The same object for every print in one process: its true tables are kept."""
-    return Session.draw(amounts_of(press), press, session_rng(seed))
+    return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 def rendered(prints: RingPrint, count: int) -> Iterator[SimulatedScan]:

@@ -77,11 +77,6 @@ class SimulatedScan:
     """What the print does as good ones do; None in the ideal world."""
 
 
-def page_rng(seed: int, page_number: int) -> np.random.Generator:
-    """The random numbers of one page: the same whatever other pages are simulated, and in whatever order."""
-    return np.random.default_rng([seed, page_number])
-
-
 def ideal_scan(prediction: Prediction, press: Press, rng: np.random.Generator) -> NDArray[np.uint16]:
     """The ideal world: expected plus temporal noise, rounded and clipped to the converter's codes."""
     rounding = np.float32(1 / 12)

@@ -95,11 +95,6 @@ class Session:
         }
 
 
-def session_rng(seed: int) -> np.random.Generator:
-    """The random numbers of a run's session, apart from those of its pages."""
-    return np.random.default_rng([seed, 0, 1])
-
-
 def lamp_profile(pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """A lamp's drift across, smooth over a quarter of the field, of standard deviation 1: (pixels,) [-]."""
     knots = smooth_line(_LAMP_KNOTS, pitch_mm=1 / (_LAMP_KNOTS - 1), length_mm=LAMP_LENGTH, rng=rng)

@@ -27,6 +27,7 @@ from prooflight.kernels.prediction.look_up import NODE_STEP
 from prooflight.kernels.simulation.inks import TRUE_NODES
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
@@ -229,7 +230,7 @@ def run_calibration_study(
     """
     patches, prints, dpi = QUICK if quick else (PATCHES, PRINTS, DPI)
     most = 3 if quick else None
-    colours = {"random and ramps": trial_recipes(np.random.default_rng(seed))}
+    colours = {"random and ramps": trial_recipes(stream(seed, "trial-recipes"))}
     for name, path in jobs.items():
         colours[name] = job_colours(name, path, seed=seed, most=most, progress=progress).cmyk
     progress("building the press that scans")
@@ -238,9 +239,9 @@ def run_calibration_study(
     rows = []
     for world in WORLDS:
         amounts = Amounts.stated() if world == "press" else calm(Amounts.stated())
-        session = Session.draw(amounts, press, np.random.default_rng([seed, 1]))
+        session = Session.draw(amounts, press, stream(seed, "calibration-session"))
         for count in patches:
-            rng = np.random.default_rng([seed, count])
+            rng = stream(seed, "calibration-chart", count)
             placed = place_recipes(candidates[choose_recipes(candidates, count)], Layout(), rng)
             with tempfile.TemporaryDirectory() as folder:
                 done = print_charts(

@@ -1,4 +1,4 @@
-"""``prooflight bench``: speed beside peers, in one run."""
+"""``prooflight bench``: speed beside baselines, in one run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def bench(
         Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
     ] = None,
 ) -> None:
-    """Speed of prediction, comparison and whole pages as ratios to peers measured in the same run, one core."""
+    """Speed of prediction, comparison and whole pages as ratios to baselines measured in the same run, one core."""
     from prooflight.commissioning.build import build_press
     from prooflight.pages.process import settle_process
     from prooflight.press.press_file import PressFile
@@ -30,7 +30,7 @@ def bench(
     if not json:
         show.step("building the prototype and timing")
     press = build_press(PressFile.prototype(), seed=1)
-    settle_process()  # as processes are that inspect page after page; peers gain by it too
+    settle_process()  # as processes are that inspect page after page; baselines gain by it too
     rows = timed(press, quick=quick)
     if not json:
         starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])

@@ -66,17 +66,17 @@ def write_contact_sheet(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
+class DesignSummary:
     """One page looked at."""
 
     figures: PageFigures
     thumbnail: NDArray[np.uint8]
 
 
-def look_at(designs: Designs, index: int) -> Sight:
+def summary_of(designs: Designs, index: int) -> DesignSummary:
     """Draw or rip one page, measure it and make it small."""
     page = designs.page(index)
-    return Sight(figures=page_figures(page), thumbnail=thumbnail(page))
+    return DesignSummary(figures=page_figures(page), thumbnail=thumbnail(page))
 
 
 def run_corpus_study(
@@ -97,18 +97,18 @@ def run_corpus_study(
     if pages is not None:
         folder = Folder(path=pages, dpi=STUDY_DPI)
         progress(f"looking at the {len(folder)} pages of {pages.name}")
-        real = in_order(partial(look_at, folder), range(len(folder)), processes=processes)
-        theirs = table(sight.figures for sight in real)
+        real = in_order(partial(summary_of, folder), range(len(folder)), processes=processes)
+        theirs = table(summary.figures for summary in real)
     progress(f"drawing {number} designs")
     drawn = list(
-        in_order(partial(look_at, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
+        in_order(partial(summary_of, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
     )
-    ours = table(sight.figures for sight in drawn)
+    ours = table(summary.figures for summary in drawn)
     times = {FAST_DPI: _times_s(seed, FAST_DPI, number), STUDY_DPI: _times_s(seed, STUDY_DPI, number)}
     sheets = []
     for first in range(0, number, A_SHEET):
         sheets.append(results / f"corpus-{first // A_SHEET + 1}.jpg")
-        write_contact_sheet(sheets[-1], [sight.thumbnail for sight in drawn[first : first + A_SHEET]])
+        write_contact_sheet(sheets[-1], [summary.thumbnail for summary in drawn[first : first + A_SHEET]])
     write_corpus_page(
         results / "corpus.md", ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=sheets
     )

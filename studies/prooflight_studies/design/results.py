@@ -16,7 +16,8 @@ from prooflight.detectors.operating import (
     bill,
     least_cost,
 )
-from prooflight_studies.harness.baselines import PEERS
+from prooflight.rng import stream
+from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
 if TYPE_CHECKING:
@@ -31,12 +32,12 @@ if TYPE_CHECKING:
 
 PAGES: Final = 10_000
 BAYES, CHI_SQUARE = "bayes", "chi-square"
-OF_PEERS: Final = {"difference": PEERS[0], "ssim": PEERS[3], "variation": PEERS[5]}
-DETECTORS: Final = (BAYES, CHI_SQUARE, *OF_PEERS)
+OF_BASELINES: Final = {"difference": BASELINES[0], "ssim": BASELINES[3], "variation": BASELINES[5]}
+DETECTORS: Final = (BAYES, CHI_SQUARE, *OF_BASELINES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
+class CandidateResult:
     """One design in one world, before money."""
 
     resampled: NDArray[np.float64]
@@ -92,15 +93,15 @@ class DesignRow:
 
 def judged(
     sets: dict[str, Rows], *, frame: int, detector: str, costs: RunningCosts, designs: range, seed: int
-) -> Judged:
+) -> CandidateResult:
     """Learn, tune and test one design; sets: rows to ``learn``, ``tune`` and ``test``; designs: numbers to test on."""
     (tune_score, test_score), how = _scores(sets, frame, detector)
     threshold = least_cost(scored(sets["tune"], tune_score), costs.alpha).threshold
     pages = scored(sets["test"], test_score)
     found = at_threshold(pages, threshold)
     good = int((~pages.bad).sum())
-    return Judged(
-        resampled=resampled_costs(pages, threshold, costs.alpha, designs, np.random.default_rng([seed, 2])),
+    return CandidateResult(
+        resampled=resampled_costs(pages, threshold, costs.alpha, designs, stream(seed, "bootstrap")),
         cost=found.cost(costs.alpha),
         false_alarms=round(found.false_alarms * good),
         good=good,
@@ -118,8 +119,8 @@ def _scores(sets: dict[str, Rows], frame: int, detector: str) -> tuple[list[NDAr
         return bayes_scores(sets["learn"], others, reading, frame=frame), str(reading)
     if detector == CHI_SQUARE:
         return [chi_square_scores(rows, frame=frame) for rows in others], detector
-    place = PEERS.index(OF_PEERS[detector])
-    return [np.asarray(rows["peers"][:, frame, place], np.float64) for rows in others], PEERS[place]
+    place = BASELINES.index(OF_BASELINES[detector])
+    return [np.asarray(rows["peers"][:, frame, place], np.float64) for rows in others], BASELINES[place]
 
 
 def resampled_costs(

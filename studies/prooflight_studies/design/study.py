@@ -15,8 +15,8 @@ from prooflight_studies.design.page import write_design_page
 from prooflight_studies.design.plots import draw_designs
 from prooflight_studies.design.results import (
     DETECTORS,
+    CandidateResult,
     DesignRow,
-    Judged,
     cents_per_unit,
     efficient,
     interval_of,
@@ -203,7 +203,7 @@ def _rows(
 
 
 def _with_money(
-    of: Sequence[Candidate], found: Sequence[Judged], plan: Plan, prices: Prices
+    of: Sequence[Candidate], found: Sequence[CandidateResult], plan: Plan, prices: Prices
 ) -> list[DesignRow]:
     first = found[0]
     rows = []

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.families import Statistic
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
 
 CLIPPED_SIGMAS: Final = 10.0
@@ -64,13 +64,13 @@ class Telling:
     top_mm: float
 
     @classmethod
-    def of(cls, sums: Sums, fit: Fit, said: Sequence[Said], scatter: Scatter) -> Telling:
+    def of(cls, sums: Sums, fit: Fit, statistics: Sequence[Statistic], scatter: Scatter) -> Telling:
         """From one good print."""
         return cls(
             spot=_spots(sums, scatter),
             streak=_streaks(sums, scatter),
             patch=_patches(sums, scatter),
-            inks=_inks(fit, said),
+            inks=_inks(fit, statistics),
             on_page=sums.tiles[1, MODES.index("light")] > 0,
             tile_mm=sums.tile_mm,
             pixel_mm=sums.pixel_mm,
@@ -198,12 +198,12 @@ def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     return np.where(own > 0, own / np.sqrt(spread + 1e-9), np.nan)
 
 
-def _inks(fit: Fit, said: Sequence[Said]) -> dict[str, float]:
+def _inks(fit: Fit, statistics: Sequence[Statistic]) -> dict[str, float]:
     """T is an ink's estimate over what good prints scatter by; inks that the page tells nothing of are left out."""
-    of, prior = {one.name: one.value for one in said}, fit.tolerance.gain
+    of, prior = {one.name: one.value for one in statistics}, fit.prior.gain
     found = {}
     for ink, letter in enumerate(INKS):
-        surprise, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
-        if surprise >= 1e-6 and gain >= 1e-6:
-            found[letter] = min(gain / surprise, 1.0) / prior  # sqrt(1 - what stays unknown)
+        pull, gain = of[f"fit/gain-{letter}"], abs(float(fit.gain[ink, 0])) / prior
+        if pull >= 1e-6 and gain >= 1e-6:
+            found[letter] = min(gain / pull, 1.0) / prior  # sqrt(1 - what stays unknown)
     return found

@@ -13,24 +13,25 @@ import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.calibrated import check_version, page_score
-from prooflight.detectors.matched_filter.statistics.families import all_said
+from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.pages.job import opened
+from prooflight.rng import stream
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import DRAWN
 from prooflight_studies.detectability.findings import DEFECTS, NAMES, PRINTS, Caught, JobReach, PageReach
 from prooflight_studies.detectability.page import page_lines
 from prooflight_studies.detectability.picture import draw_reach
-from prooflight_studies.harness.psychometric import SURE, Catching
+from prooflight_studies.harness.psychometric import SURE, Psychometric
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.matched_filter.analysis import Looked
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.families import Statistic
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -78,12 +79,12 @@ def run_detectability_study(
 
     def bench(number: int) -> _Bench:
         day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
-        day = replace(day, spread=ours.tolerance.spread, prior=ours.tolerance.prior)
-        return _Bench(ours, day, number, np.random.default_rng([seed, number, 0]))
+        day = replace(day, residual_variance=ours.model.residual_variance, prior=ours.model.prior)
+        return _Bench(ours, day, number, stream(seed, "detectability-telling", number))
 
     alarming: list[str] = []
     telling: list[int] = []
-    wanted = {defect: Catching.unknown(ours.promise.rate) for defect in DEFECTS}
+    wanted = {defect: Psychometric.unknown(ours.promise.rate) for defect in DEFECTS}
     left = learning
     for turn, number in enumerate(numbers):
         one = bench(number)
@@ -93,7 +94,7 @@ def run_detectability_study(
             continue
         prints = left // (len(numbers) - turn)
         progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
-        wanted = one.learned(wanted, prints, np.random.default_rng([seed, number, 1]))
+        wanted = one.learned(wanted, prints, stream(seed, "detectability-learning", number))
         left -= prints
         telling.append(number)
     if not telling:
@@ -109,7 +110,7 @@ def run_detectability_study(
         reach, verified = Reach.of(one.telling, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
-            rng = np.random.default_rng([seed, number, 2 + index])
+            rng = stream(seed, "detectability-trials", number, index)
             verified[defect] = one.verified(reach, defect, trials, rng)
         page = PageReach(
             name=one.page.name,
@@ -142,15 +143,15 @@ class _Bench:
     def _telling(self, rng: np.random.Generator) -> Telling | None:
         """From the first of a few good prints that does not alarm; None if all do."""
         for _ in range(PRINTS):
-            looked, said = self._looked(self.page, rng)
-            check_version(self.ours.tolerance, said, self.known.portrait)
-            if self._score(looked, said) <= self.ours.threshold:
-                return Telling.of(looked.sums, looked.fit, said, self.ours.tolerance.scatter)
+            analysis, statistics = self._analysed(self.page, rng)
+            check_version(self.ours.model, statistics, self.known.page_features)
+            if self._score(analysis, statistics) <= self.ours.threshold:
+                return Telling.of(analysis.sums, analysis.fit, statistics, self.ours.model.scatter)
         return None
 
     def learned(
-        self, wanted: Mapping[str, Catching], prints: int, rng: np.random.Generator
-    ) -> dict[str, Catching]:
+        self, wanted: Mapping[str, Psychometric], prints: int, rng: np.random.Generator
+    ) -> dict[str, Psychometric]:
         """What is known after so many prints of this page with each defect."""
         assert self.telling is not None
         found = dict(wanted)
@@ -176,12 +177,12 @@ class _Bench:
         return Caught(of=made, caught=caught)
 
     def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
-        return self._score(*self._looked(printed, rng)) > self.ours.threshold
+        return self._score(*self._analysed(printed, rng)) > self.ours.threshold
 
-    def _score(self, looked: Looked, said: Sequence[Said]) -> float:
-        return page_score(self.ours.tolerance, said, self.known.portrait, looked.found)
+    def _score(self, analysis: ScanAnalysis, statistics: Sequence[Statistic]) -> float:
+        return page_score(self.ours.model, statistics, self.known.page_features, analysis.found)
 
-    def _looked(self, printed: Page, rng: np.random.Generator) -> tuple[Looked, list[Said]]:
-        room = self.day.room
-        looked = self.day.looked(self.known, room.recorded(room.seen_in_press(printed, rng), rng))
-        return looked, all_said(looked.sums, looked.fit, looked.found, self.ours.tolerance.scatter)
+    def _analysed(self, printed: Page, rng: np.random.Generator) -> tuple[ScanAnalysis, list[Statistic]]:
+        day = self.day.day
+        analysis = self.day.analysed(self.known, day.recorded(day.seen_in_press(printed, rng), rng))
+        return analysis, all_statistics(analysis.sums, analysis.fit, analysis.found, self.ours.model.scatter)

@@ -21,6 +21,7 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.sampling import LensCorrection, page_taps, transfer
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Rig:
         camera = press_file.camera()
         sensors = tuple(replace(sensor, pixels=press.geometry.pixels) for sensor in camera.sensors)
         camera = replace(camera, sensors=sensors)
-        rng = np.random.default_rng(seed)
+        rng = stream(seed, "specimen")
         patterns = tuple(draw_fixed_pattern(sensor, rng) for sensor in camera.sensors)
         return cls(press_file=press_file, camera=camera, patterns=patterns, press=press)
 

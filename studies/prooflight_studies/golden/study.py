@@ -15,6 +15,7 @@ from prooflight.detectors.golden.differences import GoldenDifference, Tolerance,
 from prooflight.detectors.golden.place import GoldenPlace, place
 from prooflight.detectors.golden.regions import Mark, marks
 from prooflight.files.atomic import whole_file
+from prooflight.rng import stream
 from prooflight_studies.golden.figures import GoldenFigures, Outcome, Setting, figures, mean_overlap
 from prooflight_studies.golden.page import golden_page
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, read_pairs
@@ -54,7 +55,7 @@ def run_golden_study(
     tell = progress or (lambda _: None)
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "golden-bootstrap")
     rows, outcomes, seconds = [], [], 0.0
     for method in METHODS[-1:] if quick else METHODS:
         tell(f"{method}: {len(pairs)} pairs")

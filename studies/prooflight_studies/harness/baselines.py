@@ -29,7 +29,7 @@ LEAST_PIXELS: Final = 4
 """assumed: fewer pixels outside the variation model are a speck or noise; users of such models filter by area."""
 LEARNING_PIXELS: Final = 40_000
 """Drawn from each good copy and sensor to learn variation from."""
-PEERS: Final = (
+BASELINES: Final = (
     "difference, 5 x 5",
     "difference, mean",
     "difference, 99.5 %",
@@ -207,7 +207,7 @@ def all_scores(
     variation: VariationModel,
     white_dn: Sequence[float],
 ) -> NDArray[np.float64]:
-    """Every peer's score of one scan, in the order of ``PEERS``. (6,)"""
+    """Every baseline's score of one scan, in the order of ``BASELINES``. (6,)"""
     difference = absolute_difference(measured_dn, expected_dn, white_dn=white_dn)
     unlike = dissimilarity(measured_dn, expected_dn, white_dn=white_dn)
     far = variation.score(measured_dn, expected_dn, variance_dn2, white_dn=white_dn)

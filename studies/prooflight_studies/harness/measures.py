@@ -11,7 +11,7 @@ from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means
-from prooflight_studies.harness.baselines import PEERS, all_scores
+from prooflight_studies.harness.baselines import BASELINES, all_scores
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +74,7 @@ def measure(
     variation: VariationModel | None,
     seed: int,
 ) -> Rows:
-    """The row of one scan; arrays cover the page's area. variation: None leaves the peers unknown, NaN."""
+    """The row of one scan; arrays cover the page's area. variation: None leaves the baselines unknown, NaN."""
     evidence = gather(
         measured_dn,
         seen.expected_dn,
@@ -93,6 +93,6 @@ def measure(
         "chi_square_tile": pearson(evidence.tile_histogram, shares).max(axis=(1, 2)),
     }
     if variation is None:
-        return row | {"peers": np.full(len(PEERS), np.nan)}
+        return row | {"peers": np.full(len(BASELINES), np.nan)}
     arrays = (measured_dn, seen.expected_dn, seen.variance_dn2)
     return row | {"peers": all_scores(*arrays, variation=variation, white_dn=white_dn)}

@@ -1,4 +1,4 @@
-"""Rows of a study -> scores of every detector: the paper's two in their readings, and the peers."""
+"""Rows of a study -> scores of every detector: the paper's two in their readings, and the baselines."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
-from prooflight.simulation.captures import Printed, Room, World, noisier_tables
+from prooflight.rng import stream
+from prooflight.simulation.captures import Printed, SimulatedDay, World, noisier_tables
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
@@ -55,7 +56,7 @@ class Plan:
     """Copies of each design with a misprint; kinds take turns."""
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
-    """Temporal sigmas at which every print is scanned, over the camera's; peers see the first alone."""
+    """Temporal sigmas at which every print is scanned, over the camera's; baselines see the first alone."""
 
     def designs(self, of: str) -> range:
         """Numbers of the designs of a set; no design is in two."""
@@ -109,9 +110,9 @@ class PilotWork:
         white = bench.white_dn
         moments = []
         for index in day.designs:
-            rng = np.random.default_rng([self.plan.seed, index, 0])
+            rng = stream(self.plan.seed, "pilot-print", index)
             design = bench.design(index)
-            scan = bench.room.recorded(bench.room.seen(design.good, rng), rng)
+            scan = bench.day.recorded(bench.day.seen(design.good, rng), rng)
             moments.append(
                 [
                     variation_moments(measured, seen.expected_dn, seen.variance_dn2, white_dn=white, rng=rng)
@@ -131,8 +132,8 @@ class WatchWork:
     """Good copies and misprints of a day's designs -> a row for each scan.
 
     Columns: design, kind ("" where good), severity, draws, noise, and ``measures.measure``'s with frames as their
-    first axis; peers at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws did
-    not bring over the gate.
+    first axis; baselines at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws
+    did not bring over the gate.
     """
 
     press: Press
@@ -148,7 +149,7 @@ class WatchWork:
         for index in day.designs:
             design = bench.design(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self._kind(index, copy)
                 printed = bench.wrong(design, kind, day.designs, index, rng) if kind else design.good
                 if printed is None:
@@ -167,9 +168,9 @@ class WatchWork:
     def _rows(
         self, bench: _Bench, design: _Design, printed: Printed, index: int, rng: np.random.Generator
     ) -> Iterator[dict[str, Any]]:
-        seen = bench.room.seen(printed, rng)
+        seen = bench.day.seen(printed, rng)
         for noise in self.plan.noises:
-            scan = bench.room.recorded(bench.room.noisier(seen, noise), rng)
+            scan = bench.day.recorded(bench.day.noisier(seen, noise), rng)
             of_frames = [
                 measure(
                     measured,
@@ -201,29 +202,29 @@ class _Design:
 class _Bench:
     """A press day with its page designs at hand."""
 
-    room: Room
+    day: SimulatedDay
     pages: Designs
 
     @classmethod
     def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> _Bench:
         # Days are seeded by their set and first design, so that no day is in two sets.
-        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
-        return cls(room=Room.enter(plan.world, press, rng), pages=pages)
+        rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
+        return cls(day=SimulatedDay.begin(plan.world, press, rng), pages=pages)
 
     @property
     def white_dn(self) -> list[float]:
-        return [sensor.white_dn for sensor in self.room.press.sensors]
+        return [sensor.white_dn for sensor in self.day.press.sensors]
 
     @property
     def top_codes_dn(self) -> list[int]:
-        return [sensor.top_code_dn for sensor in self.room.press.sensors]
+        return [sensor.top_code_dn for sensor in self.day.press.sensors]
 
     def laid(self, index: int) -> Page:
-        return self.room.press.geometry.lay(self.pages.page(index))
+        return self.day.press.geometry.lay(self.pages.page(index))
 
     def design(self, index: int) -> _Design:
-        press, good = self.room.press, self.room.good(self.laid(index))
-        if self.room.session is None:
+        press, good = self.day.press, self.day.good(self.laid(index))
+        if self.day.session is None:
             return _Design(good=good, landmarks=None)
         found = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
         return _Design(good=good, landmarks=found)
@@ -232,19 +233,19 @@ class _Bench:
         self, design: _Design, kind: str, designs: tuple[int, ...], index: int, rng: np.random.Generator
     ) -> Printed | None:
         others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
-        return self.room.wrong(design.good, kind, others=others, fetch=self.laid, rng=rng)
+        return self.day.wrong(design.good, kind, others=others, fetch=self.laid, rng=rng)
 
     def compared(
         self, design: _Design, scan: NDArray[np.uint16], noise: float = 1.0
     ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
         """The page's area of a scan and of its prediction, one pair a frame."""
         page, expected = design.good.page, design.good.expected
-        area = (slice(None), *self.room.press.geometry.on_page(page.width_mm, page.height_mm))
+        area = (slice(None), *self.day.press.geometry.on_page(page.width_mm, page.height_mm))
         yield _cut(scan, noisier_tables(expected, noise), area)
         if design.landmarks is not None:
             found = register(design.landmarks, scan)
             if found.found:
-                expected = self.room.expected(page, found.placement)
+                expected = self.day.expected(page, found.placement)
             yield _cut(scan, noisier_tables(expected, noise), area)
 
 

@@ -28,7 +28,7 @@ ASKED: Final = (0.5, 0.98)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Catching:
+class Psychometric:
     """What is known of the chance that a defect of some strength is caught, page by page.
 
     P(strength) = F + (1 - F - lapse) Phi((ln strength - middle) / spread). All middles and spreads are weighed by what
@@ -51,7 +51,7 @@ class Catching:
         off = (np.log(strength) - np.log(STRENGTHS))[:, None] / SPREADS
         return np.asarray(self.false_alarms + (1 - self.false_alarms - LAPSE) * special.ndtr(off))
 
-    def seen(self, page: int, strength: float, *, caught: bool) -> Catching:
+    def seen(self, page: int, strength: float, *, caught: bool) -> Psychometric:
         """One more print."""
         chance = self.chances(strength)
         more = self.said.get(page, 0) + np.log(chance if caught else 1 - chance)

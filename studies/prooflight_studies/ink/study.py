@@ -13,6 +13,7 @@ from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import Spread
 from prooflight.inks.recipes import choose_recipes
 from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of_recipe
+from prooflight.rng import stream
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 from prooflight_studies.ink.page import InkStudy, LearningRow, ModelRow, SpreadRow, write_ink_results
 
@@ -79,7 +80,7 @@ def learning_curves(
     """
     recipes = chart.recipes()
     order = choose_recipes(recipes.cmyk, max(_sizes(chart, quick)))
-    draws = np.random.default_rng(seed).spawn(1 if quick else NOISE_DRAWS)
+    draws = stream(seed, "ink-noise").spawn(1 if quick else NOISE_DRAWS)
     noisy = [with_noise(recipes.reflectance, NOISE_DELTA_E00, rng) for rng in draws]
     rows = []
     for size in _sizes(chart, quick):
@@ -196,7 +197,7 @@ def _model_row(
 
 def _noise_median(chart: Chart, seed: int) -> float:
     clean = chart.recipes().reflectance
-    noisy = with_noise(clean, NOISE_DELTA_E00, np.random.default_rng(seed))
+    noisy = with_noise(clean, NOISE_DELTA_E00, stream(seed, "ink-noise-median"))
     return float(np.median(delta_e00(lab(noisy), lab(clean))))
 
 

@@ -15,6 +15,7 @@ from matplotlib.patches import Rectangle
 from prooflight.files.atomic import whole_file
 from prooflight.pages.job import open_job
 from prooflight.reporting.pictures import appearance
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS, Drawn, draw_misprint
 
 if TYPE_CHECKING:
@@ -115,11 +116,11 @@ def exhibit_of(kind: str, pages: Mapping[int, Page], table: NDArray[np.uint8], *
     The three severities are the same draw but for the amounts. Wrong pages differ more in kind than in amount: each is
     a draw of its own.
     """
-    choice = np.random.default_rng([seed, KINDS.index(kind)])
+    choice = stream(seed, "exhibit-place", KINDS.index(kind))
 
     def draw(number: int, severity: float, draw_seed: int) -> Drawn:
         others = [other for other in pages if other != number]
-        rng = np.random.default_rng(draw_seed)
+        rng = stream(draw_seed, "exhibit-misprint")
         return draw_misprint(pages[number], kind, severity, others=others, fetch=pages.__getitem__, rng=rng)
 
     best: tuple[float, int, int, View] | None = None

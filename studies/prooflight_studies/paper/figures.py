@@ -20,6 +20,7 @@ from prooflight.prediction.tables import node_fractions
 from prooflight.reporting import paper_pictures
 from prooflight.reporting.paper_pictures import ErrorMap, Repeated, Slice
 from prooflight.reporting.pictures import page_frame, page_picture, signals
+from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight_studies.paper import page_plots
 from prooflight_studies.paper.page_samples import Samples, judged_samples, page_samples
@@ -91,7 +92,7 @@ def draw_figures(
         paper_pictures.draw_slices(written[-1], model.name, slices(model))
     for index, model in enumerate(press.sensors):
         written.append(out / f"figure-5-noise-{model.name}.png")
-        repeated = repeated_exposures(camera, inks, index, np.random.default_rng([seed, index]))
+        repeated = repeated_exposures(camera, inks, index, stream(seed, "figure-exposures", index))
         paper_pictures.draw_histograms(written[-1], model.name, repeated)
     written.append(out / "figure-6-error-map.png")
     paper_pictures.draw_error_map(written[-1], shown)
@@ -161,7 +162,7 @@ def error_map(press: Press, exhibit: Exhibit, *, seed: int) -> ErrorMap:
             return press.geometry.lay(job.page(number))
 
         page = fetch(exhibit.page)
-        rng = np.random.default_rng([seed, exhibit.page])
+        rng = stream(seed, "figure-misprint", exhibit.page)
         scan = scan_page(page, press=press, request=exhibit.misprint, others=others, fetch=fetch, rng=rng)
     if scan.misprint is None:
         raise RequestError("misprint", "none was drawn", remedy="ask for a kind of misprint")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.detectors.operating import Interval
-    from prooflight_studies.paper.results import Judged, Part, WorldResult
+    from prooflight_studies.paper.results import DetectorRow, Part, WorldResult
 
 PRINTED: Final = {
     "1 sensor": ("T1, T2", ("3.4e-4", "0.0034", "0.0338", "0.1366", "0.3821", "1.0000")),
@@ -98,7 +98,7 @@ def _of_part(part: Part) -> list[str]:
     return blocks
 
 
-def _paper_table(rows: Sequence[Judged]) -> str:
+def _paper_table(rows: Sequence[DetectorRow]) -> str:
     lines = [f"| alpha | | {_COLUMNS} |", "|---|---|" + "---:|" * len(ALPHAS)]
     names = {row.name: row for row in rows}
     for title, (table, printed) in PRINTED.items():

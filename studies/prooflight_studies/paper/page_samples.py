@@ -14,7 +14,8 @@ from prooflight.detectors.paper.error_map import normalised_error
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import window_means, window_statistics
 from prooflight.pages.job import open_job
-from prooflight.simulation.captures import Room
+from prooflight.rng import stream
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, types_of
 
@@ -71,19 +72,19 @@ def page_samples(
         def fetch(index: int) -> Page:
             return press.geometry.lay(opened.page(index))
 
-        room = Room.enter("ideal", press, np.random.default_rng([seed, number]))
-        right = room.good(fetch(number))
+        day = SimulatedDay.begin("ideal", press, stream(seed, "sample-session", number))
+        right = day.good(fetch(number))
         others = [index for index in range(1, len(opened) + 1) if index != number]
         kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
         found = []
         for copy, kind in enumerate(kinds):
             if copy % len(KINDS) == 0:
                 progress(f"printing page {number} again, {copy} of {len(kinds)}")
-            rng = np.random.default_rng([seed, number, copy])
-            printed = room.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
+            rng = stream(seed, "sample-print", number, copy)
+            printed = day.wrong(right, kind, others=others, fetch=fetch, rng=rng) if kind else right
             if printed is None:
                 continue
-            scan = room.recorded(printed.expected, rng)
+            scan = day.recorded(printed.expected, rng)
             found.append((kind, *_numbers(scan, right, press)))
     return Samples(
         statistics=np.array([statistics for _, statistics, _ in found]),

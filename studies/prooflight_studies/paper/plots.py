@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight_studies.paper.results import Judged, WorldResult
+    from prooflight_studies.paper.results import DetectorRow, WorldResult
 
 _SHOWN: Final = (
     "chi-square",
@@ -105,7 +105,7 @@ def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
     _write(figure, path)
 
 
-def _of_frame(result: WorldResult, frame: str) -> list[tuple[Judged, str]]:
+def _of_frame(result: WorldResult, frame: str) -> list[tuple[DetectorRow, str]]:
     rows = {row.name: row for row in result.detectors if row.frame == frame}
     return [(rows[name], colour) for name, colour in zip(_SHOWN, COLOURS, strict=False)]
 

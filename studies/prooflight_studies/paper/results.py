@@ -19,8 +19,9 @@ from prooflight.detectors.operating import (
     least_cost,
     roc,
 )
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
-from prooflight_studies.harness.baselines import PEERS
+from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
     bayes_scores,
@@ -50,7 +51,7 @@ FALSE_ALARM_RATE: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judged:
+class DetectorRow:
     """One detector on the test pages."""
 
     name: str
@@ -89,9 +90,9 @@ class WorldResult:
     """Of each frame: the learned detector's, chosen on the tuning pages."""
     tuning: dict[str, dict[NetworkReading, float]]
     """Of each frame: all readings' costs on the tuning pages, alpha = 1."""
-    tables: dict[str, tuple[Judged, ...]]
+    tables: dict[str, tuple[DetectorRow, ...]]
     """Of each frame: the rows of the paper's tables 1 to 4."""
-    detectors: tuple[Judged, ...]
+    detectors: tuple[DetectorRow, ...]
     """All detectors side by side, two sensors."""
 
 
@@ -114,7 +115,7 @@ def world_result(
 ) -> WorldResult:
     """Learn, tune and test on a plan's rows."""
     sets = {of: chosen_rows(rows, plan.designs(of), plan.noises[0]) for of in ("learn", "tune", "test")}
-    judge = _Judge(plan=plan, rows=rows, sets=sets)
+    judge = _Comparison(plan=plan, rows=rows, sets=sets)
     readings, tuning, tables, detectors = {}, {}, {}, []
     for frame, name in enumerate(FRAMES[plan.world]):
         progress(f"{plan.world} world, {name}: choosing a reading")
@@ -136,12 +137,12 @@ def world_result(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Judge:
+class _Comparison:
     plan: Plan
     rows: Rows
     sets: dict[str, Rows]
 
-    def paper_rows(self, frame: int, name: str, reading: NetworkReading) -> Iterator[Judged]:
+    def paper_rows(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
         """Tables 1 to 4: sensors, types of misprint, noise."""
         for title, sensors, types in (
             ("1 sensor", 1, 2),
@@ -153,7 +154,7 @@ class _Judge:
             sets = {of: chosen_rows(self.rows, self.plan.designs(of), noise) for of in self.sets}
             yield self._bayes(f"2 sensors, noise {noise:.0%}", frame, name, reading, sets=sets)
 
-    def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[Judged]:
+    def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
         """Every detector with two sensors."""
         for title, column in (
             ("chi-square", "chi_square"),
@@ -164,7 +165,7 @@ class _Judge:
             yield self._judged(title, name, self.sets, scores[0], scores[1])
         yield self._bayes("Bayesian network, as printed", frame, name, AS_PRINTED)
         yield self._bayes("Bayesian network, tuned", frame, name, reading)
-        for number, peer in enumerate(PEERS):
+        for number, peer in enumerate(BASELINES):
             of_peer = [self.sets[of]["peers"][:, frame, number] for of in ("tune", "test")]
             yield self._judged(peer, name, self.sets, of_peer[0], of_peer[1])
 
@@ -178,7 +179,7 @@ class _Judge:
         sensors: int = 2,
         types: int = 2,
         sets: dict[str, Rows] | None = None,
-    ) -> Judged:
+    ) -> DetectorRow:
         sets = sets or self.sets
         tune, test = bayes_scores(
             sets["learn"], (sets["tune"], sets["test"]), reading, frame=frame, sensors=sensors, types=types
@@ -192,13 +193,13 @@ class _Judge:
         sets: dict[str, Rows],
         tune_score: NDArray[np.float64],
         test_score: NDArray[np.float64],
-    ) -> Judged:
+    ) -> DetectorRow:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
-        rng = np.random.default_rng([self.plan.seed, 2])  # the same designs are drawn for every detector
+        rng = stream(self.plan.seed, "bootstrap")  # the same designs are drawn for every detector
         chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
         found = [at_threshold(test, threshold) for threshold in chosen]
         missed = ~(test.score > chosen[ALPHAS.index(1.0)])
-        return Judged(
+        return DetectorRow(
             name=title,
             frame=frame,
             oracle=tuple(bootstrap_oracle(test, ALPHAS, rng=rng)),

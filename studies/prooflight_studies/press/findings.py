@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight_studies.harness.result_cache import Rows
-    from prooflight_studies.press.judging import Judged, Kept, Verdicts
+    from prooflight_studies.press.judging import Kept, MethodResult, Verdicts
 
 
 FIRST: Final[Mapping[str, int]] = {
@@ -131,7 +131,7 @@ class PressFindings:
     looser: dict[str, NDArray[np.bool_]]
     """Whether each good page of the looser press alarmed, by what the threshold rests on."""
     ideal: Verdicts
-    real: Judged | None
+    real: MethodResult | None
     """On real pages; None: there were none."""
 
     @property

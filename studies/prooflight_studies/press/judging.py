@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.learn import Pages, certain_score, learn_tolerance, promised
-from prooflight.commissioning.training.ranking import even, forested
+from prooflight.commissioning.training.learn import Pages, certain_score, learn_model, with_threshold
+from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
 from prooflight.detectors.operating import (
     Scored,
@@ -18,13 +18,14 @@ from prooflight.detectors.operating import (
     least_cost,
 )
 from prooflight.pages.parallel import in_order
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.model import TolerancePress
+    from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight_studies.harness.result_cache import Rows
 
@@ -33,7 +34,7 @@ PARTS: Final = 5
 EVERY: Final = -1
 """Part of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
-PROMISE: Final = 0.01
+FALSE_ALARM_RATE: Final = 0.01
 OURS: Final = "ours"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
 """What the forests without some statistics are compared with."""
@@ -53,7 +54,7 @@ TREES: Final = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judged:
+class MethodResult:
     """One method on every page, each part by itself."""
 
     name: str
@@ -62,7 +63,7 @@ class Judged:
     alarms: NDArray[np.bool_]
     """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
     promised: NDArray[np.bool_]
-    """(pages,) above the threshold that good pages of tuning designs exceed at ``PROMISE``."""
+    """(pages,) above the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``."""
 
     @property
     def area(self) -> float:
@@ -71,8 +72,8 @@ class Judged:
 
     @property
     def caught(self) -> float:
-        """Mean over parts of the share caught at ``PROMISE`` false alarms on these pages themselves."""
-        return float(np.mean([caught_at(one, PROMISE) for one in self.parts()]))
+        """Mean over parts of the share caught at ``FALSE_ALARM_RATE`` false alarms on these pages themselves."""
+        return float(np.mean([caught_at(one, FALSE_ALARM_RATE) for one in self.parts()]))
 
     def parts(self) -> Iterator[Scored]:
         """The pages of each part."""
@@ -91,8 +92,8 @@ class Judged:
 class Verdicts:
     """All methods on all pages; and ours, as each part taught it."""
 
-    methods: dict[str, Judged]
-    detectors: list[TolerancePress]
+    methods: dict[str, MethodResult]
+    detectors: list[DetectorModel]
     """With the threshold of the promise."""
     kinds: NDArray[np.str_]
     """(pages,) what ours takes each page for."""
@@ -155,7 +156,7 @@ def judged(
 class _PartSaid:
     """What one part's judging gives."""
 
-    found: TolerancePress
+    found: DetectorModel
     scores: dict[str, NDArray[np.float64]]
     """Of each method, on the pages of this part and of the one that sets its thresholds."""
     kinds: NDArray[np.str_]
@@ -185,16 +186,18 @@ class _PartWork:
         rows, pages = self.rows, self.pages
         names = rows["names"][: rows["values"].shape[1]].tolist()
         test, tune = self.test_and_tune(index)
-        rng = np.random.default_rng([self.seed, index, 5])
+        rng = stream(self.seed, "press-part", index)
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
         learn = learn if self.teaching is None else learn.beside(self.teaching)
-        found = learn_tolerance(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
+        found = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
         scores = {name: rank(other) for name, rank in _rankings(found, self.another[test | tune]).items()}
         if self.ablations:
             scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
         good, here = pages.rows(tune & ~pages.bad), test[: len(rows["kind"])]
         return _PartSaid(
-            found=promised(found, good, false_alarm_rate=max(PROMISE, 1.01 / (len(good.bad) + 1))),
+            found=with_threshold(
+                found, good, false_alarm_rate=max(FALSE_ALARM_RATE, 1.01 / (len(good.bad) + 1))
+            ),
             scores=scores,
             kinds=kinds_said(found, rows, here),
             boxes=places_said(found, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
@@ -255,38 +258,38 @@ def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
     return alarms
 
 
-def kinds_said(found: TolerancePress, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
+def kinds_said(found: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
     """The kind that ours gives to each of some pages."""
     said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
     return np.where(rows["another"][which], "wrong-page", said)
 
 
 def places_said(
-    found: TolerancePress,
+    found: DetectorModel,
     values: NDArray[np.floating],
-    portraits: NDArray[np.floating],
+    page_features: NDArray[np.floating],
     boxes: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """Where each page's most telling statistic with a place has it, (pages, 4) [mm]; NaN: nowhere."""
-    deviations = found.deviations(values, portraits)
+    deviations = found.deviations(values, page_features)
     placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
     best = np.where(placed, deviations, -np.inf).argmax(axis=1)
     return np.asarray(boxes[np.arange(len(boxes)), best])
 
 
 def _rankings(
-    found: TolerancePress, another: NDArray[np.bool_]
+    found: DetectorModel, another: NDArray[np.bool_]
 ) -> dict[str, Callable[[Pages], NDArray[np.float64]]]:
     def evidence(pages: Pages) -> NDArray[np.float64]:
-        return found.family_evidence(found.deviations(pages.values, pages.portraits))
+        return found.family_evidence(found.deviations(pages.values, pages.page_features))
 
     def weighed(pages: Pages) -> NDArray[np.float64]:
         assert found.logit is not None
         return found.logit.score(group_columns(evidence(pages), found.families))
 
     def every(pages: Pages) -> NDArray[np.float64]:
-        deviations = found.deviations(pages.values, pages.portraits)
-        return every_column(found.family_evidence(deviations), pages.portraits, deviations)
+        deviations = found.deviations(pages.values, pages.page_features)
+        return every_column(found.family_evidence(deviations), pages.page_features, deviations)
 
     def forest(pages: Pages) -> NDArray[np.float64]:
         assert found.forest is not None
@@ -294,7 +297,7 @@ def _rankings(
 
     return {
         OURS: lambda pages: certain_score(found, pages, another),
-        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.portraits),
+        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.page_features),
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
         "weighed groups of families alone": weighed,
         "forest of all statistics alone": forest,
@@ -317,18 +320,18 @@ def _without(
     for name, (kept, content) in sets.items():
         some = [one for one, keep in zip(names, kept, strict=True) if keep]
         fewer, judged_ = (
-            replace(pages, values=pages.values[:, kept], portraits=pages.portraits * content)
+            replace(pages, values=pages.values[:, kept], page_features=pages.page_features * content)
             for pages in (learn, other)
         )
-        found = learn_tolerance(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
+        found = learn_model(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
         taught, said = (
-            family_columns(found.family_evidence(found.deviations(pages.values, pages.portraits)))
+            family_columns(found.family_evidence(found.deviations(pages.values, pages.page_features)))
             for pages in (fewer, judged_)
         )
-        yield name, forested(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
+        yield name, fitted_forest(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
 
 
-def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> Judged:
+def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> MethodResult:
     judged_ = part != EVERY
     score = np.empty(len(part))
     alarms = np.zeros((len(ALPHAS), len(part)), bool)
@@ -339,8 +342,10 @@ def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[
         score[test] = scores[index, test]
         for row, alpha in enumerate(ALPHAS):
             alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
-        promised_[test] = score[test] > np.quantile(of_tune.score[~of_tune.bad], 1 - PROMISE, method="higher")
-    return Judged(
+        promised_[test] = score[test] > np.quantile(
+            of_tune.score[~of_tune.bad], 1 - FALSE_ALARM_RATE, method="higher"
+        )
+    return MethodResult(
         name=name,
         scored=Scored(score=score[judged_], bad=pages.bad[judged_], design=pages.design[judged_]),
         part=part[judged_],

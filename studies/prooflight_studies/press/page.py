@@ -8,9 +8,16 @@ import numpy as np
 from scipy import special
 
 from prooflight.detectors.operating import at_threshold, bootstrap_cost, false_alarms_in_words
+from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
-from prooflight_studies.press.judging import ALPHAS, FOREST_OF_FAMILIES, OURS, PROMISE, promised_by_others
+from prooflight_studies.press.judging import (
+    ALPHAS,
+    FALSE_ALARM_RATE,
+    FOREST_OF_FAMILIES,
+    OURS,
+    promised_by_others,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.press.findings import PressFindings
-    from prooflight_studies.press.judging import Judged, Verdicts
+    from prooflight_studies.press.judging import MethodResult, Verdicts
 
 THIRDS: Final = ("mild", "middle", "severe")
 NEAR_MM: Final = 5.0
@@ -63,7 +70,7 @@ def page_lines(found: PressFindings) -> Iterator[str]:
     yield ""
     yield "The paper's detectors and the usual ones, raw and registered, on such pages: [paper.md](paper.md)."
     yield ""
-    yield from _methods(verdicts, np.random.default_rng([plan.seed, 6]))
+    yield from _methods(verdicts, stream(plan.seed, "press-bootstrap"))
     yield from _by_severity(rows, ours)
     yield from _places_and_kinds("composed designs", rows, ours.promised, verdicts.kinds, verdicts.boxes)
     yield from _promises(found)
@@ -105,7 +112,7 @@ def _thirds(severity: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.minimum((severity * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
 
 
-def _by_severity(rows: Rows, ours: Judged) -> Iterator[str]:
+def _by_severity(rows: Rows, ours: MethodResult) -> Iterator[str]:
     """Caught by kind and severity third, at the promise and at the least cost."""
     kind, third = rows["kind"], _thirds(rows["severity"])
     for title, alarm in (
@@ -209,7 +216,7 @@ def _others(found: PressFindings) -> Iterator[str]:
     yield "## The ideal world, one sensor"
     yield ""
     ours = found.ideal.methods[OURS]
-    rng = np.random.default_rng([found.plan.seed, 7])
+    rng = stream(found.plan.seed, "press-bootstrap-ideal")
     good = int((~ours.scored.bad).sum())
     alarms = [int((alarm & ~ours.scored.bad).sum()) for alarm in ours.alarms]
     yield f"{good} good scans, {int(ours.scored.bad.sum())} misprints; parts as above."
@@ -230,7 +237,7 @@ def _others(found: PressFindings) -> Iterator[str]:
 def _real(found: PressFindings) -> Iterator[str]:
     real = found.real
     assert real is not None
-    rng = np.random.default_rng([found.plan.seed, 8])
+    rng = stream(found.plan.seed, "press-bootstrap-real")
     yield "## Real pages"
     yield ""
     yield (
@@ -265,4 +272,4 @@ def _real(found: PressFindings) -> Iterator[str]:
     yield ""
 
 
-__all__ = ["PROMISE", "near", "page_lines"]
+__all__ = ["FALSE_ALARM_RATE", "near", "page_lines"]

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_spread
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.commissioning.training.simulated_days import PressDay, good_prior, good_residual_variance
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.press.artefact import Press
-from prooflight.simulation.captures import Room
+from prooflight.rng import stream
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.protocol import OTHERS
 
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
 PLACES: Final = 12
 """A misprint has no more (worlds.toml: spots)."""
-SESSION: Final = 2
-PRINTS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,17 +51,22 @@ class Scene:
         taken_for = press = _press(self.press)
         if self.times != 1:
             press = replace(press, variation=dict(press.variation) | {"all_times": self.times})
-        rng = np.random.default_rng([self.seed, self.number, day.designs[0], SESSION])
+        rng = stream(self.seed, "scene-session", self.number, day.designs[0])
 
         def page(index: int) -> Page:
             return press.geometry.lay(self.pages.page(index))
 
-        room = Room.enter(self.world, press, rng)
-        return PressDay(room=room, page=page, spread=good_spread(taken_for), prior=good_prior(taken_for))
+        begun = SimulatedDay.begin(self.world, press, rng)
+        return PressDay(
+            day=begun,
+            page=page,
+            residual_variance=good_residual_variance(taken_for),
+            prior=good_prior(taken_for),
+        )
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
         """Of one copy of a design."""
-        return np.random.default_rng([self.seed, self.number, index, copy, PRINTS])
+        return stream(self.seed, "scene-print", self.number, index, copy)
 
     def kind(self, index: int, copy: int) -> str:
         """Of a copy; the first is good. Every round begins one further on: no design's number decides its kinds."""
@@ -83,7 +87,7 @@ class ScatterWork:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SaidWork:
+class StatisticsWork:
     """A good copy and misprints of a day's designs -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
@@ -116,19 +120,19 @@ class SaidWork:
                 if printed.misprint is not None:
                     where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
                     places[: len(where)] = where[:PLACES]
-                said, another = bench.said(known, bench.scan(printed, rng), self.scatter)
-                names = [one.name for one in said]
+                statistics, another = bench.statistics(known, bench.scan(printed, rng), self.scatter)
+                names = [one.name for one in statistics]
                 for name, value in {
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
                     "draws": printed.draws,
-                    "values": stated(said),
-                    "boxes": np.array([one.box for one in said], np.float32),
-                    "portrait": known.portrait,
+                    "values": values_of(statistics),
+                    "boxes": np.array([one.box for one in statistics], np.float32),
+                    "portrait": known.page_features,
                     "another": another,
                     "places": places,
-                    "sigma_error": _sigma_errors(bench.room),
+                    "sigma_error": _sigma_errors(bench.day),
                     "day": day.designs[0],
                 }.items():
                     columns[name].append(value)
@@ -137,10 +141,10 @@ class SaidWork:
         return rows | {"kind": rows["kind"].astype("U16")} | beside
 
 
-def _sigma_errors(room: Room) -> list[float]:
-    if room.session is None:
-        return [1.0] * len(room.press.sensors)
-    return [sensor.sigma_error for sensor in room.session.sensors]
+def _sigma_errors(day: SimulatedDay) -> list[float]:
+    if day.session is None:
+        return [1.0] * len(day.press.sensors)
+    return [sensor.sigma_error for sensor in day.session.sensors]
 
 
 @lru_cache(maxsize=2)

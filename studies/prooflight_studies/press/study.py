@@ -13,14 +13,15 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.learn import (
     Pages,
     certain_score,
+    learn_model,
     learn_scatter,
-    learn_tolerance,
     pooled,
 )
-from prooflight.commissioning.training.simulated_days import good_prior, good_spread
+from prooflight.commissioning.training.simulated_days import good_prior, good_residual_variance
 from prooflight.commissioning.training.train import calibrated_for
 from prooflight.detectors.operating import Scored, conformal_threshold, least_cost
 from prooflight.files.atomic import whole_file
+from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
@@ -28,15 +29,15 @@ from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_p
 from prooflight_studies.press.findings import PressFindings, PressPlan
 from prooflight_studies.press.judging import (
     ALPHAS,
+    FALSE_ALARM_RATE,
     OURS,
-    PROMISE,
-    Judged,
+    MethodResult,
     judged,
     kept_promises,
     parts_of,
 )
 from prooflight_studies.press.page import page_lines
-from prooflight_studies.press.scans import SaidWork, ScatterWork, Scene
+from prooflight_studies.press.scans import ScatterWork, Scene, StatisticsWork
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -112,7 +113,7 @@ def run_press_study(
         unfinished.write_text(text + "\n", encoding="utf-8")
     if taught is not None:
         progress(f"{taught.name}: learning from every part")
-        _taught(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
+        _trained(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
     progress(
         f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
         f"{sum(bench.minutes):.0f} minutes of one process"
@@ -157,7 +158,7 @@ class _Bench:
 
     def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
         """What every scan of a scene says."""
-        return self._rows(SaidWork(scene=scene, scatter=scatter), scene, days, "said", what)
+        return self._rows(StatisticsWork(scene=scene, scatter=scatter), scene, days, "said", what)
 
     def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
         folder, digest = self.cache / kind, self.digest(scene)
@@ -228,21 +229,23 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
     )
 
 
-def _taught(
+def _trained(
     press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
 ) -> Press:
-    """The press with what all judged designs teach, promising ``PROMISE``; nothing published here was judged by it."""
-    tolerance = learn_tolerance(
+    """The press with what all judged designs teach, promising ``FALSE_ALARM_RATE``; nothing published here was judged
+    by it.
+    """
+    model = learn_model(
         Pages.of(main).beside(teaching),
         names=main["names"][: main["values"].shape[1]].tolist(),
         scatter=scatter,
-        spread=good_spread(press),
+        residual_variance=good_residual_variance(press),
         prior=good_prior(press),
-        rng=np.random.default_rng([plan.seed, 9]),
+        rng=stream(plan.seed, "press-ranking"),
         trees=plan.trees,
     )
-    promising = replace(press, good_pages_per_false_alarm=1 / PROMISE)
-    return replace(promising, ours=calibrated_for(promising, tolerance, promise))
+    promising = replace(press, good_pages_per_false_alarm=1 / FALSE_ALARM_RATE)
+    return replace(promising, ours=calibrated_for(promising, model, promise))
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
@@ -261,7 +264,7 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
     score = certain_score(found, pages, rows["another"])
     known = np.unique(pages.design)[: plan.looser_known]
     mine = np.isin(pages.design, known)
-    rate = max(PROMISE, 1.01 / (len(known) + 1))
+    rate = max(FALSE_ALARM_RATE, 1.01 / (len(known) + 1))
     threshold = conformal_threshold(score[mine], pages.design[mine], false_alarm_rate=rate)
     times = f"variations {LOOSER:g} times those assumed"
     return {
@@ -270,7 +273,7 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
     }
 
 
-def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judged:
+def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> MethodResult:
     """Real pages by the first part's detector and thresholds."""
     found, pages = verdicts.detectors[0], Pages.of(rows)
     part = parts_of(main)
@@ -278,7 +281,7 @@ def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Judge
     another = np.concatenate([main["another"][part == 1], promise["another"]])
     of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design)
     score = certain_score(found, pages, rows["another"])
-    return Judged(
+    return MethodResult(
         name=OURS,
         scored=Scored(score=score, bad=pages.bad, design=pages.design),
         part=np.zeros(len(score), np.int64),

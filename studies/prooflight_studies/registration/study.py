@@ -11,6 +11,7 @@ from prooflight.errors import JobError
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import prepare, register
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.corpus.corpus import Corpus, Folder
 from prooflight.simulation.fast import fast_scan
@@ -176,7 +177,7 @@ class FindDesign:
 
     def __call__(self, task: Task) -> Rows:
         """One row a scan."""
-        rng = np.random.default_rng([self.seed, task.design, int(task.real), int(task.crops)])
+        rng = stream(self.seed, "registration-prints", task.design, int(task.real), int(task.crops))
         try:
             page = self.page(task)
         except JobError:  # a real page wider than the press sees

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from prooflight.prediction.predict import Prediction, predict
+from prooflight.rng import stream
 from prooflight.simulation.captures import ROUNDING_DN2
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ Belief = Literal[
 ]
 LEAST_SIGMA_DN: Final = 0.1
 """assumed: no table holds less; 1/12 DN^2 of rounding alone is 0.29 DN."""
-TABLE_SEED: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +123,7 @@ def noisy_sensors(press: Press, exposures: int) -> tuple[SensorModel, ...]:
 
     Gaussian noise: the mean errs by sigma / sqrt(n), the variance is chi-square with n - 1 degrees of freedom.
     """
-    rng = np.random.default_rng([TABLE_SEED, exposures])
+    rng = stream(None, "table-noise", exposures)
     return tuple(_noisy(sensor, exposures, rng) for sensor in press.sensors)
 
 

@@ -20,6 +20,7 @@ from prooflight.detectors.operating import (
 from prooflight.detectors.paper.bayes import BayesianNetwork
 from prooflight.detectors.paper.evidence import interval_edges, interval_shares
 from prooflight.kernels.comparison.dither import CODE_STEPS
+from prooflight.rng import stream
 from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, scored, types_of
 from prooflight_studies.robustness.disturbances import Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (
@@ -56,7 +57,7 @@ CHI_SQUARE, TILE, PRINTED, TUNED = (
     "Bayesian network, as printed",
     "Bayesian network, tuned",
 )
-OF_PEERS: Final = {
+OF_BASELINES: Final = {
     "difference, 5 x 5": (DIFFERENCE, DIFFERENCE),
     "SSIM, mean": (SSIM, SSIM),
     "variation model": (VARIATION_KEPT, VARIATION_LEARNED),
@@ -225,7 +226,7 @@ def _scorers(
         TILE: column("chi_squares", 1, 1),
         PRINTED: network(WindowReading()),
         TUNED: network(reading),
-        **{name: column("peers", *columns) for name, columns in OF_PEERS.items()},
+        **{name: column("peers", *columns) for name, columns in OF_BASELINES.items()},
     }
 
 
@@ -243,7 +244,7 @@ def _points(sets: Sets, reading: WindowReading, seed: int) -> Iterator[Point]:
 def _outcome(test: Rows, score: NDArray[np.float64], threshold: float, seed: int) -> Outcome:
     pages = scored(test, score)
     found = at_threshold(pages, threshold)
-    rng = np.random.default_rng([seed, 2])  # the same designs are drawn for every detector and disturbance
+    rng = stream(seed, "bootstrap")  # the same designs are drawn for every detector and disturbance
     return Outcome(
         cost=bootstrap_cost(pages, ALPHA, threshold=threshold, rng=rng),
         false_alarms=round(found.false_alarms * int((~pages.bad).sum())),

@@ -14,8 +14,9 @@ from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.detectors.paper.windows import SHARE_SIGMAS, window_means, window_unit
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
+from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
-from prooflight.simulation.captures import Room
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.baselines import (
     VariationModel,
@@ -44,7 +45,7 @@ MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, SHARE_AS_PRINTED, SHARE_KEPT
 """Numbers of a set of windows. Shares lie below 0.675, below 0.675 of the unit learned from the right tables' good
 pages, and below that of the wrong tables' own."""
 DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
-"""Peers' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
+"""Baselines' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
 OTHERS: Final = 3
 """Designs of the same day that a wrong page may come from."""
 
@@ -62,7 +63,7 @@ class Learned:
 class Stage:
     """A press day: prints are made on it, and seen through right and wrong tables."""
 
-    room: Room
+    day: SimulatedDay
     pages: Designs
     disturbances: tuple[Disturbance, ...]
 
@@ -70,8 +71,10 @@ class Stage:
     def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Stage:
         """Enter a press day."""
         # Days are seeded by their set and first design, so that no day is in two sets.
-        rng = np.random.default_rng([plan.seed, SETS.index(day.of), day.designs[0], 0, 1])
-        return cls(room=Room.enter(plan.world, press, rng), pages=pages, disturbances=all_disturbances())
+        rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
+        return cls(
+            day=SimulatedDay.begin(plan.world, press, rng), pages=pages, disturbances=all_disturbances()
+        )
 
     def printed(
         self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
@@ -79,9 +82,9 @@ class Stage:
         """The good print, or one with a misprint; None if none reaches the gate."""
         if not kind:
             return good
-        press = self.room.press
+        press = self.day.press
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.room.wrong(
+        return self.day.wrong(
             good,
             kind,
             others=others,
@@ -91,7 +94,7 @@ class Stage:
 
     def good(self, index: int) -> Printed:
         """A design's good print."""
-        return self.room.good(self.room.press.geometry.lay(self.pages.page(index)))
+        return self.day.good(self.day.press.geometry.lay(self.pages.page(index)))
 
     def believed(
         self, good: Printed, printed: Printed, rng: np.random.Generator
@@ -100,10 +103,10 @@ class Stage:
 
         The page is found in its scan with the right tables, so that one thing is wrong at a time.
         """
-        press = self.room.press
-        scan = self.room.recorded(self.room.seen(printed, rng), rng)
+        press = self.day.press
+        scan = self.day.recorded(self.day.seen(printed, rng), rng)
         placement = self._found(good, scan)
-        seen = good.expected if placement is IN_PLACE else self.room.expected(good.page, placement)
+        seen = good.expected if placement is IN_PLACE else self.day.expected(good.page, placement)
         area = (slice(None), *press.geometry.on_page(good.page.width_mm, good.page.height_mm))
         measured = np.ascontiguousarray(scan[area])
         for disturbance in self.disturbances:
@@ -117,9 +120,9 @@ class Stage:
             )
 
     def _found(self, good: Printed, scan: NDArray[np.uint16]) -> Placement:
-        if self.room.session is None:
+        if self.day.session is None:
             return IN_PLACE
-        press = self.room.press
+        press = self.day.press
         found = register(
             prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry), scan
         )
@@ -140,7 +143,7 @@ class LearnGood:
         white = [sensor.white_dn for sensor in self.press.sensors]
         units, moments = [], []
         for index in day.designs:
-            rng = np.random.default_rng([self.plan.seed, index, 0])
+            rng = stream(self.plan.seed, "pilot-print", index)
             good = stage.good(index)
             seen = list(stage.believed(good, good, rng))
             units.append([_units(normalised_error(dn, p.expected_dn, p.variance_dn2)) for dn, p in seen])
@@ -166,7 +169,7 @@ class WatchWrong:
     """Good copies and misprints of a day's designs -> a row for each scan.
 
     Columns: design, kind ("" where good), pixels; and, disturbances as their first axis, ``numbers`` (sides, sensors,
-    7), ``chi_squares`` (2) and ``peers`` (4).
+    7), ``chi_squares`` (2) and ``baselines`` (4).
     """
 
     press: Press
@@ -181,7 +184,7 @@ class WatchWrong:
         for index in day.designs:
             good = stage.good(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = np.random.default_rng([self.plan.seed, index, 1 + copy])
+                rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self._kind(index, copy)
                 printed = stage.printed(good, kind, day, index, rng)
                 if printed is None:
@@ -198,7 +201,7 @@ class WatchWrong:
     def _row(
         self, stage: Stage, good: Printed, printed: Printed, index: int, rng: np.random.Generator
     ) -> dict[str, Any]:
-        numbers, chi_squares, peers, pixels = [], [], [], 0
+        numbers, chi_squares, baselines, pixels = [], [], [], 0
         first: NDArray[np.float64] | None = None
         seen_first = good.expected
         for place, (measured, seen) in enumerate(stage.believed(good, printed, rng)):
@@ -208,11 +211,11 @@ class WatchWrong:
             if first is None:
                 seen_first, pixels = seen, measured[0].size
             same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
-            found = self._peers(measured, seen, place, first if same_mean else None)
+            found = self._baselines(measured, seen, place, first if same_mean else None)
             first = found if first is None else first
-            peers.append(found)
+            baselines.append(found)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
-        measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": peers}
+        measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": baselines}
         return facts | {name: np.array(values) for name, values in measured_as.items()}
 
     def _chi_squares(self, measured: NDArray[np.uint16], seen: Prediction, seed: int) -> tuple[float, float]:
@@ -224,10 +227,12 @@ class WatchWrong:
         page, tiles = pearson(evidence.histogram, shares), pearson(evidence.tile_histogram, shares)
         return float(page.sum()), float(tiles.sum(axis=0).max())
 
-    def _peers(
+    def _baselines(
         self, measured: NDArray[np.uint16], seen: Prediction, place: int, same: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Peers' scores; ``same``: those of a scan with the same expected signal, which is all that two of them see."""
+        """Baselines' scores; ``same``: those of a scan with the same expected signal, which is all that two of them
+        see.
+        """
         white = [sensor.white_dn for sensor in self.press.sensors]
         if same is None:
             difference = absolute_difference(measured, seen.expected_dn, white_dn=white).local

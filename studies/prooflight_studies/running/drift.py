@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.base import INK_NAMES
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.print_state import fitted_amounts, known_shares
 from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns, columns_mm
-from prooflight.line.monitor.run import PageEvidence, RunLevel
+from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
@@ -77,8 +78,8 @@ class CreepRun:
             ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
-                looked = look(ready, scan, sensors=sensors, geometry=geometry)
-                if not looked.found.found or known_shares(looked.fit)[ink] < WELL_KNOWN:
+                analysis = analyse(ready, scan, sensors=sensors, geometry=geometry)
+                if not analysis.found.found or known_shares(analysis.fit)[ink] < WELL_KNOWN:
                     continue
             found.append((page, ready))
             if len(found) == most:
@@ -95,9 +96,9 @@ class CreepRun:
         follow: bool = True,
     ) -> dict[str, Any]:
         """Until an announcement that ``stop`` knows; what was true then."""
-        press, rng = self.press, np.random.default_rng([seed, 1])
-        session = Session.draw(amounts_of(press), press, np.random.default_rng([seed, 0]))
-        level = RunLevel.begin(
+        press, rng = self.press, stream(seed, "drift-prints")
+        session = Session.draw(amounts_of(press), press, stream(seed, "drift-session"))
+        monitor = RunMonitor.begin(
             sensors=[one.name for one in press.sensors], columns_mm=columns_mm(press), costs=press.costs
         )
         adapting = Adapting.begin(press)
@@ -112,7 +113,7 @@ class CreepRun:
             evidence = self._evidence(sheet, scan)
             if follow:
                 adapting.see(evidence.values)
-            for one in level.see(sheet, evidence, pages_left=2000):
+            for one in monitor.see(sheet, evidence, pages_left=2000):
                 if stop(one):
                     return {
                         "announced": since,
@@ -141,14 +142,14 @@ class CreepRun:
 
     def _evidence(self, sheet: int, scan: NDArray[np.uint16]) -> PageEvidence:
         press, ready = self.press, self.ready[sheet % len(self.ready)]
-        looked = look(ready, scan, sensors=press.sensors, geometry=press.geometry)
-        if not looked.found.found:
+        analysis = analyse(ready, scan, sensors=press.sensors, geometry=press.geometry)
+        if not analysis.found.found:
             return PageEvidence()
-        left_mm = press.geometry.left_mm(ready.page.width_mm) + looked.found.placement.shift_mm[0]
-        excess, light = looked.sums.columns[:2, 0]
-        at_mm = (np.arange(excess.shape[1]) + 0.5) * looked.sums.pixel_mm - left_mm
+        left_mm = press.geometry.left_mm(ready.page.width_mm) + analysis.found.placement.shift_mm[0]
+        excess, light = analysis.sums.columns[:2, 0]
+        at_mm = (np.arange(excess.shape[1]) + 0.5) * analysis.sums.pixel_mm - left_mm
         return PageEvidence(
-            values=fitted_amounts(looked, press.sensors),
+            values=fitted_amounts(analysis, press.sensors),
             columns=columns(excess, light, np.asarray(at_mm), columns_mm(press).size),
         )
 

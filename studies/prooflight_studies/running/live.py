@@ -14,6 +14,7 @@ import numpy as np
 from prooflight.line.settings import Settings
 from prooflight.line.watching import watched
 from prooflight.pages.process import settle_process
+from prooflight.rng import stream
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
 
 if TYPE_CHECKING:
@@ -170,7 +171,7 @@ def soak_row(
     progress: Callable[[int], None],
 ) -> dict[str, Any]:
     """A long run with faults: were they named, was the job found again, did they raise alarms elsewhere?"""
-    faults = soak_faults(ring.sheets, np.random.default_rng([seed, 5]))
+    faults = soak_faults(ring.sheets, stream(seed, "running-faults"))
     passing = turns(ring.sheets, faults)
     drum = Drum(ring.scans, press=inspector.press, passing=passing, blank=blank, foreign=foreign)
     watcher = Watcher(progress=progress)

@@ -14,6 +14,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.line.settings import Settings
 from prooflight.line.watching import watched
 from prooflight.reporting.live import Recent, live_view
+from prooflight.rng import stream
 from prooflight.simulation.drum import Drum, DrumFault, turns
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import draw_misprint
@@ -82,7 +83,7 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
 
 
 def _scan(inspector: Inspector, pages: tuple[Page, ...], sheet: int, *, seed: int) -> NDArray[np.uint16]:
-    press, page, rng = inspector.press, pages[sheet % len(pages)], np.random.default_rng([seed, sheet, 3])
+    press, page, rng = inspector.press, pages[sheet % len(pages)], stream(seed, "running-picture", sheet)
     session = day(press, seed)
     print_ = Print.draw(session, press, page, rng)
     since = max(sheet - GOOD_PAGES, 0)

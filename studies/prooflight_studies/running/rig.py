@@ -12,13 +12,14 @@ import numpy as np
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
 from prooflight.pages.raster import Page
+from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import BLACK_ALONE, IN_BLACK, IN_COLOUR, design_name, design_page
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted
 from prooflight.simulation.corpus.designs.look import Look
 from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class A4Designs:
 
     def page(self, index: int) -> Page:
         """Design ``index``, from 0."""
-        rng = np.random.default_rng([self.seed, index])
+        rng = stream(self.seed, "a4-design", index)
         black_alone = often(rng, BLACK_ALONE)
         layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
         look = Look.draw(rng, black_alone=black_alone)
@@ -67,7 +68,7 @@ class Pieces:
         """Design ``index``, from 0."""
         whole = design_page(self.seed, index, dpi=self.dpi).cmyk
         columns, rows = (round(extent * self.dpi / 25.4) for extent in PIECE_MM)
-        rng = np.random.default_rng([self.seed, index, 1])
+        rng = stream(self.seed, "piece-places", index)
         places = [
             (
                 int(rng.integers(0, whole.shape[0] - rows + 1)),
@@ -104,7 +105,7 @@ class PrintWork:
         if not page_file.exists():
             _save(page_file, page.cmyk)
         session = day(self.press, self.seed)
-        rng = np.random.default_rng([self.seed, index, 2])
+        rng = stream(self.seed, "running-print", index)
         print_ = Print.draw(session, self.press, page, rng)
         _save(scan_file, fast_scan(page, self.press, session, print_, rng=rng))
 
@@ -117,7 +118,7 @@ def _save(path: Path, array: NDArray[Any]) -> None:
 @lru_cache(maxsize=1)
 def day(press: Press, seed: int) -> Session:
     """The session of all prints of a seed, one object a process."""
-    return Session.draw(amounts_of(press), press, session_rng(seed))
+    return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import taught
+from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
+from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
@@ -134,7 +135,7 @@ class Study:
         prints = self._ring(
             press, f"1-{self.plan.prints}", designs, designs, repeated=True
         )  # those that all differ
-        press = self._taught_a4()
+        press = self._trained_a4()
         fast = self._row("repeated designs", press, prints, None, sheets // 20)
         rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
         return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
@@ -160,7 +161,7 @@ class Study:
         )
         strangers = []
         for cmyk in (np.zeros_like(prints.pages[0].cmyk), pieces.page(1000).cmyk):
-            page, rng = replace(prints.pages[0], cmyk=cmyk), np.random.default_rng([self.seed, 8])
+            page, rng = replace(prints.pages[0], cmyk=cmyk), stream(self.seed, "running-strangers")
             session = day(press, self.seed)
             strangers.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng))
         return soak_row(
@@ -175,7 +176,7 @@ class Study:
 
     def _drift(self) -> list[dict[str, Any]]:
         rows, days = [], range(self.seed, self.seed + self.plan.days)
-        for press, ink in ((self._untaught("prototype.toml"), 3), (self._untaught("rgb-line.toml"), 1)):
+        for press, ink in ((self._untrained("prototype.toml"), 3), (self._untrained("rgb-line.toml"), 1)):
             pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
             run = CreepRun.of(press, (press.geometry.lay(pieces.page(i)) for i in range(120)), ink=ink)
             for good_pages in (0, 100):
@@ -185,7 +186,7 @@ class Study:
         return rows
 
     def _streak(self) -> dict[str, Any]:
-        press = self._untaught("prototype.toml")
+        press = self._untrained("prototype.toml")
         pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
         run = CreepRun.of(press, (press.geometry.lay(pieces.page(index)) for index in range(6)))
         days = range(self.seed + 100, self.seed + 100 + self.plan.days)
@@ -201,7 +202,7 @@ class Study:
 
     # --- what they need ---
 
-    def _untaught(self, preset: str) -> Press:
+    def _untrained(self, preset: str) -> Press:
         """A preset with a line of 400 pixels."""
         return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
 
@@ -243,7 +244,7 @@ class Study:
             build_press(PressFile.preset(preset), seed=1).save(path)
         return Press.load(path)
 
-    def _taught_a4(self) -> Press:
+    def _trained_a4(self) -> Press:
         """The press with one sensor, taught by A4 designs of its own, once, unless it came taught."""
         press = self._press("one", self.one, "prototype.toml")
         if press.ours is not None:
@@ -253,7 +254,7 @@ class Study:
             rarely = replace(press, good_pages_per_false_alarm=self.plan.taught_pages / 4)
             designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
             self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
-            taught(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+            trained(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
         return Press.load(path)
 
     def _small(self) -> Press:
@@ -264,7 +265,7 @@ class Study:
             rarely = replace(press, good_pages_per_false_alarm=min(100.0, self.plan.taught_designs / 4))
             designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
             self.progress(f"teaching a small press by {self.plan.taught_designs} designs")
-            taught(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
+            trained(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
         return Press.load(path)
 
     def _counted(self, what: str, total: int) -> Callable[[int], None]:

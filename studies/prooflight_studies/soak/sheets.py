@@ -9,12 +9,13 @@ import numpy as np
 
 from prooflight.line.pager import thumbnail_of
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import design_page
 from prooflight.simulation.corpus.designs.faces import OutlineFace
 from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault
-from prooflight.simulation.scans import page_rng, scan_page
-from prooflight.simulation.session import Session, session_rng
+from prooflight.simulation.scans import scan_page
+from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
@@ -54,11 +55,11 @@ def soak_ring(
     progress: Callable[[str], None],
 ) -> SoakRing:
     """Print a job: so many whole designs, then so many forms of each of some templates, one after the other."""
-    session = Session.draw(amounts_of(press), press, session_rng(seed))
+    session = Session.draw(amounts_of(press), press, stream(seed, "session"))
     thumbnails, scans = [], []
 
     def printed(page: Page, index: int) -> NDArray[np.uint16]:
-        rng = page_rng(seed, index)
+        rng = stream(seed, "print", index)
         scan = scan_page(
             page, press=press, request=None, others=(), fetch=lambda _: page, rng=rng, session=session
         )
@@ -86,7 +87,7 @@ def _pages(dpi: float, designs: int, templates: int, forms: int, seed: int) -> I
         yield design_page(seed, index, dpi=dpi)
     for template in range(templates):
         empty = design_page(seed, designs + template, dpi=dpi)
-        rng = np.random.default_rng([seed, template, 3])
+        rng = stream(seed, "soak-forms", template)
         high, wide = (extent - size for extent, size in zip(_extent(empty), FIELD_MM[::-1], strict=True))
         places = [
             (float(rng.uniform(10, wide - 10)), float(rng.uniform(10, high - 10))) for _ in range(WORDS)

@@ -14,9 +14,10 @@ import numpy as np
 
 from prooflight.commissioning.build import build_press
 from prooflight.journal.journal import Journal, RunFacts
-from prooflight.line.outcomes import absent, passed
+from prooflight.line.outcomes import missing_page, skipped
 from prooflight.line.pager import MissingPage, Pager, RepeatedJob, SeenPage
 from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight_studies.soak.page import SoakFigures, write_soak_page
 from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
@@ -59,7 +60,7 @@ def run_soak_study(
     )
     ring = soak_ring(press, **size, seed=seed, progress=tell)
     count = sheets or (QUICK_SHEETS if quick else SHEETS)
-    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=np.random.default_rng([seed, 2]))
+    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=stream(seed, "soak-faults"))
     passing = turns(count, faults)
     tell("a run without faults")
     usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))
@@ -106,11 +107,11 @@ def _played(
             number = len(digests)
             if isinstance(page, MissingPage):
                 digests.append(None)
-                outcome = absent(number, page, time_s)
+                outcome = missing_page(number, page, time_s)
             else:
                 thumbnail = None if page.job_page is None else expected[page.job_page]
                 digests.append(_digest(page, thumbnail, press))
-                outcome = passed(number, page, "only its place in the job is looked at")
+                outcome = skipped(number, page, "only its place in the job is looked at")
             if opened is not None:
                 opened.record(run_id, outcome.record)
 

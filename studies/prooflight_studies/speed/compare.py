@@ -1,4 +1,4 @@
-"""How fast a scan is compared with a given prediction, beside its peers and the memory's own speed, in one run."""
+"""How fast a scan is compared with a given prediction, beside its baselines and the memory's own speed, in one run."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _scikit_image(
 def ways(
     measured_dn: NDArray[np.uint16], prediction: Prediction, *, top_codes_dn: Sequence[int]
 ) -> dict[str, Callable[[], object]]:
-    """What is timed, by name, on (sensors, lines, pixels) arrays; peers see the first sensor as an image."""
+    """What is timed, by name, on (sensors, lines, pixels) arrays; baselines see the first sensor as an image."""
     expected, variance = prediction.expected_dn, prediction.variance_dn2
     both = np.concatenate([image.ravel().view(np.uint16) for image in (measured_dn, expected)])
     words = both[: both.size // 4 * 4].view(np.uint64)

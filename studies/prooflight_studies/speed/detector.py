@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
-from prooflight.detectors.matched_filter.statistics.families import all_said
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
+    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
@@ -32,7 +31,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     """
     sensors, geometry = press.sensors, press.geometry
     expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
-    scan = ideal_scan(expected, press, np.random.default_rng(2))
+    scan = ideal_scan(expected, press, stream(None, "bench-scan"))
     scatter = Scatter.white()
 
     def prepared(*, sharing: bool, fringes: bool = False) -> PreparedPage:
@@ -47,21 +46,24 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
         prepared(sharing=False, fringes=True),
     )
 
-    def seen(known: PreparedPage) -> Looked:
-        return look(known, scan, sensors=sensors, geometry=geometry)
+    def seen(known: PreparedPage) -> ScanAnalysis:
+        return analyse(known, scan, sensors=sensors, geometry=geometry)
 
-    def said(looked: Looked) -> object:
-        return all_said(looked.sums, looked.fit, looked.found, scatter)
+    def statistics(analysis: ScanAnalysis) -> object:
+        return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter)
 
-    looked = seen(shared)
+    analysis = seen(shared)
     size = scan[0].size / 1e6
     return {
-        f"our detector: whole, shared prediction, {name}": (lambda: said(seen(shared)), size),
-        f"our detector: whole, each predicted, {name}": (lambda: said(seen(own)), size),
-        f"our detector: whole, fresh design, {name}": (lambda: said(seen(prepared(sharing=False))), size),
-        f"our detector: whole, each predicted, fringes, {name}": (lambda: said(seen(followed)), size),
+        f"our detector: whole, shared prediction, {name}": (lambda: statistics(seen(shared)), size),
+        f"our detector: whole, each predicted, {name}": (lambda: statistics(seen(own)), size),
+        f"our detector: whole, fresh design, {name}": (
+            lambda: statistics(seen(prepared(sharing=False))),
+            size,
+        ),
+        f"our detector: whole, each predicted, fringes, {name}": (lambda: statistics(seen(followed)), size),
         f"our detector: prepare, {name}": (lambda: prepared(sharing=False), size),
         f"our detector: prepare, fringes, {name}": (lambda: prepared(sharing=False, fringes=True), size),
         f"our detector: look, {name}": (lambda: seen(shared), size),
-        f"our detector: statistics, {name}": (lambda: said(looked), size),
+        f"our detector: statistics, {name}": (lambda: statistics(analysis), size),
     }

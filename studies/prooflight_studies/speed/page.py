@@ -63,7 +63,7 @@ def write_speed_page(rows: Sequence[SpeedRow], folder: Path) -> None:
 
 
 def _draw(rows: Sequence[SpeedRow], path: Path) -> None:
-    """Bars on a logarithmic axis: photo pages beside peers, then growth."""
+    """Bars on a logarithmic axis: photo pages beside baselines, then growth."""
     kept = [row for row in rows if row.name.endswith(", photo")]
     grown = [row for row in rows if row.name.startswith("growth")]
     figure, axes = plt.subplots(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.prediction.predict import predict
+from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def start_seconds(press: Press, page: Page) -> list[float]:
         press.save(folder / "bench.press")
         expected = predict(page, sensors=press.sensors, geometry=press.geometry)
         np.save(folder / "page.npy", page.cmyk)
-        np.save(folder / "scan.npy", ideal_scan(expected, press, np.random.default_rng(2)))
+        np.save(folder / "scan.npy", ideal_scan(expected, press, stream(None, "bench-scan")))
         for start in range(STARTS + 1):
             begun = time.perf_counter()
             command = [sys.executable, "-c", FIRST_VERDICT, name]

@@ -1,4 +1,4 @@
-"""How fast pages are predicted, compared and judged, as ratios to peers measured in the same run."""
+"""How fast pages are predicted, compared and judged, as ratios to baselines measured in the same run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from prooflight.kernels.compiled import kernel
 from prooflight.kernels.prediction.look_up import NODE_STEP, look_up_light
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
-from prooflight.prediction.quantised_table import bricks_of
+from prooflight.prediction.quantised_table import quantised_table
+from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows
 from prooflight_studies.speed.detector import MOVED, detector_works
@@ -34,14 +35,14 @@ EVERY_OTHER: Final = slice(None, None, 2)
 
 
 @kernel(
-    "words (_, W), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
-    "bricks.bits (4), level, out (P)",
+    "packed (_, W), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
+    "quantised.bits (4), level, out (P)",
     where="P <= W, P % 8 == 0",
 )
-def look_up_page(words, bricks, level, out):  # type: ignore[no-untyped-def]
+def look_up_page(packed, quantised, level, out):  # type: ignore[no-untyped-def]
     """``look_up_light`` of each row, as far as ``out`` goes."""
-    for row in range(words.shape[0]):
-        look_up_light(words[row, : out.size], bricks, level, out)
+    for row in range(packed.shape[0]):
+        look_up_light(packed[row, : out.size], quantised, level, out)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +63,7 @@ def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> d
     side = round(
         (side_mm or (QUICK_MM if quick else SIDE_MM)) * press.supersampling / press.geometry.pixel_pitch_mm
     )
-    rng = np.random.default_rng(1)
+    rng = stream(None, "bench-page")
     bars = rng.random((side // 6 + 1, side // 24 + 1)) < 0.2
     bars[(np.arange(side // 6 + 1) % 6) > 2] = False  # space between lines of text
     text = np.zeros((side, side, 4), np.uint8)
@@ -94,15 +95,15 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     height, width = page.cmyk.shape[:2]
     image = Image.frombuffer("CMYK", (width, height), page.cmyk.tobytes(), "raw", "CMYK", 0, 1)
     target, transform = Image.new("LAB", image.size), cmyk_to_lab(small / table.max())
-    words = page.cmyk.view(np.uint32)[:, :, 0]
-    bricks, none = bricks_of(table), np.float32(0)
+    packed = page.cmyk.view(np.uint32)[:, :, 0]
+    quantised, none = quantised_table(table), np.float32(0)
     out = np.empty(width // 8 * 8, np.float32)
     part = page.cmyk[: max(height // 8, 1)].reshape(-1, 4).T / np.float32(2 * NODE_STEP)
 
     def ours() -> None:
-        look_up_page(words, bricks, none, out)
+        look_up_page(packed, quantised, none, out)
 
-    size = words.size / 1e6
+    size = packed.size / 1e6
     return _rows(
         {
             f"look-up, {name}": (ours, height * out.size / 1e6),
@@ -116,9 +117,9 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 
 
 def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
-    """Prediction in place and moved, whole inspections, and comparison beside its peers; ratios: to the first."""
+    """Prediction in place and moved, whole inspections, and comparison beside its baselines; ratios: to the first."""
     prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
-    scan = ideal_scan(prediction, press, np.random.default_rng(2))
+    scan = ideal_scan(prediction, press, stream(None, "bench-scan"))
     size = scan.size / 1e6
 
     def predicted(**where: Placement) -> object:
@@ -160,7 +161,7 @@ def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable
     scans = []
     for where in ({}, {"placement": MOVED}):
         expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
-        scans.append(ideal_scan(expected, press, np.random.default_rng(2)))
+        scans.append(ideal_scan(expected, press, stream(None, "bench-scan")))
     in_place, moved = scans
     size = in_place.size / 1e6
     return {

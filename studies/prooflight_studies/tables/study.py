@@ -16,6 +16,7 @@ from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.pages.job import open_job
 from prooflight.prediction.predict import looked_up
 from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
 from prooflight_studies.tables.page import BuiltPress, TableRow, Worst, write_table_page
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def job_colours(
         count = len(job) if most is None else min(most, len(job))
         for number in range(1, count + 1):
             progress(f"colours of {name}, page {number} of {count}")
-            found.append(page_colours(job.page(number), np.random.default_rng([seed, number])))
+            found.append(page_colours(job.page(number), stream(seed, "table-colours", number)))
     files = sorted(path.glob("*.pdf")) if path.is_dir() else [path]
     sha = hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files))
     return Colours(
@@ -95,7 +96,7 @@ def job_colours(
 
 def random_colours(seed: int) -> Colours:
     """The recipes with which ``press build`` judges its tables."""
-    cmyk = trial_recipes(np.random.default_rng(seed))
+    cmyk = trial_recipes(stream(seed, "trial-recipes"))
     ones = np.ones(len(cmyk))
     return Colours(
         name="random and ramps",

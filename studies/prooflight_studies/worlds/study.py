@@ -12,6 +12,7 @@ from prooflight.errors import InputError, RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
 from prooflight.simulation.exact import Specimen, exact_mean_variance
 from prooflight.simulation.fast import fast_mean_variance
 from prooflight.simulation.prints import Print
@@ -81,11 +82,11 @@ def run_world_study(
     every = [files[i] for i in np.linspace(0, len(files) - 1, min(len(files), 2 * wanted)).astype(int)]
     rows: list[Agreement] = []
     for index, pdf in enumerate(every):
-        piece = piece_of(pdf, rig, np.random.default_rng([seed, index]))
+        piece = piece_of(pdf, rig, stream(seed, "world-piece", index))
         if piece is None:
             continue
         tell(f"{pdf.stem} ({len(rows) + 1} of {wanted})")
-        rows.append(agreement(piece, rig, np.random.default_rng([seed, index, 1])))
+        rows.append(agreement(piece, rig, stream(seed, "world-print", index)))
         if len(rows) == wanted:
             break
     if len(rows) < wanted:

@@ -17,7 +17,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     phased,
     thinned,
 )
-from prooflight.detectors.matched_filter.fit.modes import prepare_modes, sight
+from prooflight.detectors.matched_filter.fit.modes import pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.shared_prediction import SharedPrediction
 from prooflight.kernels.residuals.moving import move
 from prooflight.pages.raster import Page
@@ -74,7 +74,7 @@ def test_a_shared_prediction_moves_as_each_would_be_predicted(press: Press) -> N
         for where in ({}, {"placement": MOVED})
     )
     shared = SharedPrediction.of(page, in_place, sensors=sensors, geometry=geometry, bins=BINS)
-    where = sight(page, at, MOVED)
+    where = pixel_map(page, at, MOVED)
     found = shared.seen(
         where, np.zeros((4, 2)), sensors=binned_sensors(sensors, BINS, geometry.pixel_pitch_mm)
     )

@@ -9,53 +9,53 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.training.learn import Pages, learn_tolerance
+from prooflight.commissioning.training.learn import Pages, learn_model
 from prooflight.detectors.matched_filter.calibrated import ENOUGH_REAL, CalibratedDetector, score_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 
 if TYPE_CHECKING:
-    from prooflight.detectors.matched_filter.model import TolerancePress
+    from prooflight.detectors.matched_filter.model import DetectorModel
 
 NAMES = ["box/add-C+/8", "fit/white"]
 
 
 @pytest.fixture(scope="module")
-def tolerance() -> TolerancePress:
+def model() -> DetectorModel:
     rng = np.random.default_rng(1)
     pages = Pages(
         values=rng.exponential(size=(60, 2)).astype(np.float32),
-        portraits=rng.standard_normal((60, 3)),
+        page_features=rng.standard_normal((60, 3)),
         design=np.arange(60),
         bad=np.zeros(60, bool),
     )
-    return learn_tolerance(pages, names=NAMES, scatter=Scatter.white(), rng=rng, ranked=False)
+    return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, ranked=False)
 
 
 def calibrated(
-    tolerance: TolerancePress, *, real: np.ndarray | None = None, rate: float = 0.02
+    model: DetectorModel, *, real: np.ndarray | None = None, rate: float = 0.02
 ) -> CalibratedDetector:
     simulated = np.random.default_rng(2).exponential(size=150)
     return CalibratedDetector.calibrated(
-        tolerance, simulated=simulated, real=real, false_alarm_rate=rate, misprint_rate=0.01
+        model, simulated=simulated, real=real, false_alarm_rate=rate, misprint_rate=0.01
     )
 
 
-def test_simulated_pages_promise_until_there_are_real_ones(tolerance: TolerancePress) -> None:
-    first = calibrated(tolerance)
+def test_simulated_pages_promise_until_there_are_real_ones(model: DetectorModel) -> None:
+    first = calibrated(model)
     assert (first.promise.simulated, first.promise.real, first.promise.conformal) == (150, 0, True)
     real = np.random.default_rng(3).exponential(2.0, ENOUGH_REAL)  # this press scatters twice as much
-    later = calibrated(tolerance, real=real)
+    later = calibrated(model, real=real)
     assert (later.promise.simulated, later.promise.real, later.promise.conformal) == (0, ENOUGH_REAL, True)
     assert later.threshold == np.sort(real)[98]  # ceil(101 x 0.98) = 99th smallest
     assert later.threshold > first.threshold
 
 
 def test_a_few_real_pages_raise_the_threshold_and_promise_nothing_by_themselves(
-    tolerance: TolerancePress,
+    model: DetectorModel,
 ) -> None:
-    first = calibrated(tolerance)
+    first = calibrated(model)
     rng = np.random.default_rng(4)
-    worse, better = (calibrated(tolerance, real=rng.exponential(scale, 30)) for scale in (3.0, 0.3))
+    worse, better = (calibrated(model, real=rng.exponential(scale, 30)) for scale in (3.0, 0.3))
     assert worse.threshold > 1.5 * first.threshold
     assert not worse.promise.conformal
     assert (worse.promise.simulated, worse.promise.real) == (150, 30)
@@ -63,9 +63,9 @@ def test_a_few_real_pages_raise_the_threshold_and_promise_nothing_by_themselves(
     assert better.threshold >= 0.9 * first.threshold
 
 
-def test_a_judgement_alarms_above_the_threshold_alone(tolerance: TolerancePress) -> None:
-    ours = calibrated(tolerance)
-    low, high = ours.judge(ours.threshold), ours.judge(ours.threshold + 1)
+def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
+    ours = calibrated(model)
+    low, high = ours.decide(ours.threshold), ours.decide(ours.threshold + 1)
     assert not low.misprint
     assert high.misprint
     assert high.p_value is not None
@@ -74,37 +74,37 @@ def test_a_judgement_alarms_above_the_threshold_alone(tolerance: TolerancePress)
     assert high.probability > low.probability >= 0.01
 
 
-def test_what_cannot_be_promised_is_refused_down_to_what_can(tolerance: TolerancePress) -> None:
-    ours = calibrated(tolerance, rate=1e-6)
+def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorModel) -> None:
+    ours = calibrated(model, rate=1e-6)
     assert ours.promise.rate == pytest.approx(1 / 1510)
     assert not ours.promise.conformal
     assert "refused" in str(ours.promise)
 
 
-def test_it_comes_back_from_its_arrays_and_facts(tolerance: TolerancePress) -> None:
+def test_it_comes_back_from_its_arrays_and_facts(model: DetectorModel) -> None:
     for real in (None, np.arange(30.0)):
-        ours = calibrated(tolerance, real=real, rate=1e-4)
+        ours = calibrated(model, real=real, rate=1e-4)
         facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
         again = CalibratedDetector.from_parts(ours.arrays(), facts)
         assert again.threshold == ours.threshold
         assert again.promise == ours.promise
-        assert again.judge(2.0) == ours.judge(2.0)
-    assert replace(ours, misprint_rate=0.5).judge(2.0).probability > ours.judge(2.0).probability
+        assert again.decide(2.0) == ours.decide(2.0)
+    assert replace(ours, misprint_rate=0.5).decide(2.0).probability > ours.decide(2.0).probability
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_statistic_that_is_not_finite_is_no_good_page(tolerance: TolerancePress, value: float) -> None:
-    detector, portrait = calibrated(tolerance), np.zeros(3)
+def test_a_statistic_that_is_not_finite_is_no_good_page(model: DetectorModel, value: float) -> None:
+    detector, page_features = calibrated(model), np.zeros(3)
     for another in (False, True):
-        fine = score_of(tolerance, np.ones(2), portrait, another=another)
-        assert detector.judge(fine).word == ("misprint" if another else "good")
-        for values, page in ((np.array([1, value]), portrait), (np.ones(2), np.array([0, value, 0]))):
-            score = score_of(tolerance, values, page, another=another)
-            assert detector.judge(score).word == "not-inspected"
+        fine = score_of(model, np.ones(2), page_features, another=another)
+        assert detector.decide(fine).word == ("misprint" if another else "good")
+        for values, page in ((np.array([1, value]), page_features), (np.ones(2), np.array([0, value, 0]))):
+            score = score_of(model, values, page, another=another)
+            assert detector.decide(score).word == "not-inspected"
 
 
-def test_what_the_press_learned_wrong_is_not_lost_among_families(tolerance: TolerancePress) -> None:
-    tail = tolerance.tail.copy()
+def test_what_the_press_learned_wrong_is_not_lost_among_families(model: DetectorModel) -> None:
+    tail = model.tail.copy()
     tail[0, 1] = np.nan
-    score = replace(tolerance, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, 3)))
+    score = replace(model, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, 3)))
     assert np.isnan(score).all()

@@ -43,8 +43,8 @@ class Bench:
     def scan(
         self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
     ) -> NDArray[np.uint16]:
-        room = self.day.room
-        return room.recorded(room.seen_in_press(page, rng, placement), rng)
+        day = self.day.day
+        return day.recorded(day.seen_in_press(page, rng, placement), rng)
 
     def verdict(self, index: int, kind: str = "", *, seed: int = 0) -> Verdict:
         page, rng = self.page(index), np.random.default_rng([seed, index])
@@ -57,8 +57,8 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def bench(taught_press: Press, make_page: MakePage) -> Bench:
-    return Bench(taught_press, make_page)
+def bench(trained_press: Press, make_page: MakePage) -> Bench:
+    return Bench(trained_press, make_page)
 
 
 def test_good_prints_mostly_pass(bench: Bench) -> None:
@@ -149,10 +149,10 @@ def test_scans_that_do_not_fit_are_refused(bench: Bench) -> None:
         bench.inspector.inspect(prepared, np.zeros((1, 600, 399), np.uint16), scan_name="scan")
 
 
-def test_ours_is_chosen_where_the_press_was_taught_it(taught_press: Press, press: Press) -> None:
-    assert detector(None, taught_press).name == "ours"
+def test_ours_is_chosen_where_the_press_was_taught_it(trained_press: Press, press: Press) -> None:
+    assert detector(None, trained_press).name == "ours"
     assert detector(None, press).name == "chi-square"
-    assert "10 alarms" in Inspector.of(taught_press).promise
+    assert "10 alarms" in Inspector.of(trained_press).promise
     for name in ("ours", "bayes"):
         with pytest.raises(RequestError, match="was not taught"):
             detector(name, press)
@@ -160,9 +160,9 @@ def test_ours_is_chosen_where_the_press_was_taught_it(taught_press: Press, press
 
 @pytest.mark.parametrize("fringes", [False, True])
 def test_teaching_and_inspecting_follow_fringes_where_the_press_does(
-    taught_press: Press, make_page: MakePage, fringes: bool
+    trained_press: Press, make_page: MakePage, fringes: bool
 ) -> None:
-    bench = Bench(replace(taught_press, fringes=fringes), make_page)
+    bench = Bench(replace(trained_press, fringes=fringes), make_page)
     _, taught_with = bench.day.design(0)
     used = bench.inspector.prepare(bench.page(0)).known.known
     assert (taught_with.overlaps is not None) == (used.overlaps is not None) == fringes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
-from prooflight.detectors.matched_filter.statistics.families import NOWHERE, Said
+from prooflight.detectors.matched_filter.statistics.families import NOWHERE, Statistic
 from prooflight.detectors.verdict import Ink, Region
 from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
@@ -28,8 +28,8 @@ def ink(gain: float = 0.0, register: tuple[float, float] = (0.0, 0.0)) -> Ink:
     return Ink(gain_percent=gain, dot_gain_percent=0.0, register_mm=register)
 
 
-def said(name: str, box: tuple[float, float, float, float] = NOWHERE, value: float = 9.0) -> Said:
-    return Said(name=name, value=value, box=box)
+def statistic(name: str, box: tuple[float, float, float, float] = NOWHERE, value: float = 9.0) -> Statistic:
+    return Statistic(name=name, value=value, box=box)
 
 
 STREAK = Region(x_mm=82.5, y_mm=0.0, width_mm=1.0, height_mm=297.0, score=9.0, kind="streak")
@@ -55,7 +55,7 @@ SPOT = Region(x_mm=10.0, y_mm=20.0, width_mm=2.0, height_mm=2.0, score=9.0, kind
     ],
 )  # fmt: skip
 def test_reasons(kind: str, name: str, region: Region | None, inks: dict[str, Ink], words: str) -> None:
-    assert reason_for(kind, said(name), region, inks, registration()) == words
+    assert reason_for(kind, statistic(name), region, inks, registration()) == words
 
 
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
@@ -67,10 +67,10 @@ def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
 
 def test_places_are_of_the_page_and_inside_it() -> None:
     strongest = [
-        ("box/add-K+", said("box/add-K+/4", (9.0, 19.0, 2.0, 2.0))),
-        ("box/gain-K+", said("box/gain-K+/4", (9.5, 19.5, 1.0, 1.0))),  # the same place again
-        ("band/light", said("band/light/row", (0.0, 50.0, math.inf, 0.5))),
-        ("fit/white", said("fit/white")),
+        ("box/add-K+", statistic("box/add-K+/4", (9.0, 19.0, 2.0, 2.0))),
+        ("box/gain-K+", statistic("box/gain-K+/4", (9.5, 19.5, 1.0, 1.0))),  # the same place again
+        ("band/light", statistic("band/light/row", (0.0, 50.0, math.inf, 0.5))),
+        ("fit/white", statistic("fit/white")),
     ]
     regions = regions_of(
         strongest,
@@ -86,7 +86,7 @@ def test_places_are_of_the_page_and_inside_it() -> None:
 
 def test_without_a_place_it_is_the_page_as_a_whole() -> None:
     regions = regions_of(
-        [("fit/white", said("fit/white"))], ["unknown"], shift_mm=(1.0, 0.0), size_mm=(100.0, 150.0)
+        [("fit/white", statistic("fit/white"))], ["unknown"], shift_mm=(1.0, 0.0), size_mm=(100.0, 150.0)
     )
     assert [(r.x_mm, r.y_mm, r.width_mm, r.height_mm) for r in regions] == [(0.0, 0.0, 100.0, 150.0)]
     assert regions_of([], [], shift_mm=(0.0, 0.0), size_mm=(1.0, 1.0)) == ()

@@ -22,7 +22,7 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_waves,
     waves_of,
 )
-from prooflight.detectors.matched_filter.statistics.page_scale import exchanged, extremes_of, flat_part
+from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of, flat_part, swapped_planes
 
 ROWS, COLUMNS, TILE_MM = 96, 64, 0.5
 PIXELS = 2 * COLUMNS
@@ -59,7 +59,7 @@ def test_a_spot_is_said_where_it_is() -> None:
     sums = drawn(1)
     k = MODES.index("add-K")
     sums.tiles[0, k, 40:44, 20:24] += 8 * np.sqrt(POWER)
-    best = max(of_flat_boxes(flat_part(sums), Scatter.white()), key=lambda said: said.value)
+    best = max(of_flat_boxes(flat_part(sums), Scatter.white()), key=lambda one: one.value)
     assert best.name.startswith("flat/add-K+/")
     assert kind_of(best) == "spots-voids"
     x, y, width, height = best.box
@@ -73,8 +73,8 @@ def test_edges_are_left_out_of_what_is_flat() -> None:
     sums.tiles[0, :, 40:44, 10:14] += 30 * np.sqrt(POWER)
     flat = flat_part(sums)
     assert not flat.tiles[..., :32].any()
-    assert max(said.value for said in of_flat_boxes(flat, Scatter.white())) < 7  # of 10^5 normal numbers
-    assert max(said.value for said in of_boxes(sums, Scatter.white())) > 30
+    assert max(one.value for one in of_flat_boxes(flat, Scatter.white())) < 7  # of 10^5 normal numbers
+    assert max(one.value for one in of_boxes(sums, Scatter.white())) > 30
 
 
 def test_a_page_is_judged_by_its_own_scatter() -> None:
@@ -100,8 +100,8 @@ def test_nothing_informed_says_nothing() -> None:
 def test_a_streak_is_said_where_it_is(family: str) -> None:
     sums = drawn(4)
     sums.columns[0, MODES.index("add-C"), :, 60:62] += 9 * np.sqrt(POWER)
-    said = list(of_streaks(sums, Scatter.white(), good="streak", own="line"))
-    best = max((one for one in said if one.name.startswith(family)), key=lambda one: one.value)
+    statistics = list(of_streaks(sums, Scatter.white(), good="streak", own="line"))
+    best = max((one for one in statistics if one.name.startswith(family)), key=lambda one: one.value)
     assert best.name.split("/")[1] == "add-C"
     assert kind_of(best) == "streak"
     assert best.box[0] + best.box[2] / 2 == pytest.approx(61 * TILE_MM / 2 - 1.0, abs=0.5)
@@ -112,11 +112,11 @@ def test_waves_rise_above_their_neighbours() -> None:
     sums = drawn(5)
     wave = 2.0 * np.sqrt(POWER) * np.sin(2 * np.pi * np.arange(ROWS) * TILE_MM / 6.0)
     sums.tiles[0, MODES.index("gain-all")] += wave[:, None].astype(np.float32)
-    said = {one.name: one for one in of_waves(waves_of(sums, Scatter.white()), family="wave")}
-    best = max(said.values(), key=lambda one: one.value)
+    statistics = {one.name: one for one in of_waves(waves_of(sums, Scatter.white()), family="wave")}
+    best = max(statistics.values(), key=lambda one: one.value)
     assert best.name.startswith("wave/gain-all/")
     assert kind_of(best) == "banding"
-    assert best.value > 5 * said["wave/void/one"].value
+    assert best.value > 5 * statistics["wave/void/one"].value
 
 
 def test_an_echo_of_the_page_is_said() -> None:
@@ -124,9 +124,9 @@ def test_an_echo_of_the_page_is_said() -> None:
     detail = sums.cover[0] - sums.cover[0].mean()
     sums.tiles[0, MODES.index("add-C"), 20:] += 0.6 * POWER * detail[:-20]
     scatters = Scatter.white().ghosts
-    said = list(of_ghosts(sums, scatters, good="ghost", own="echo"))
+    statistics = list(of_ghosts(sums, scatters, good="ghost", own="echo"))
     for family in ("ghost", "echo"):
-        best = max((one for one in said if one.name.startswith(family)), key=lambda one: one.value)
+        best = max((one for one in statistics if one.name.startswith(family)), key=lambda one: one.value)
         assert best.name.startswith(f"{family}/C/")
         assert kind_of(best) == "ghost-smear"
         assert best.value > 8
@@ -135,18 +135,18 @@ def test_an_echo_of_the_page_is_said() -> None:
 def test_stray_energy_is_said_where_it_is() -> None:
     sums = drawn(7)
     sums.tiles[0, -1, 64:72, 16:24] += 12
-    said = {one.name: one for one in of_energy(sums)}
-    best = said["excess/8"]
+    statistics = {one.name: one for one in of_energy(sums)}
+    best = statistics["excess/8"]
     assert best.value > 8
     assert best.box == pytest.approx((16 * TILE_MM - 1.0, 64 * TILE_MM - 2.0, 4.0, 4.0))
 
 
-def test_exchanged_inks_show_in_their_pair_alone() -> None:
+def test_swapped_inks_show_in_their_pair_alone() -> None:
     sums = drawn(8)
     step = sums.cover[1] - sums.cover[0]
     for ink, sign in ((0, 1), (1, -1)):
         for mode in (1 + ink, 5 + ink):
             sums.tiles[0, mode] += sign * 0.1 * step * POWER
-    t = np.abs(exchanged(sums))
+    t = np.abs(swapped_planes(sums))
     assert t[0] > 5
     assert t[0] > 2 * t[5]  # yellow and black

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
-from prooflight.detectors.matched_filter.statistics.statistic import Said
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.simulation.misprints.kinds import KINDS
 
 SAID = {
@@ -28,7 +28,7 @@ SAID = {
 
 @pytest.mark.parametrize(("name", "kind"), SAID.items())
 def test_every_family_has_a_kind(name: str, kind: str) -> None:
-    assert kind_of(Said(name=name, value=9.0)) == kind
+    assert kind_of(Statistic(name=name, value=9.0)) == kind
 
 
 def test_every_kind_can_be_said() -> None:
@@ -36,7 +36,7 @@ def test_every_kind_can_be_said() -> None:
 
 
 def test_the_first_that_is_known_names_the_page_and_the_first_with_a_place_its_place() -> None:
-    nameless = Said(name="energy/8", value=30.0, box=(1.0, 2.0, 3.0, 3.0))
-    whole = Said(name="fit/gain-C", value=9.0)
+    nameless = Statistic(name="energy/8", value=30.0, box=(1.0, 2.0, 3.0, 3.0))
+    whole = Statistic(name="fit/gain-C", value=9.0)
     assert named([("energy/8", nameless), ("fit/gain-C", whole)]) == ("density", nameless)
     assert named([]) == (UNKNOWN, None)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.modes import Modes, moved, prepare_modes, sight
+from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
-    Spread,
-    Tolerance,
+    PrintPrior,
+    ResidualVariance,
     fit_nuisances,
     page_colours,
 )
@@ -22,8 +22,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
     SIZES,
     Scatter,
-    statistic,
     summed,
+    t_statistic,
 )
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
@@ -69,15 +69,15 @@ def judged(press: Press, page: Page, scan: NDArray[np.uint16], placement: Placem
     sensors, geometry, pitch = press.sensors, press.geometry, press.geometry.pixel_pitch_mm
     seen = predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
     own = prepare_modes(page, sensors=sensors, geometry=geometry)
-    where = sight(page, geometry, placement)
+    where = pixel_map(page, geometry, placement)
     modes = Modes(images=moved(own.images, where), sensors=len(sensors))
     colours = page_colours(own.cover)
     fit = fit_nuisances(
         scan, seen, modes, where, sensors=sensors, colours=colours, planes=np.zeros((4, 2)), pixel_mm=pitch,
-        tolerance=Tolerance(), spread=Spread(),
+        prior=PrintPrior(), residual_variance=ResidualVariance(),
     )  # fmt: skip
     left, weight, of_edges, noise = residual_images(
-        scan, seen, modes, where, fit, sensors=sensors, colours=colours, spread=Spread()
+        scan, seen, modes, where, fit, sensors=sensors, colours=colours, residual_variance=ResidualVariance()
     )
     raw = left.copy()
     sums = summed(
@@ -104,7 +104,7 @@ def greatest(sums: Sums, name: str, size: int = 8) -> float:
     """|T| of a mode, boxes of one size."""
     mode, place = MODES.index(name), SIZES.index(size)
     own, power, edges = boxes(list(cells_of(sums))[place])
-    t = statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
+    t = t_statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
     return float(np.abs(t).max())
 
 
@@ -145,7 +145,7 @@ def test_light_and_ink_gain_are_found_and_taken_out(press: Press, tints: Page) -
 def test_too_much_ink_stays_as_evidence(press: Press, tints: Page) -> None:
     found = judged(press, tints, scan_of(press, recoloured(tints, CYAN, 0.8)))
     assert found.fit.gain[CYAN, 0] < -0.1
-    assert np.abs(found.fit.surprise).max() > 5
+    assert np.abs(found.fit.pulls).max() > 5
 
 
 def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
@@ -154,7 +154,7 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     found = judged(press, tints, scan_of(press, printed))
     cells = next(cells_of(found.sums))
     own, power, edges = boxes(cells)
-    t = statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
+    t = t_statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
     row, column = np.unravel_index(int(np.argmax(t)), t.shape)
     x, y, _, _ = cells.box_mm(found.sums, int(row), int(column))
     assert t.max() > 20

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from prooflight.detectors.matched_filter.fit.nuisance import Colours
-from prooflight.detectors.matched_filter.statistics.boxes import Echoes, boxes, cells_of
+from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     COMMON,
     GHOST_BOXES_MM,
     MODES,
     SIZES,
     Sums,
-    statistic,
+    t_statistic,
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
@@ -26,7 +26,7 @@ from prooflight.kernels.residuals.fit import LEVELS, SHAPES, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move, move_smooth
 from prooflight.kernels.residuals.residuals import residuals
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
-from prooflight.kernels.statistics.swapped_planes import exchange_sums
+from prooflight.kernels.statistics.swapped_planes import swap_sums
 from prooflight.kernels.statistics.tiles import line_sums, tile_sums
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
         assert cells.size == size
         own, power, edges = boxes(cells)
         for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
-            t = statistic(own[mode], power[mode], edges[mode], scatter[mode])
+            t = t_statistic(own[mode], power[mode], edges[mode], scatter[mode])
             high, low = max(t.max(), 0), min(t.min(), 0)
             assert found.high == pytest.approx(high, rel=2e-3, abs=1e-3)
             assert found.low == pytest.approx(low, rel=2e-3, abs=1e-3)
@@ -162,11 +162,11 @@ def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
     lag = int(rng.integers(3, 20))
     own[1, lag:] += 5 * detail[1, :-lag]
     one = np.ones((4, 60, 80), np.float32)
-    seen = Echoes(
+    seen = Ghosts(
         own=own, power=one, edges=0 * one, detail=detail, present=np.ones(4, bool),
         lags=np.arange(3, 21), square_mm=1.0,
     )  # fmt: skip
-    found = seen.through(1)[0].said(np.array([1.0, 1.0, 0.0]))
+    found = seen.through(1)[0].t(np.array([1.0, 1.0, 0.0]))
     rows, columns = seen.bands(GHOST_BOXES_MM[0])
     asked = np.zeros_like(found)
     for which, down in enumerate(seen.lags):
@@ -275,13 +275,13 @@ def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> Non
 
 @few
 @given(seeds)
-def test_exchanges_are_summed_by_blocks(seed: int) -> None:
+def test_swaps_are_summed_by_blocks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     tiles = np.abs(rng.normal(0, 50, (4, 9, 11, 14))).astype(np.float32)
     tiles[2] = 0.5 * np.sqrt(tiles[1] * tiles[1, :1])
     cover = rng.random((4, 11, 14)).astype(np.float32)
     found = np.empty((2, 1, 2, 3), np.float32)
-    exchange_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / COMMON**2), 4, found)
+    swap_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / COMMON**2), 4, found)
     own, power, _ = without_common(tiles)
     push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
     step = cover[3] - cover[1]

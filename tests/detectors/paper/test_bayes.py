@@ -230,14 +230,14 @@ def test_as_a_detector_it_tells_good_prints_from_shifted_ones() -> None:
     network = BayesianNetwork.learn(
         window_statistics(means).reshape(60, 3), labels, misprint_rate=RATE, bins=8
     )
-    judge = BayesDetector(network=network, threshold=0.1, unit=np.ones(1))
+    detector = BayesDetector(network=network, threshold=0.1, unit=np.ones(1))
     for page, label in zip(means, labels, strict=True):
         found = Evidence(
             tile_histogram=np.ones((1, 1, 1, INTERVALS), np.int64),
             naive_histogram=np.ones((1, INTERVALS), np.int64),
             block_z=page,
         )
-        told = judge.judge(found)
+        told = detector.decide(found)
         assert told.misprint is (label == "misprint")
         assert told.misprint is (told.probability > 0.1)
         assert told.score == pytest.approx(float(special.logit(told.probability)))
@@ -247,7 +247,7 @@ def test_as_a_detector_it_tells_good_prints_from_shifted_ones() -> None:
 def test_what_is_in_no_bin_is_no_good_page(value: float) -> None:
     statistics, labels = pages(np.random.default_rng(2), sensors=1)
     network = BayesianNetwork.learn(statistics, labels, misprint_rate=RATE, bins=8)
-    judge = BayesDetector(network=network, threshold=0.1, unit=np.ones(1))
+    detector = BayesDetector(network=network, threshold=0.1, unit=np.ones(1))
     block_z = np.zeros((1, 10, 10), np.float32)
     block_z[0, 3, 4] = value
     found = Evidence(
@@ -255,4 +255,4 @@ def test_what_is_in_no_bin_is_no_good_page(value: float) -> None:
         naive_histogram=np.ones((1, INTERVALS), np.int64),
         block_z=block_z,
     )
-    assert judge.judge(found).word == "not-inspected"
+    assert detector.decide(found).word == "not-inspected"

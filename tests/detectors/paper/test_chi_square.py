@@ -79,19 +79,19 @@ def test_a_tiles_statistic_adds_the_sensors_up() -> None:
     assert got[2, 1] == pytest.approx(want, rel=1e-12)
 
 
-@pytest.mark.parametrize("promise", [20.0, 1000.0, 1e5, 1e9])
+@pytest.mark.parametrize("good_pages", [20.0, 1000.0, 1e5, 1e9])
 @pytest.mark.parametrize("sensors", [1, 2])
 def test_as_in_the_paper_it_alarms_beyond_what_one_good_page_in_so_many_exceeds(
-    promise: float, sensors: int
+    good_pages: float, sensors: int
 ) -> None:
-    judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=False)
-    threshold = stats.chi2.isf(1 / promise, 15 * sensors)
+    detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01, tiles=False)
+    threshold = stats.chi2.isf(1 / good_pages, 15 * sensors)
     just_below = int(np.sqrt(threshold * 10_000 / MOVED_FROM_4_TO_9))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(sensors, 1, 1, 10_000)
         tiles[0, ..., 4] += moved
         tiles[0, ..., 9] -= moved
-        decision = judge.judge(evidence(tiles))
+        decision = detector.decide(evidence(tiles))
         statistic = MOVED_FROM_4_TO_9 * moved**2 / 10_000
         assert decision.misprint is alarm
         assert (decision.score > decision.threshold) is alarm
@@ -101,69 +101,71 @@ def test_as_in_the_paper_it_alarms_beyond_what_one_good_page_in_so_many_exceeds(
 
 
 def test_in_the_papers_form_a_page_is_its_histogram_however_it_is_cut() -> None:
-    judge = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.01, tiles=False)
+    detector = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.01, tiles=False)
     tiles = np.random.default_rng(1).integers(90, 160, (2, 3, 4, INTERVALS))
     whole = tiles.sum(axis=(1, 2), keepdims=True)
-    assert judge.judge(evidence(tiles)) == judge.judge(evidence(whole))
+    assert detector.decide(evidence(tiles)) == detector.decide(evidence(whole))
 
 
 @pytest.mark.parametrize("rows", [1, 30])
 def test_page_and_tiles_share_the_allowed_false_alarms(rows: int) -> None:
-    promise = 1000.0
-    judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01)
-    # one tile off among flat ones: about 2 moved^2 / 256 against the quantile of 1 / (2 promise tiles)
-    of_tile = stats.chi2.isf(1 / promise / 2 / (rows * 5), 15)
+    good_pages = 1000.0
+    detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01)
+    # one tile off among flat ones: about 2 moved^2 / 256 against the quantile of 1 / (2 good_pages tiles)
+    of_tile = stats.chi2.isf(1 / good_pages / 2 / (rows * 5), 15)
     just_below = int(np.sqrt(of_tile * FLAT_TILE / MOVED_FROM_4_TO_9))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(1, rows, 5)
         tiles[0, 0, 3, 4] += moved
         tiles[0, 0, 3, 9] -= moved
-        assert judge.judge(evidence(tiles)).misprint is alarm
+        assert detector.decide(evidence(tiles)).misprint is alarm
 
 
 def test_what_is_nothing_in_a_tile_may_be_much_on_the_page() -> None:
-    promise, count = 1000.0, 100
-    judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01)
+    good_pages, count = 1000.0, 100
+    detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01)
     # all of 100 tiles off by the same: the page's statistic is 100 times a tile's
-    just_below = int(np.sqrt(stats.chi2.isf(1 / promise / 2, 15) * FLAT_TILE / MOVED_FROM_4_TO_9 / count))
+    just_below = int(np.sqrt(stats.chi2.isf(1 / good_pages / 2, 15) * FLAT_TILE / MOVED_FROM_4_TO_9 / count))
     for moved, alarm in ((just_below, False), (just_below + 1, True)):
         tiles = flat(1, 10, 10)
         tiles[..., 4] += moved
         tiles[..., 9] -= moved
-        assert judge.judge(evidence(tiles)).misprint is alarm
+        assert detector.decide(evidence(tiles)).misprint is alarm
 
 
 @given(st.integers(0, 10**6), st.floats(0, 0.5), st.sampled_from([20.0, 1e3, 1e6]), st.booleans())
-def test_the_p_value_tells_the_same_as_the_alarm(seed: int, off: float, promise: float, tiles: bool) -> None:
+def test_the_p_value_tells_the_same_as_the_alarm(
+    seed: int, off: float, good_pages: float, tiles: bool
+) -> None:
     rng = np.random.default_rng(seed)
     share = interval_shares().copy()
     share[: INTERVALS // 2] *= 1 + off * rng.random()
     counts = rng.multinomial(4096, share / share.sum(), (1, 3, 4))
-    judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=tiles)
-    decision = judge.judge(evidence(counts))
+    detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01, tiles=tiles)
+    decision = detector.decide(evidence(counts))
     assert decision.p_value is not None
     assert 0 <= decision.p_value <= 1
-    assert decision.misprint is (decision.p_value < 1 / promise)
+    assert decision.misprint is (decision.p_value < 1 / good_pages)
 
 
 @pytest.mark.parametrize("tiles", [True, False])
 def test_good_pages_alarm_as_often_as_promised(tiles: bool) -> None:
-    pages, promise = 1500, 20.0
+    pages, good_pages = 1500, 20.0
     rng = np.random.default_rng(11)
-    judge = ChiSquare(good_pages_per_false_alarm=promise, misprint_rate=0.01, tiles=tiles)
+    detector = ChiSquare(good_pages_per_false_alarm=good_pages, misprint_rate=0.01, tiles=tiles)
     share = interval_shares().copy()
     alarms = sum(
-        judge.judge(evidence(rng.multinomial(4096, share, (1, 4, 5)))).misprint for _ in range(pages)
+        detector.decide(evidence(rng.multinomial(4096, share, (1, 4, 5)))).misprint for _ in range(pages)
     )
-    allowed = pages / promise
+    allowed = pages / good_pages
     assert alarms < allowed + 4 * np.sqrt(allowed)
     # Bonferroni gives away what page and tiles have in common, less than half of it
     assert alarms > 0.6 * allowed
 
 
 def test_a_good_page_seems_no_worse_than_the_misprint_rate() -> None:
-    judge = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.02)
-    decision = judge.judge(evidence(flat()))
+    detector = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.02)
+    decision = detector.decide(evidence(flat()))
     assert not decision.misprint
     assert decision.probability == 0.02
 
@@ -204,9 +206,9 @@ def test_posterior_bound_holds_down_to_the_smallest_p_value(p_value: float, rate
 
 
 def test_evidence_of_any_strength_gives_a_probability() -> None:
-    judge = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.01)
+    detector = ChiSquare(good_pages_per_false_alarm=1000, misprint_rate=0.01)
     for moved in range(2000, 3200, 4):  # statistics from 800 to 2048: p from 1e-148 through 1e-309 to 0
-        decision = judge.judge(off_by(moved))
+        decision = detector.decide(off_by(moved))
         assert decision.misprint
         assert decision.probability == pytest.approx(1.0)
 
@@ -216,7 +218,7 @@ def test_tiles_without_pixels_are_no_good_page() -> None:
     empty = flat()
     empty[0, 2, 3] = 0
     with np.errstate(invalid="ignore"):
-        decision = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).judge(evidence(empty))
+        decision = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).decide(evidence(empty))
     assert decision.word == "not-inspected"
     unpromised = ChiSquare(good_pages_per_false_alarm=np.nan, misprint_rate=0.01)
-    assert unpromised.judge(evidence(flat())).word == "not-inspected"
+    assert unpromised.decide(evidence(flat())).word == "not-inspected"

@@ -1,4 +1,4 @@
-"""Good pages (and misprints, where there are any) -> ``TolerancePress``: the detector of one press."""
+"""Good pages (and misprints, where there are any) -> ``DetectorModel``: the detector of one press."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.training.ranking import even, forested, weighed
+from prooflight.commissioning.training.ranking import even, fitted_forest, fitted_logit
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
-from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
-from prooflight.detectors.matched_filter.model import TolerancePress, compressed, families_of
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.model import DetectorModel, compressed, families_of
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
     Logit,
@@ -58,8 +58,8 @@ class Pages:
 
     values: NDArray[np.float32]
     """(pages, statistics)"""
-    portraits: NDArray[np.float64]
-    """(pages, PORTRAIT)"""
+    page_features: NDArray[np.float64]
+    """(pages, PAGE_FEATURES)"""
     design: NDArray[np.int64]
     bad: NDArray[np.bool_]
     kind: NDArray[np.str_] | None = None
@@ -70,7 +70,7 @@ class Pages:
         """From columns ``values``, ``portrait``, ``design`` and ``kind``."""
         return cls(
             values=rows["values"],
-            portraits=rows["portrait"],
+            page_features=rows["portrait"],
             design=rows["design"],
             bad=rows["kind"] != "",
             kind=rows["kind"],
@@ -81,7 +81,7 @@ class Pages:
         known = self.kind is not None and others.kind is not None
         return Pages(
             values=np.concatenate([self.values, others.values]),
-            portraits=np.concatenate([self.portraits, others.portraits]),
+            page_features=np.concatenate([self.page_features, others.page_features]),
             design=np.concatenate([self.design, others.design]),
             bad=np.concatenate([self.bad, others.bad]),
             kind=np.concatenate([self.kind, others.kind]) if known else None,
@@ -91,7 +91,7 @@ class Pages:
         """Some of them."""
         return Pages(
             values=self.values[which],
-            portraits=self.portraits[which],
+            page_features=self.page_features[which],
             design=self.design[which],
             bad=self.bad[which],
             kind=None if self.kind is None else self.kind[which],
@@ -149,28 +149,28 @@ def _class(values: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(bounds, values) - 1, 0, count - 1)
 
 
-def learn_tolerance(
+def learn_model(
     pages: Pages,
     *,
     names: Sequence[str],
     scatter: Scatter,
-    spread: Spread | None = None,
-    prior: Tolerance | None = None,
+    residual_variance: ResidualVariance | None = None,
+    prior: PrintPrior | None = None,
     rng: np.random.Generator,
     ranked: bool = True,
     trees: int = 300,
-) -> TolerancePress:
+) -> DetectorModel:
     """The detector, its threshold yet to be set. ranked: misprints among the pages teach a ranking as well."""
     families = families_of(names)
     kinds = tuple(sorted(set(families)))
     good = pages.rows(~pages.bad)
-    blank = TolerancePress(
+    blank = DetectorModel(
         names=tuple(names),
         families=kinds,
         family=np.array([kinds.index(one) for one in families], np.int32),
         scatter=scatter,
-        spread=spread or Spread(),
-        prior=prior or Tolerance(),
+        residual_variance=residual_variance or ResidualVariance(),
+        prior=prior or PrintPrior(),
         **_baseline(good),
         quantiles=np.zeros((len(kinds), STEPS)),
         tail=np.ones((len(kinds), 3)),
@@ -191,18 +191,18 @@ def learn_tolerance(
         return found
     evidence = found.family_evidence(deviations)
     groups = group_columns(evidence, kinds)
-    columns = every_column(evidence, pages.portraits, deviations)
+    columns = every_column(evidence, pages.page_features, deviations)
 
     def rankings(which: NDArray[np.bool_], count: int) -> _Rankings:
         return _Rankings.of(pages.rows(which), groups[which], columns[which], rng=rng, trees=count)
 
-    said = []
+    parts = []
     fold = _folds(pages.design)
     for index in range(FOLDS):
         mine = fold == index
-        said.append((np.flatnonzero(mine), rankings(~mine, trees // 2).said(groups[mine], columns[mine])))
-    place, mixed = (np.concatenate(part) for part in zip(*said, strict=True))
-    mix = weighed(mixed, pages.bad[place], even(pages.bad[place]))
+        parts.append((np.flatnonzero(mine), rankings(~mine, trees // 2).mixed(groups[mine], columns[mine])))
+    place, mixed = (np.concatenate(part) for part in zip(*parts, strict=True))
+    mix = fitted_logit(mixed, pages.bad[place], even(pages.bad[place]))
     good_place = place[~pages.bad[place]]
     outright = Outright(
         guard=float(np.quantile(found.guard(evidence[good_place]), 1 - OUTRIGHT)),
@@ -245,20 +245,22 @@ class _Rankings:
         def against_good(kind: str) -> Forest:
             which = ~pages.bad | (kinds_seen == kind)
             bad, count = pages.bad[which], trees // 4
-            return forested(columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE)
+            return fitted_forest(
+                columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE
+            )
 
         weight = even(pages.bad)
         kinds_seen = np.zeros(len(pages.bad), "U1") if pages.kind is None else pages.kind
         kinds = tuple(np.unique(kinds_seen[pages.bad]).tolist())
         kinds = kinds if len(kinds) > 1 else ()
         return cls(
-            logit=weighed(groups, pages.bad, weight),
-            forest=forested(columns, pages.bad, weight, rng=rng, trees=trees, column_share=COLUMN_SHARE),
+            logit=fitted_logit(groups, pages.bad, weight),
+            forest=fitted_forest(columns, pages.bad, weight, rng=rng, trees=trees, column_share=COLUMN_SHARE),
             kinds=kinds,
             kind_forests=tuple(against_good(kind) for kind in kinds),
         )
 
-    def said(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mixed(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
         """``mixed_columns``."""
         of_kinds = scores_of(self.kind_forests, columns)
         return mixed_columns(self.logit.score(groups), self.forest.score(columns), of_kinds)
@@ -272,31 +274,31 @@ def _names(
         return ()
     kind, columns = pages.kind[pages.bad], columns[pages.bad]
     return tuple(
-        forested(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
+        fitted_forest(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
         for one in kinds
     )
 
 
-def certain_score(found: TolerancePress, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+def certain_score(found: DetectorModel, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Our score of pages (pages,); a scan that shows another page is certain."""
-    score = found.score(pages.values, pages.portraits)
+    score = found.score(pages.values, pages.page_features)
     return np.where(another, np.maximum(score, WRONG_PAGE), score)
 
 
-def promised(found: TolerancePress, good: Pages, *, false_alarm_rate: float) -> TolerancePress:
+def with_threshold(found: DetectorModel, good: Pages, *, false_alarm_rate: float) -> DetectorModel:
     """The detector with a threshold that a new design's good page exceeds at most so often (split conformal).
 
     good: pages of designs that taught nothing. ValueError: so few designs cannot promise that.
     """
-    score = found.score(good.values, good.portraits)
+    score = found.score(good.values, good.page_features)
     threshold = conformal_threshold(score, good.design, false_alarm_rate=false_alarm_rate)
     return replace(found, threshold=threshold, good_designs=int(np.unique(good.design).size))
 
 
 def _baseline(good: Pages) -> dict[str, Any]:
     """What good pages give as a linear function of what they are like, by ridge regression."""
-    mean, sd = good.portraits.mean(axis=0), good.portraits.std(axis=0) + 1e-6
-    x = np.column_stack([np.ones(len(good.design)), ((good.portraits - mean) / sd).clip(-3, 3)])
+    mean, sd = good.page_features.mean(axis=0), good.page_features.std(axis=0) + 1e-6
+    x = np.column_stack([np.ones(len(good.design)), ((good.page_features - mean) / sd).clip(-3, 3)])
     y = compressed(good.values)
     ridge = np.eye(x.shape[1]) * RIDGE
     ridge[0, 0] = 0
@@ -310,14 +312,14 @@ def _baseline(good: Pages) -> dict[str, Any]:
     }
 
 
-def _out_of_fold(pages: Pages, blank: TolerancePress) -> NDArray[np.float64]:
+def _out_of_fold(pages: Pages, blank: DetectorModel) -> NDArray[np.float64]:
     """Deviations (pages, statistics), each design's from a baseline that other designs taught."""
     found = np.zeros(pages.values.shape)
     fold = _folds(pages.design)
     for index in range(FOLDS):
         mine = fold == index
         others = replace(blank, **_baseline(pages.rows(~mine & ~pages.bad)))
-        found[mine] = others.deviations(pages.values[mine], pages.portraits[mine])
+        found[mine] = others.deviations(pages.values[mine], pages.page_features[mine])
     return found
 
 
@@ -326,7 +328,7 @@ def _folds(design: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(np.unique(design, return_inverse=True)[1] % FOLDS)
 
 
-def _tails(deviations: NDArray[np.float64], blank: TolerancePress) -> dict[str, Any]:
+def _tails(deviations: NDArray[np.float64], blank: DetectorModel) -> dict[str, Any]:
     """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
 
     By the method of moments; a family's few exceedances say little by themselves, so that its mean excess and its

@@ -23,7 +23,9 @@ def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
 
 
-def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]) -> Logit:
+def fitted_logit(
+    columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]
+) -> Logit:
     """Logistic regression with a ridge: columns (pages, columns), weight (pages,) of each page."""
     mean, sd = columns.mean(axis=0), columns.std(axis=0) + 1e-9
     x = np.column_stack([np.ones(len(bad)), (columns - mean) / sd])
@@ -42,7 +44,7 @@ def weighed(columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArr
     return Logit(weights=weights, start=float(found[0] - weights @ mean))
 
 
-def forested(
+def fitted_forest(
     columns: NDArray[np.floating],
     bad: NDArray[np.bool_],
     weight: NDArray[np.floating],

@@ -51,7 +51,7 @@ def recalibrated(
             "good pages", what, remedy=f"give {FEWEST_REAL} or more, each another page of a job"
         )
     learned = CalibratedDetector.calibrated(
-        ours.tolerance,
+        ours.model,
         simulated=ours.simulated,
         real=real,
         false_alarm_rate=false_alarm_rate,

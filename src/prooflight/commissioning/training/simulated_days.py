@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
-from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
-from prooflight.detectors.matched_filter.statistics.families import all_said, samples
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.paper.windows import window_statistics
 from prooflight.detectors.placing import shows_another
-from prooflight.simulation.captures import Room
+from prooflight.rng import stream
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import Amounts, amounts_of
 
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
+    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
@@ -42,19 +43,17 @@ LONGEST: Final = 1.45
 """Height over width at which a page that is cut to the field is cut off: A4's and a little."""
 LEAST_TIMES: Final = 0.2
 """assumed: that much is found of what good prints do even where they do none of it."""
-SESSION, PRINT = 11, 12
-"""What tells random numbers of days from those of designs."""
 
 
-def good_spread(press: Press) -> Spread:
+def good_residual_variance(press: Press) -> ResidualVariance:
     """What good prints of a press scatter by: as many times what they do in the press world as ``[variation]`` says.
 
     Nothing where it says that nothing varies.
     """
     if amounts_of(press).exact:
-        return Spread.none()
-    world = Spread()
-    return Spread(
+        return ResidualVariance.none()
+    world = ResidualVariance()
+    return ResidualVariance(
         edge=world.edge * _times(press, "page.warp_along_um", "register.plane_um") ** 2,
         contrast=world.contrast * _times(press, "ink.halftone_contrast") ** 2,
         share=world.share * _times(press, "paper.cloudiness_percent"),
@@ -62,15 +61,15 @@ def good_spread(press: Press) -> Spread:
     )
 
 
-def good_prior(press: Press) -> Tolerance:
+def good_prior(press: Press) -> PrintPrior:
     """What good prints of a press do, likewise.
 
     Where nothing varies, that of the press world: nothing of it is excused, and all of it is evidence.
     """
-    world = Tolerance()
+    world = PrintPrior()
     if amounts_of(press).exact:
         return world
-    return Tolerance(
+    return PrintPrior(
         white=world.white * _times(press, "camera.table_gain_percent", "paper.white_channel_percent"),
         common=world.common * _times(press, "paper.white_percent"),
         lamp=world.lamp * _times(press, "lamp.profile_percent", "lamp.profile_print_percent"),
@@ -114,73 +113,77 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
 class PressDay:
     """A press on one day, with its page designs at hand."""
 
-    room: Room
+    day: SimulatedDay
     page: Callable[[int], Page]
     """A design as it enters the press."""
-    spread: Spread
+    residual_variance: ResidualVariance
     """What good prints are taken to scatter by ..."""
-    prior: Tolerance
+    prior: PrintPrior
     """... and to do."""
 
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
         """The day on which design ``first`` is printed first."""
-        room = Room.enter("press", press, np.random.default_rng([seed, first, SESSION]))
+        day = SimulatedDay.begin("press", press, stream(seed, "training-session", first))
 
         def page(index: int) -> Page:
             return fitted(pages.page(index), press.geometry)
 
-        return cls(room=room, page=page, spread=good_spread(press), prior=good_prior(press))
+        return cls(
+            day=day, page=page, residual_variance=good_residual_variance(press), prior=good_prior(press)
+        )
 
     def design(self, index: int) -> tuple[Printed, PreparedPage]:
         """A good print of a design, and what is known of it ahead of its scans."""
-        press, good = self.room.press, self.room.good(self.page(index))
+        press, good = self.day.press, self.day.good(self.page(index))
         known = prepare_page(
             good.page,
             good.expected,
             sensors=press.sensors,
             geometry=press.geometry,
             fringes=press.fringes,
-            tolerance=self.prior,
+            prior=self.prior,
         )
         return good, known
 
     def wrong(
         self, good: Printed, kind: str, others: Sequence[int], rng: np.random.Generator
     ) -> Printed | None:
-        """``Room.wrong`` among the day's designs."""
-        return self.room.wrong(good, kind, others=others, fetch=self.page, rng=rng)
+        """``SimulatedDay.wrong`` among the day's designs."""
+        return self.day.wrong(good, kind, others=others, fetch=self.page, rng=rng)
 
     def scan(self, printed: Printed, rng: np.random.Generator) -> NDArray[np.uint16]:
         """One more print of it, as the camera records it."""
-        return self.room.recorded(self.room.seen(printed, rng), rng)
+        return self.day.recorded(self.day.seen(printed, rng), rng)
 
-    def looked(self, known: PreparedPage, scan: NDArray[np.uint16]) -> Looked:
+    def analysed(self, known: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
         """A scan looked at as this press's are."""
-        press = self.room.press
-        return look(
+        press = self.day.press
+        return analyse(
             known,
             scan,
             sensors=press.sensors,
             geometry=press.geometry,
-            tolerance=self.prior,
-            spread=self.spread,
+            prior=self.prior,
+            residual_variance=self.residual_variance,
         )
 
-    def said(
+    def statistics(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
-    ) -> tuple[list[Said], bool]:
+    ) -> tuple[list[Statistic], bool]:
         """What a scan says, and whether it shows another page."""
-        looked = self.looked(known, scan)
-        return all_said(looked.sums, looked.fit, looked.found, scatter), shows_another(looked.found)
+        analysis = self.analysed(known, scan)
+        return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter), shows_another(
+            analysis.found
+        )
 
     def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
         """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
         drawn: dict[str, list[Any]] = defaultdict(list)
         for index, rng in designs:
             good, known = self.design(index)
-            looked = self.looked(known, self.scan(good, rng))
-            for name, values in samples(looked.sums, rng).items():
+            analysis = self.analysed(known, self.scan(good, rng))
+            for name, values in samples(analysis.sums, rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
 
@@ -196,13 +199,11 @@ class ScatterWork:
     def __call__(self, designs: tuple[int, ...]) -> Rows:
         """``PressDay.scatter_draws``."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
-        return day.scatter_draws(
-            (index, np.random.default_rng([self.seed, index, PRINT])) for index in designs
-        )
+        return day.scatter_draws((index, stream(self.seed, "training-print", index)) for index in designs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SaidWork:
+class StatisticsWork:
     """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page);
@@ -222,7 +223,7 @@ class SaidWork:
         columns: dict[str, list[Any]] = defaultdict(list)
         names: list[str] = []
         for index in designs:
-            rng = np.random.default_rng([self.seed, index, PRINT])
+            rng = stream(self.seed, "training-print", index)
             good, known = day.design(index)
             scans = {"": day.scan(good, rng)}
             if self.misprints:
@@ -231,13 +232,13 @@ class SaidWork:
                 if wrong is not None:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
-                said, another = day.said(known, scan, self.scatter)
-                names = [one.name for one in said]
+                statistics, another = day.statistics(known, scan, self.scatter)
+                names = [one.name for one in statistics]
                 row: dict[str, Any] = {
                     "design": index,
                     "kind": kind,
-                    "values": stated(said),
-                    "portrait": known.portrait,
+                    "values": values_of(statistics),
+                    "portrait": known.page_features,
                     "another": another,
                 }
                 if self.windows:

@@ -10,28 +10,29 @@ import numpy as np
 from prooflight.commissioning.training.learn import (
     Pages,
     certain_score,
+    learn_model,
     learn_scatter,
-    learn_tolerance,
     pooled,
 )
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
-    SaidWork,
     ScatterWork,
+    StatisticsWork,
     good_prior,
-    good_spread,
+    good_residual_variance,
 )
 from prooflight.detectors.false_alarm_rate import GoodScores
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.pages.parallel import in_order
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from prooflight.commissioning.training.simulated_days import Designs, Rows
-    from prooflight.detectors.matched_filter.model import TolerancePress
+    from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.artefact import Press
 
@@ -66,7 +67,7 @@ class Plan:
         return cls(pilot=range(pilot), learn=range(pilot, half), tune=range(half, designs))
 
 
-def taught(
+def trained(
     press: Press,
     pages: Designs,
     *,
@@ -89,8 +90,8 @@ def taught(
     )
     scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
-    def said(which: range, what: str, *, wrong: bool) -> Rows:
-        of_pages = SaidWork(
+    def rows_of(which: range, what: str, *, wrong: bool) -> Rows:
+        of_pages = StatisticsWork(
             press=press,
             pages=pages,
             seed=seed,
@@ -100,9 +101,9 @@ def taught(
         )
         return _gathered(shown(in_order(of_pages, _days(which), processes=processes), *_named(which, what)))
 
-    learn = said(plan.learn, "good prints and misprints" if paper else "good prints", wrong=paper)
-    tune = said(plan.tune, "false alarms", wrong=False)
-    ours = _ours(press, learn, tune, scatter, np.random.default_rng([seed, 13]))
+    learn = rows_of(plan.learn, "good prints and misprints" if paper else "good prints", wrong=paper)
+    tune = rows_of(plan.tune, "false alarms", wrong=False)
+    ours = _ours(press, learn, tune, scatter, stream(seed, "training-ranking"))
     return replace(press, ours=ours, bayes=_bayes(press, learn) if paper else None)
 
 
@@ -110,24 +111,24 @@ def _ours(
     press: Press, learn: Rows, tune: Rows, scatter: Scatter, rng: np.random.Generator
 ) -> CalibratedDetector:
     """Learned from the learning rows; what good pages of the tuning rows score sets the threshold."""
-    tolerance = learn_tolerance(
+    model = learn_model(
         Pages.of(learn),
         names=learn["names"].tolist(),
         scatter=scatter,
-        spread=good_spread(press),
+        residual_variance=good_residual_variance(press),
         prior=good_prior(press),
         rng=rng,
         ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
     )
-    return calibrated_for(press, tolerance, tune)
+    return calibrated_for(press, model, tune)
 
 
-def calibrated_for(press: Press, tolerance: TolerancePress, good: Rows) -> CalibratedDetector:
+def calibrated_for(press: Press, model: DetectorModel, good: Rows) -> CalibratedDetector:
     """The detector with the threshold that keeps what the press file asks for; good: rows that taught nothing."""
     pages = Pages.of(good)
-    score = certain_score(tolerance, pages, good["another"])
+    score = certain_score(model, pages, good["another"])
     return CalibratedDetector.calibrated(
-        tolerance,
+        model,
         simulated=GoodScores.of(score, pages.design).worst,
         false_alarm_rate=1 / press.good_pages_per_false_alarm,
         misprint_rate=press.costs.misprint_rate,

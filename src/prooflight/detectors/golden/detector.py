@@ -103,7 +103,7 @@ class GoldenSheet(PreparedOnly):
         for light, name in ((expected, self.golden), (seen, scan.name)):
             if not np.isfinite(light).all():
                 why = f"{name} holds values that are not finite numbers"
-                return self._inspection(Verdict.passed(self.page, why, detector=NAME), scan, expected)
+                return self._inspection(Verdict.skipped(self.page, why, detector=NAME), scan, expected)
         return self._inspection(*self._compared(expected, seen, scan))
 
     def _compared(
@@ -118,7 +118,7 @@ class GoldenSheet(PreparedOnly):
         another = not where.found or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
-        verdict = Verdict.judged(
+        verdict = Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
             kind=kind,

@@ -1,6 +1,6 @@
-"""Our detector's look at a scan: what good prints of a press do is taken out, and what is left is summed up.
+"""Our detector's analysis of a scan: what good prints of a press do is taken out, and what is left is summed up.
 
-``families`` makes statistics of that, and ``taught`` weighs them.
+``families`` makes statistics of that, and ``model`` decides by them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,16 @@ from prooflight.detectors.matched_filter.fit.binning import (
     lengthened,
     thinned,
 )
-from prooflight.detectors.matched_filter.fit.modes import Modes, moved, portrait, prepare_modes, sight
+from prooflight.detectors.matched_filter.fit.modes import (
+    Modes,
+    moved,
+    page_features,
+    pixel_map,
+    prepare_modes,
+)
 from prooflight.detectors.matched_filter.fit.nuisance import (
-    Spread,
-    Tolerance,
+    PrintPrior,
+    ResidualVariance,
     fit_nuisances,
     page_colours,
 )
@@ -64,7 +70,7 @@ class PreparedPage:
     shared: SharedPrediction | None
     """What copies share; None: each is predicted where it lies, which takes longer and errs less on fine detail."""
     colours: Colours
-    portrait: NDArray[np.float64]
+    page_features: NDArray[np.float64]
 
 
 def prepare_page(
@@ -75,25 +81,25 @@ def prepare_page(
     geometry: ScanGeometry,
     sharing: bool = False,
     fringes: bool = False,
-    tolerance: Tolerance | None = None,
+    prior: PrintPrior | None = None,
 ) -> PreparedPage:
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
     sharing: copies share that prediction, moved to where each lies, instead of one each. fringes: where planes share
-    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share. tolerance: what good
-    prints do, by default those of the press world; ``look`` has to be given the same.
+    edges, prediction follows their fringes (``register_by_fringes``); not of copies that share. prior: what good
+    prints do, by default those of the press world; ``analyse`` has to be given the same.
     """
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
-    inside = sight(page, at, IN_PLACE).inside
+    inside = pixel_map(page, at, IN_PLACE).inside
     shared = None
     if sharing:
         shared = SharedPrediction.of(page, expected, sensors=sensors, geometry=geometry, bins=bins)
     landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
     overlaps = None
     if fringes and not sharing:
-        overlaps = overlaps_of(page, landmarks, good_mm=(tolerance or Tolerance()).most_plane_mm)
+        overlaps = overlaps_of(page, landmarks, good_mm=(prior or PrintPrior()).most_plane_mm)
     return PreparedPage(
         page=page,
         landmarks=landmarks,
@@ -101,12 +107,12 @@ def prepare_page(
         images=modes.images,
         shared=shared,
         colours=page_colours(modes.cover),
-        portrait=portrait(modes, inside),
+        page_features=page_features(modes, inside),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Looked:
+class ScanAnalysis:
     """What one scan says, before anything is decided."""
 
     found: Registration
@@ -116,37 +122,42 @@ class Looked:
     """(sensors,) true temporal variance over the prediction's. [-]"""
 
 
-def look(
+def analyse(
     prepared: PreparedPage,
     scan: NDArray[np.uint16],
     *,
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
-    tolerance: Tolerance | None = None,
-    spread: Spread | None = None,
-) -> Looked:
+    prior: PrintPrior | None = None,
+    residual_variance: ResidualVariance | None = None,
+) -> ScanAnalysis:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
 
     A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page.
-    Where good prints are exact (``Spread.exact``) that is nothing: what registration and fit find is evidence alone.
+    Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
+    alone.
     """
-    page, spread, tolerance = prepared.page, spread or Spread(), tolerance or Tolerance()
+    page, residual_variance, prior = (
+        prepared.page,
+        residual_variance or ResidualVariance(),
+        prior or PrintPrior(),
+    )
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
-    if spread.exact:
+    if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
     else:
         placement, planes_mm = _followed(prepared, scan, found)
-    where = sight(page, at, placement)
+    where = pixel_map(page, at, placement)
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
     if prepared.shared is None:
-        printed, planes_mm = in_register(page, planes_mm, good_mm=tolerance.most_plane_mm)
+        printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
         fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
         seen = binned_prediction(fine, bins)
     else:
-        taken_mm, planes_mm = planes_taken(planes_mm, good_mm=tolerance.most_plane_mm)
+        taken_mm, planes_mm = planes_taken(planes_mm, good_mm=prior.most_plane_mm)
         seen = prepared.shared.seen(where, taken_mm / at.pixel_pitch_mm, sensors=taken_as)
     modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
     measured = lengthened(binned_scan(scan, bins), where.inside.shape[0])
@@ -159,18 +170,18 @@ def look(
         colours=prepared.colours,
         planes=planes_mm / at.pixel_pitch_mm,
         pixel_mm=at.pixel_pitch_mm,
-        tolerance=tolerance,
-        spread=spread,
+        prior=prior,
+        residual_variance=residual_variance,
     )
     left, weight, of_edges, noise = residual_images(
         measured,
         seen,
         modes,
         where,
-        fit.emptied() if spread.exact else fit,
+        fit.emptied() if residual_variance.exact else fit,
         sensors=taken_as,
         colours=prepared.colours,
-        spread=spread,
+        residual_variance=residual_variance,
     )
     sums = summed(
         left,
@@ -183,7 +194,7 @@ def look(
         geometry=at,
         page_width_mm=page.width_mm,
     )
-    return Looked(found=found, fit=fit, sums=sums, noise=noise)
+    return ScanAnalysis(found=found, fit=fit, sums=sums, noise=noise)
 
 
 def _followed(

@@ -1,4 +1,4 @@
-"""Our detector with its promise: ``TolerancePress`` and the good pages by which its threshold was set."""
+"""Our detector with its promise: ``DetectorModel`` and the good pages by which its threshold was set."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from prooflight.detectors.false_alarm_rate import GoodScores, Promise, posterior_bound
-from prooflight.detectors.matched_filter.model import TolerancePress
-from prooflight.detectors.matched_filter.statistics.statistic import stated
-from prooflight.detectors.operating import least_promise
+from prooflight.detectors.matched_filter.model import DetectorModel
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.operating import least_false_alarm_rate
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.families import Statistic
     from prooflight.registration.register import Registration
 
 ENOUGH_REAL: Final = 100
@@ -38,7 +38,7 @@ WRONG_PAGE: Final = 1000.0
 class CalibratedDetector:
     """What one press's good prints taught, and how rarely they alarm."""
 
-    tolerance: TolerancePress
+    model: DetectorModel
     simulated: NDArray[np.float64]
     """(designs,) scores of simulated good pages, the worst of each design, rising."""
     real: NDArray[np.float64]
@@ -52,7 +52,7 @@ class CalibratedDetector:
     @classmethod
     def calibrated(
         cls,
-        tolerance: TolerancePress,
+        model: DetectorModel,
         *,
         simulated: NDArray[np.float64],
         false_alarm_rate: float,
@@ -79,7 +79,7 @@ class CalibratedDetector:
             conformal=by_count and (alone or not real.size),
         )
         return cls(
-            tolerance=tolerance,
+            model=model,
             simulated=simulated,
             real=real,
             promise=promise,
@@ -87,8 +87,8 @@ class CalibratedDetector:
             misprint_rate=misprint_rate,
         )
 
-    def judge(self, score: float) -> Decision:
-        """Weigh one page's score."""
+    def decide(self, score: float) -> Decision:
+        """Decide by one page's score."""
         p_value = _basis(self.simulated, self.real, self.promise.asked).p_value(score)
         return Decision(
             misprint=bool(score > self.threshold),
@@ -101,18 +101,18 @@ class CalibratedDetector:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
         return {"simulated": self.simulated, "real": self.real} | {
-            f"tolerance.{name}": array for name, array in self.tolerance.arrays().items()
+            f"tolerance.{name}": array for name, array in self.model.arrays().items()
         }
 
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
-        tolerance = self.tolerance.facts()
-        if not np.isfinite(tolerance["threshold"]):  # JSON knows no infinity; ours stands beside it
-            tolerance["threshold"] = None
+        model = self.model.facts()
+        if not np.isfinite(model["threshold"]):  # JSON knows no infinity; ours stands beside it
+            model["threshold"] = None
         return {
             "false_alarm_rate": self.promise.asked,
             "misprint_rate": self.misprint_rate,
-            "tolerance": tolerance,
+            "tolerance": model,
         }
 
     @staticmethod
@@ -125,7 +125,7 @@ class CalibratedDetector:
         )
         if arrays["simulated"].size < LEAST_SCORES:
             raise Misfit(f"{under}simulated", f"holds fewer than {LEAST_SCORES} scores")
-        TolerancePress.check(part_of(arrays, mark), facts["tolerance"], under=under + mark)
+        DetectorModel.check(part_of(arrays, mark), facts["tolerance"], under=under + mark)
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
@@ -133,7 +133,7 @@ class CalibratedDetector:
         told = dict(facts["tolerance"])
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
         return cls.calibrated(
-            TolerancePress.from_parts(part_of(arrays, "tolerance."), told),
+            DetectorModel.from_parts(part_of(arrays, "tolerance."), told),
             simulated=arrays["simulated"],
             real=arrays["real"],
             false_alarm_rate=facts["false_alarm_rate"],
@@ -155,29 +155,34 @@ TABLE: Final = {
 }
 
 
-def check_version(tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating]) -> None:
+def check_version(
+    model: DetectorModel, statistics: Sequence[Statistic], page_features: NDArray[np.floating]
+) -> None:
     """PressError if a detector was taught by a version that looked at other statistics, or at pages otherwise."""
-    same = tuple(one.name for one in said) == tolerance.names
-    if not same or portrait.size != tolerance.centre.shape[1]:
+    same = tuple(one.name for one in statistics) == model.names
+    if not same or page_features.size != model.centre.shape[1]:
         what = "its detector was taught by another version"
         raise PressError("press", what, remedy="build it again with `prooflight press build`")
 
 
 def page_score(
-    tolerance: TolerancePress, said: Sequence[Said], portrait: NDArray[np.floating], found: Registration
+    model: DetectorModel,
+    statistics: Sequence[Statistic],
+    page_features: NDArray[np.floating],
+    found: Registration,
 ) -> float:
     """Evidence for a misprint of one page, from all that its scan says.
 
     PressError: the detector was taught by a version that looked at other statistics.
     """
-    check_version(tolerance, said, portrait)
-    return score_of(tolerance, stated(said), portrait, another=shows_another(found))
+    check_version(model, statistics, page_features)
+    return score_of(model, values_of(statistics), page_features, another=shows_another(found))
 
 
 def score_of(
-    tolerance: TolerancePress,
+    model: DetectorModel,
     values: NDArray[np.floating],
-    portrait: NDArray[np.floating],
+    page_features: NDArray[np.floating],
     *,
     another: bool,
 ) -> float:
@@ -185,15 +190,17 @@ def score_of(
 
     another: the scan shows another page.
     """
-    if not (np.isfinite(values).all() and np.isfinite(portrait).all()):
+    if not (np.isfinite(values).all() and np.isfinite(page_features).all()):
         return np.nan
-    score = tolerance.score(values[None], portrait[None])[0]
+    score = model.score(values[None], page_features[None])[0]
     return float(np.maximum(score, WRONG_PAGE) if another else score)
 
 
 def _alone(real: NDArray[np.float64], false_alarm_rate: float) -> bool:
     """Whether real pages decide by themselves."""
-    return bool(real.size >= ENOUGH_REAL or (real.size and false_alarm_rate >= least_promise(real.size)))
+    return bool(
+        real.size >= ENOUGH_REAL or (real.size and false_alarm_rate >= least_false_alarm_rate(real.size))
+    )
 
 
 def _basis(simulated: NDArray[np.float64], real: NDArray[np.float64], false_alarm_rate: float) -> GoodScores:

@@ -1,4 +1,6 @@
-"""The matched-filter detector on a press: what good prints do taken out of a scan, the rest weighed and explained."""
+"""The matched-filter detector on a press: what good prints do taken out of a scan, the rest decided on and
+explained.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,14 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector, expecting
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
 from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
 from prooflight.detectors.matched_filter.print_state import print_state
-from prooflight.detectors.matched_filter.statistics.families import all_said
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, statistic
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.statistics.families import all_statistics
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
 from prooflight.detectors.verdict import Verdict
 from prooflight.scans.placement import IN_PLACE
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Area, KeptArrays, PlannedPage
-    from prooflight.detectors.matched_filter.analysis import Looked, PreparedPage
+    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.families import Statistic
     from prooflight.detectors.verdict import Decision, Region
     from prooflight.pages.raster import Page
     from prooflight.scans.scan import Scan
@@ -45,17 +47,17 @@ PARTS: Final = "parts of the page do not look as designed"
 class MatchedFilterDetector(StationDetector):
     """Copes with presses that drift and jitter; trained on what this press's good prints do."""
 
-    model: CalibratedDetector
+    calibrated: CalibratedDetector
 
     @property
     def name(self) -> str:
         """See ``Detector``."""
-        return self.model.name
+        return self.calibrated.name
 
     @property
     def promise(self) -> str:
         """See ``Detector``."""
-        return str(self.model.promise)
+        return str(self.calibrated.promise)
 
     def prepare(self, planned: PlannedPage) -> MatchedFilterPage:
         """See ``Detector``."""
@@ -66,17 +68,17 @@ class MatchedFilterDetector(StationDetector):
             sensors=station.sensors,
             geometry=station.geometry,
             fringes=station.fringes,
-            tolerance=self.model.tolerance.prior,
+            prior=self.calibrated.model.prior,
         )
         return MatchedFilterPage(detector=self, known=known, inks=present_inks(planned.page))
 
     def decided_again(self, kept: KeptArrays) -> Decision:
         """See ``Detector``."""
-        tolerance, another = self.model.tolerance, kept.wrong_page
+        model, another = self.calibrated.model, kept.wrong_page
         with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
-            values = kept.array("values", "fiu", (len(tolerance.names),))
-            portrait = kept.array("portrait", "f", tolerance.centre.shape[1:], finite=True)
-            return self.model.judge(score_of(tolerance, values, portrait, another=another))
+            values = kept.array("values", "fiu", (len(model.names),))
+            page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
+            return self.calibrated.decide(score_of(model, values, page_features, another=another))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,74 +92,74 @@ class MatchedFilterPage(PreparedOnly):
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
-        station, ours, known = self.detector.station, self.detector.model, self.known
-        page, portrait = known.page, known.portrait
-        looked = look(
+        station, ours, known = self.detector.station, self.detector.calibrated, self.known
+        page, page_features = known.page, known.page_features
+        analysis = analyse(
             known,
             scan.dn,
             sensors=station.sensors,
             geometry=station.geometry,
-            tolerance=ours.tolerance.prior,
-            spread=ours.tolerance.spread,
+            prior=ours.model.prior,
+            residual_variance=ours.model.residual_variance,
         )
-        said = all_said(looked.sums, looked.fit, looked.found, ours.tolerance.scatter)
-        decision = ours.judge(page_score(ours.tolerance, said, portrait, looked.found))
-        strongest = ours.tolerance.strongest(said, portrait, most=STRONGEST)
-        values, another = stated(said), shows_another(looked.found)
-        told = self._explained(looked, strongest, values) if decision.misprint else {}
-        verdict = Verdict.judged(
+        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
+        decision = ours.decide(page_score(ours.model, statistics, page_features, analysis.found))
+        strongest = ours.model.strongest(statistics, page_features, most=STRONGEST)
+        values, another = values_of(statistics), shows_another(analysis.found)
+        told = self._explained(analysis, strongest, values) if decision.misprint else {}
+        verdict = Verdict.from_decision(
             page.name,
             decision,
             costs=station.costs,
-            shift_mm=shift_of(looked.found),
+            shift_mm=shift_of(analysis.found),
             detector=ours.name,
             family=strongest[0][0] if strongest else None,
-            inks=inks_found(looked, self.inks),
+            inks=inks_found(analysis, self.inks),
             **told,
         )
-        placement = looked.found.placement if looked.found.found else IN_PLACE
+        placement = analysis.found.placement if analysis.found.found else IN_PLACE
         area = inside(page, station.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(
             verdict=verdict,
             placement=placement,
             area=area,
             measured_dn=scan.dn[(slice(None), *area)],
-            block_z=self._pictured(looked, area),
+            block_z=self._pictured(analysis, area),
             expect=expecting(page, station, placement, area),
-            kept={"wrong_page": np.array(another), "values": values, "portrait": portrait},
-            state=partial(print_state, looked, station.sensors),
+            kept={"wrong_page": np.array(another), "values": values, "portrait": page_features},
+            state=partial(print_state, analysis, station.sensors),
         )
 
     def _explained(
-        self, looked: Looked, strongest: list[tuple[str, Said]], values: NDArray[np.float32]
+        self, analysis: ScanAnalysis, strongest: list[tuple[str, Statistic]], values: NDArray[np.float32]
     ) -> dict[str, Any]:
         """Kind, places and reason of a misprint."""
-        page, tolerance = self.known.page, self.detector.model.tolerance
-        another = shows_another(looked.found)
-        learned = tolerance.kinds_of(values[None], self.known.portrait[None])[0]
+        page, model = self.known.page, self.detector.calibrated.model
+        another = shows_another(analysis.found)
+        learned = model.kinds_of(values[None], self.known.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else learned or _kind(strongest)
-        regions = _regions(strongest, kind, looked, page)
-        speaking = next((said for _, said in strongest if kind_of(said) == kind), None)
+        regions = _regions(strongest, kind, analysis, page)
+        speaking = next((statistic for _, statistic in strongest if kind_of(statistic) == kind), None)
         place = regions[0] if regions else None
-        inks = inks_found(looked, self.inks)
+        inks = inks_found(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
-        reason = PARTS if only_parts else reason_for(kind, speaking, place, inks, looked.found)
+        reason = PARTS if only_parts else reason_for(kind, speaking, place, inks, analysis.found)
         return {"kind": kind, "regions": regions, "reason": reason}
 
-    def _pictured(self, looked: Looked, area: Area) -> NDArray[np.float32]:
+    def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Where the print is lighter (above 0) or darker than it should be, in standard deviations of good prints."""
-        sums, light = looked.sums, MODES.index("light")
+        sums, light = analysis.sums, MODES.index("light")
         push, power, edges = (
             cv2.blur(one, (PICTURED_TILES, PICTURED_TILES), borderType=cv2.BORDER_REPLICATE)
             * PICTURED_TILES**2
             for one in sums.tiles[[0, 1, 3], light]
         )
-        t = statistic(push, power, edges, self.detector.model.tolerance.scatter.boxes[light, 0])
+        t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.station.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
 
 
-def _kind(strongest: list[tuple[str, Said]]) -> str:
+def _kind(strongest: list[tuple[str, Statistic]]) -> str:
     """What the evidence speaks of, where no misprint taught kinds.
 
     That tiles do not look as designed says least of what is wrong with them.
@@ -165,17 +167,19 @@ def _kind(strongest: list[tuple[str, Said]]) -> str:
     kind, _ = named(strongest)
     if kind != WRONG_PAGE_KIND:
         return kind
-    others = (kind_of(said) for _, said in strongest)
+    others = (kind_of(statistic) for _, statistic in strongest)
     return next((other for other in others if other not in (WRONG_PAGE_KIND, UNKNOWN)), WRONG_PAGE_KIND)
 
 
-def _regions(strongest: list[tuple[str, Said]], kind: str, looked: Looked, page: Page) -> tuple[Region, ...]:
+def _regions(
+    strongest: list[tuple[str, Statistic]], kind: str, analysis: ScanAnalysis, page: Page
+) -> tuple[Region, ...]:
     """Places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
-    shift_mm = looked.found.placement.shift_mm if looked.found.found else (0.0, 0.0)
+    shift_mm = analysis.found.placement.shift_mm if analysis.found.found else (0.0, 0.0)
     if kind == WRONG_PAGE_KIND:  # no place says more than another
         return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
-    kinds = [kind if (one := kind_of(said)) == UNKNOWN else one for _, said in strongest]
+    kinds = [kind if (one := kind_of(statistic)) == UNKNOWN else one for _, statistic in strongest]
     order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
@@ -184,10 +188,10 @@ def _regions(strongest: list[tuple[str, Said]], kind: str, looked: Looked, page:
 
 def present_inks(page: Page) -> str:
     """Letters of CMYK that a page has."""
-    words = np.ascontiguousarray(page.cmyk).view(np.uint32)
+    packed = np.ascontiguousarray(page.cmyk).view(np.uint32)
     any_of = np.uint32(0)
-    for first in range(0, len(words), ROWS_AT_ONCE):
-        any_of |= np.bitwise_or.reduce(words[first : first + ROWS_AT_ONCE], axis=None)
+    for first in range(0, len(packed), ROWS_AT_ONCE):
+        any_of |= np.bitwise_or.reduce(packed[first : first + ROWS_AT_ONCE], axis=None)
         inks = np.array([any_of]).view(np.uint8)
         if inks.all():
             break

@@ -13,8 +13,8 @@ from prooflight.detectors.verdict import Ink, Region
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.detectors.matched_filter.analysis import Looked
-    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
     from prooflight.registration.register import Registration
 
 INKS: Final = {"C": "cyan", "M": "magenta", "Y": "yellow", "K": "black"}
@@ -27,14 +27,14 @@ LEAST_TOLD_MM: Final = 0.05
 """A plane less far out of register is said without an amount: 0.0 mm would be read as nothing."""
 
 
-def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
+def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
     """What a print does with the inks of ``present``, letters of CMYK.
 
     A plane of which most lies further off than registration follows is that far out of register.
     """
-    fit, found = looked.fit, looked.found
-    far = looked.sums.shifts[:, 1] > MOST_OF_PLANE
-    register_mm = found.planes_mm + np.where(far[:, None], looked.sums.shifts[:, 2:], 0)
+    fit, found = analysis.fit, analysis.found
+    far = analysis.sums.shifts[:, 1] > MOST_OF_PLANE
+    register_mm = found.planes_mm + np.where(far[:, None], analysis.sums.shifts[:, 2:], 0)
     return {
         letter: Ink(
             gain_percent=round(100 * float(fit.gain[ink, 0]), 2),
@@ -47,7 +47,7 @@ def inks_found(looked: Looked, present: str) -> dict[str, Ink]:
 
 
 def regions_of(
-    strongest: Sequence[tuple[str, Said]],
+    strongest: Sequence[tuple[str, Statistic]],
     kinds: Sequence[str],
     *,
     shift_mm: tuple[float, float],
@@ -58,8 +58,8 @@ def regions_of(
     Of boxes whose middle lies in one before them, none is given. No box at all: the page as a whole.
     """
     found: list[Region] = []
-    for (_, said), kind in zip(strongest, kinds, strict=True):
-        x, y, width, height = said.box
+    for (_, statistic), kind in zip(strongest, kinds, strict=True):
+        x, y, width, height = statistic.box
         if math.isnan(x):
             continue
         left, right = (
@@ -71,21 +71,26 @@ def regions_of(
         middle = (left + right) / 2, (top + bottom) / 2
         if right <= left or bottom <= top or any(_holds(one, middle) for one in found):
             continue
-        found.append(_region((left, top, right - left, bottom - top), said, kind))
+        found.append(_region((left, top, right - left, bottom - top), statistic, kind))
     if not found and strongest:
         found = [whole_page(size_mm, strongest[0][1], kinds[0])]
     return tuple(found)
 
 
-def whole_page(size_mm: tuple[float, float], said: Said, kind: str) -> Region:
+def whole_page(size_mm: tuple[float, float], statistic: Statistic, kind: str) -> Region:
     """The page as a whole, where no place says more than another."""
-    return _region((0.0, 0.0, *size_mm), said, kind)
+    return _region((0.0, 0.0, *size_mm), statistic, kind)
 
 
-def _region(box: tuple[float, float, float, float], said: Said, kind: str) -> Region:
+def _region(box: tuple[float, float, float, float], statistic: Statistic, kind: str) -> Region:
     x, y, width, height = (round(v, 2) for v in box)
     return Region(
-        x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=round(abs(float(said.value)), 1), kind=kind
+        x_mm=x,
+        y_mm=y,
+        width_mm=width,
+        height_mm=height,
+        score=round(abs(float(statistic.value)), 1),
+        kind=kind,
     )
 
 
@@ -96,29 +101,29 @@ def _holds(region: Region, point: tuple[float, float]) -> bool:
 
 def reason_for(
     kind: str,
-    said: Said | None,
+    statistic: Statistic | None,
     region: Region | None,
     inks: dict[str, Ink],
     found: Registration,
 ) -> str:
     """One line: what is wrong, with which ink, how much and where.
 
-    said: the statistic that says most; region: the first place, None if there is none.
+    statistic: the statistic that says most; region: the first place, None if there is none.
     """
-    ink = _ink_of(said)
+    ink = _ink_of(statistic)
     match kind:
         case "wrong-page":
             return place_reason(found)
         case "plane-register":
             return _of_register(ink, inks)
         case "density" | "missing-plane" | "swapped-planes":
-            return _of_gain(kind, ink, inks, said, region)
+            return _of_gain(kind, ink, inks, statistic, region)
         case "streak" if region is not None:
             return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink)}"
         case "banding":
             return f"bands across the page{_in(ink)}"
     what = {
-        "spots-voids": "spot" if _darker(said) else "void",
+        "spots-voids": "spot" if _darker(statistic) else "void",
         "ghost-smear": "ghost",
         "local-blur": "blurred place",
         "missing-content": "missing content",
@@ -136,16 +141,18 @@ def _of_register(ink: str, inks: dict[str, Ink]) -> str:
     return f"register of {INKS[worst]}{amount}"
 
 
-def _of_gain(kind: str, ink: str, inks: dict[str, Ink], said: Said | None, region: Region | None) -> str:
+def _of_gain(
+    kind: str, ink: str, inks: dict[str, Ink], statistic: Statistic | None, region: Region | None
+) -> str:
     gains = {letter: one.gain_percent for letter, one in inks.items()}
     named = ink if ink in gains else max(gains, key=lambda letter: abs(gains[letter]), default="")
-    local = said is not None and said.name.split("/")[0] in ("box", "apart", "spread")
+    local = statistic is not None and statistic.name.split("/")[0] in ("box", "apart", "spread")
     where = _around(region) if local else ""
     if not named:
         return f"ink is off{where}"
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
-        word = "missing" if gain < GONE_PERCENT or (local and not _darker(said)) else "weak"
+        word = "missing" if gain < GONE_PERCENT or (local and not _darker(statistic)) else "weak"
         return f"{word} {INKS[named]}{where}"
     if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
         return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
@@ -156,25 +163,25 @@ def _amount(percent: float) -> str:
     return f"{abs(percent):.0f} % too {'strong' if percent > 0 else 'weak'}"
 
 
-def _ink_of(said: Said | None) -> str:
+def _ink_of(statistic: Statistic | None) -> str:
     """Letter of the ink that a statistic speaks of; empty: of none by itself.
 
-    >>> from prooflight.detectors.matched_filter.statistics.families import Said
-    >>> [_ink_of(Said(name=n, value=1.0)) for n in ("box/gain-C-/8", "fit/plane-M", "ghost/K/0", "fit/gain-all")]
+    >>> from prooflight.detectors.matched_filter.statistics.families import Statistic
+    >>> [_ink_of(Statistic(name=n, value=1.0)) for n in ("box/gain-C-/8", "fit/plane-M", "ghost/K/0", "fit/gain-all")]
     ['C', 'M', 'K', '']
     """
-    for part in (said.name if said else "").split("/")[1:]:
+    for part in (statistic.name if statistic else "").split("/")[1:]:
         letter = part.rstrip("+-").rpartition("-")[2]
         if letter in INKS:
             return letter
     return ""
 
 
-def _darker(said: Said | None) -> bool:
+def _darker(statistic: Statistic | None) -> bool:
     """Whether a statistic says that a place is darker; of light and of voids, more is lighter."""
-    if said is None:
+    if statistic is None:
         return False
-    mode = next((part for part in said.name.split("/")[1:] if part.endswith(("+", "-"))), "")
+    mode = next((part for part in statistic.name.split("/")[1:] if part.endswith(("+", "-"))), "")
     return mode.endswith("-") if mode.startswith(LIGHTENING) else mode.endswith("+")
 
 

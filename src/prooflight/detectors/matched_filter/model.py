@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from prooflight.detectors.matched_filter.fit.modes import PORTRAIT
-from prooflight.detectors.matched_filter.fit.nuisance import INKS, Spread, Tolerance
+from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
+from prooflight.detectors.matched_filter.fit.nuisance import INKS, PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.statistics.statistic import Said
+    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 LEAST_P: Final = 1e-12
 MOST: Final = 8
@@ -113,23 +113,23 @@ def in_deviations(names: tuple[str, ...]) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TolerancePress:
+class DetectorModel:
     """What one press's good prints taught, and what misprints did; all arrays, so that a press artefact can hold it."""
 
     names: tuple[str, ...]
-    """Of the statistics, in the order of ``families.all_said``."""
+    """Of the statistics, in the order of ``families.all_statistics``."""
     families: tuple[str, ...]
     """Their families' names, sorted."""
     family: NDArray[np.int32]
     """(statistics,) which family each is of."""
     scatter: Scatter
-    spread: Spread
-    prior: Tolerance
+    residual_variance: ResidualVariance
+    prior: PrintPrior
     """What its good prints were taken to do before one was looked at."""
     centre: NDArray[np.float64]
-    """(2, PORTRAIT) mean and standard deviation of learning pages' portraits."""
+    """(2, PAGE_FEATURES) mean and standard deviation of learning pages' features."""
     baseline: NDArray[np.float64]
-    """(1 + PORTRAIT, statistics) what a good page of such content gives: linear in its portrait."""
+    """(1 + PAGE_FEATURES, statistics) what a good page of such content gives: linear in its features."""
     sd: NDArray[np.float64]
     """(statistics,) of good pages about it."""
     quantiles: NDArray[np.float64]
@@ -157,11 +157,11 @@ class TolerancePress:
     """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
 
     def deviations(
-        self, values: NDArray[np.floating], portraits: NDArray[np.floating]
+        self, values: NDArray[np.floating], page_features: NDArray[np.floating]
     ) -> NDArray[np.float64]:
         """Statistics (pages, n) over what good pages of such content give, in standard deviations."""
         mean, sd = self.centre
-        x = np.column_stack([np.ones(len(portraits)), ((portraits - mean) / sd).clip(-3, 3)])
+        x = np.column_stack([np.ones(len(page_features)), ((page_features - mean) / sd).clip(-3, 3)])
         compared = (compressed(values) - x @ self.baseline) / self.sd
         return np.where(in_deviations(self.names), _known(values), compared)
 
@@ -184,23 +184,23 @@ class TolerancePress:
         most = -np.sort(-evidence, axis=1)[:, :MOST]
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
-    def score(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> NDArray[np.float64]:
+    def score(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> NDArray[np.float64]:
         """Evidence for a misprint, higher is worse: (pages,); NaN where a family's is no finite number."""
-        deviations = self.deviations(values, portraits)
+        deviations = self.deviations(values, page_features)
         evidence = self.family_evidence(deviations)
-        score = self._summed(evidence, portraits, deviations)
+        score = self._summed(evidence, page_features, deviations)
         return np.where(np.isfinite(evidence).all(axis=1), score, np.nan)
 
     def _summed(
         self,
         evidence: NDArray[np.float64],
-        portraits: NDArray[np.floating],
+        page_features: NDArray[np.floating],
         deviations: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         guard = self.guard(evidence)
         if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
             return guard
-        every = every_column(evidence, portraits, deviations)
+        every = every_column(evidence, page_features, deviations)
         summed = self.logit.score(group_columns(evidence, self.families))
         mixed = self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
         return self.outright.lifted(mixed, guard)
@@ -209,11 +209,11 @@ class TolerancePress:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
         return scores_of(self.kind_forests, every)
 
-    def kinds_of(self, values: NDArray[np.floating], portraits: NDArray[np.floating]) -> list[str]:
+    def kinds_of(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> list[str]:
         """The kind of misprint that each page looks like most; empty where none was seen in learning."""
         if not self.name_forests:
             return [""] * len(values)
-        columns = family_columns(self.family_evidence(self.deviations(values, portraits)))
+        columns = family_columns(self.family_evidence(self.deviations(values, page_features)))
         return [self.kinds[index] for index in scores_of(self.name_forests, columns).argmax(axis=1)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -234,11 +234,11 @@ class TolerancePress:
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
         # A press that is as others is what it was before there was this.
-        prior = {} if self.prior == Tolerance() else {"prior": asdict(self.prior)}
+        prior = {} if self.prior == PrintPrior() else {"prior": asdict(self.prior)}
         return prior | {
             "names": list(self.names),
             "families": list(self.families),
-            "spread": asdict(self.spread),
+            "spread": asdict(self.residual_variance),
             "tail_from": self.tail_from,
             "starts": [None if one is None else one.start for one in (self.logit, self.mix)],
             "outright": None if self.outright is None else asdict(self.outright),
@@ -250,7 +250,7 @@ class TolerancePress:
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
         """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
-        told = checked(ToleranceFacts, facts, under=under)
+        told = checked(ModelFacts, facts, under=under)
         told.check(under)
         forests = dict(_forests_of(told))
         table = TABLE | (WEIGHTS if told.outright else {})
@@ -282,8 +282,8 @@ class TolerancePress:
             names=tuple(facts["names"]),
             families=tuple(facts["families"]),
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
-            spread=Spread(**facts["spread"]),
-            prior=Tolerance(**facts.get("prior", {})),
+            residual_variance=ResidualVariance(**facts["spread"]),
+            prior=PrintPrior(**facts.get("prior", {})),
             tail_from=facts["tail_from"],
             logit=weights("logit", facts["starts"][0]),
             forest=forest("forest") if ranked else None,
@@ -297,17 +297,17 @@ class TolerancePress:
         )
 
     def strongest(
-        self, said: Sequence[Said], portrait_: NDArray[np.floating], *, most: int = 3
-    ) -> list[tuple[str, Said]]:
+        self, statistics: Sequence[Statistic], page_features: NDArray[np.floating], *, most: int = 3
+    ) -> list[tuple[str, Statistic]]:
         """The families that say most of one page, each with its most telling statistic and where that is."""
-        values = np.array([[one.value for one in said]])
-        deviations = self.deviations(values, portrait_[None])
+        values = np.array([[one.value for one in statistics]])
+        deviations = self.deviations(values, page_features[None])
         evidence = self.family_evidence(deviations)[0]
         found = []
         for index in np.argsort(-evidence)[:most]:
             members = np.flatnonzero(self.family == index)
             best = members[int(np.argmax(deviations[0, members]))]
-            found.append((self.families[index], said[best]))
+            found.append((self.families[index], statistics[best]))
         return found
 
 
@@ -318,8 +318,8 @@ class OutrightFacts(Block):
     score: Number
 
 
-class SpreadFacts(Block):
-    """``Spread``; what an older press does not state is as it was then."""
+class ResidualVarianceFacts(Block):
+    """``ResidualVariance``; what an older press does not state is as it was then."""
 
     edge: NotNegative = 0
     contrast: NotNegative = 0
@@ -331,7 +331,7 @@ Deviation = Annotated[float, Field(strict=True, ge=1e-9, le=1e3, allow_inf_nan=F
 
 
 class PriorFacts(Block):
-    """``Tolerance``, likewise."""
+    """``PrintPrior``, likewise."""
 
     white: Deviation = 1
     common: Deviation = 1
@@ -345,15 +345,15 @@ class PriorFacts(Block):
     most_plane_mm: Deviation = 1
 
 
-class ToleranceFacts(Block):
-    """``TolerancePress.facts``."""
+class ModelFacts(Block):
+    """``DetectorModel.facts``."""
 
     names: Annotated[
         tuple[Annotated[str, Field(max_length=64, pattern=STATISTIC)], ...],
         Field(min_length=1, max_length=10_000),
     ]
     families: tuple[Name, ...]
-    spread: SpreadFacts
+    spread: ResidualVarianceFacts
     prior: PriorFacts | None = None
     tail_from: Chance
     starts: tuple[Number | None, Number | None]
@@ -378,19 +378,19 @@ class ToleranceFacts(Block):
     def sizes(self) -> dict[str, int]:
         """Extents of arrays, and columns of what rankings look at: as this version counts them."""
         nothing = np.zeros((1, len(self.families)))
-        portrait, deviations = np.zeros((1, PORTRAIT)), np.zeros((1, len(self.names)))
+        page_features, deviations = np.zeros((1, PAGE_FEATURES)), np.zeros((1, len(self.names)))
         mixed = mixed_columns(np.zeros(1), np.zeros(1), np.zeros((1, len(self.kinds))))
         return {
             "statistics": len(self.names),
             "families": len(self.families),
             "groups": group_columns(nothing, self.families).shape[1],
             "mixed": mixed.shape[1],
-            "every": every_column(nothing, portrait, deviations).shape[1],
+            "every": every_column(nothing, page_features, deviations).shape[1],
             "of families": family_columns(nothing).shape[1],
         }
 
 
-def _forests_of(facts: ToleranceFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
+def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
     """Names of the forests, and which columns each looks at."""
     if facts.outright is None:
         return
@@ -411,8 +411,8 @@ def _wrong_tail(tail: NDArray[np.floating]) -> str:
 
 TABLE: Final = {
     "family": Kept(dtype="int32", shape=("statistics",), low=0),
-    "centre": Kept(dtype="float64", shape=(2, PORTRAIT), rule=_wrong_centre),
-    "baseline": Kept(dtype="float64", shape=(1 + PORTRAIT, "statistics")),
+    "centre": Kept(dtype="float64", shape=(2, PAGE_FEATURES), rule=_wrong_centre),
+    "baseline": Kept(dtype="float64", shape=(1 + PAGE_FEATURES, "statistics")),
     "sd": Kept(dtype="float64", shape=("statistics",), above=0),
     "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising()),
     "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.detectors.matched_filter.statistics.families import Said
+    from prooflight.detectors.matched_filter.statistics.families import Statistic
 
 SMALL_TILES: Final = 8
 """Boxes of at most so many tiles, 4 mm, are a spot's or a void's."""
@@ -28,14 +28,14 @@ FIRST: Final = {
 """Kinds by the first word of a statistic's name."""
 
 
-def kind_of(said: Said) -> str:
+def kind_of(statistic: Statistic) -> str:
     """What kind of misprint a statistic speaks of.
 
-    >>> from prooflight.detectors.matched_filter.statistics.families import Said
-    >>> kind_of(Said(name="box/add-C+/4", value=9.0)), kind_of(Said(name="streak/light/2/full", value=9.0))
+    >>> from prooflight.detectors.matched_filter.statistics.families import Statistic
+    >>> kind_of(Statistic(name="box/add-C+/4", value=9.0)), kind_of(Statistic(name="streak/light/2/full", value=9.0))
     ('spots-voids', 'streak')
     """
-    first, *rest = said.name.split("/")
+    first, *rest = statistic.name.split("/")
     if first in FIRST:
         return FIRST[first]
     if first == "place":
@@ -47,12 +47,12 @@ def kind_of(said: Said) -> str:
     return UNKNOWN
 
 
-def named(strongest: Sequence[tuple[str, Said]]) -> tuple[str, Said | None]:
+def named(strongest: Sequence[tuple[str, Statistic]]) -> tuple[str, Statistic | None]:
     """Kind, and the statistic with a place that speaks for it, from what says most; most telling first."""
     if not strongest:
         return UNKNOWN, None
-    kind = next((found for _, said in strongest if (found := kind_of(said)) != UNKNOWN), UNKNOWN)
-    place = next((said for _, said in strongest if said.box[0] == said.box[0]), None)
+    kind = next((found for _, statistic in strongest if (found := kind_of(statistic)) != UNKNOWN), UNKNOWN)
+    place = next((statistic for _, statistic in strongest if statistic.box[0] == statistic.box[0]), None)
     return kind, place
 
 

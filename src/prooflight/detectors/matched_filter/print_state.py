@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.analysis import Looked
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
     from prooflight.prediction.tables import SensorModel
 
@@ -22,16 +22,16 @@ LEAST_KNOWN: Final = 0.4
 """Share of an ink's amount that a page must tell, instead of the prior, to count at all."""
 
 
-def print_state(looked: Looked, sensors: Sequence[SensorModel]) -> PrintState:
+def print_state(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> PrintState:
     """Of one scan."""
-    excess, light = looked.sums.columns[:2, 0]
-    amounts = fitted_amounts(looked, sensors)
-    return PrintState(amounts=amounts, excess=excess, light=light, pitch_mm=looked.sums.pixel_mm)
+    excess, light = analysis.sums.columns[:2, 0]
+    amounts = fitted_amounts(analysis, sensors)
+    return PrintState(amounts=amounts, excess=excess, light=light, pitch_mm=analysis.sums.pixel_mm)
 
 
-def fitted_amounts(looked: Looked, sensors: Sequence[SensorModel]) -> dict[str, float]:
+def fitted_amounts(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> dict[str, float]:
     """What our detector's fit says of lamp, paper, inks and register, by channel."""
-    fit, values = looked.fit, {}
+    fit, values = analysis.fit, {}
     for sensor, white in zip(sensors, fit.white, strict=True):
         values[f"light-{sensor.name}"] = float(white)
     values |= {f"lamp-{k}": float(one) for k, one in enumerate(fit.lamp, start=1)}
@@ -39,19 +39,19 @@ def fitted_amounts(looked: Looked, sensors: Sequence[SensorModel]) -> dict[str, 
     for ink, name in enumerate(INK_NAMES):
         if known[ink] >= LEAST_KNOWN:
             values[f"gain-{name}"] = float(fit.gain[ink, 0] / known[ink])
-        if looked.found.plane_parts[:, ink].min() > 0:
+        if analysis.found.plane_parts[:, ink].min() > 0:
             for axis, letter in enumerate("xy"):
-                values[f"register-{name}-{letter}"] = float(looked.found.planes_mm[ink, axis])
+                values[f"register-{name}-{letter}"] = float(analysis.found.planes_mm[ink, axis])
     return values
 
 
 def known_shares(fit: Fit) -> NDArray[np.float64]:
     """How much of each ink's amount (4,) is the page's own word and not the prior's: 1 - posterior variance over prior.
 
-    ``Fit.surprise`` is amount over the standard deviation it has on good prints, which is that share's root.
+    ``Fit.pulls`` is amount over the standard deviation it has on good prints, which is that share's root.
     """
     first = fit.white.size + 1 + fit.lamp.size + fit.shape.size
-    surprise = fit.surprise[first : first + 3 * INKS : 3]
-    amount = fit.gain[:, 0] / fit.tolerance.gain
-    share = (amount / np.where(surprise == 0, 1, surprise)) ** 2
-    return np.where(surprise == 0, 0.0, share.clip(max=1.0))
+    pulls = fit.pulls[first : first + 3 * INKS : 3]
+    amount = fit.gain[:, 0] / fit.prior.gain
+    share = (amount / np.where(pulls == 0, 1, pulls)) ** 2
+    return np.where(pulls == 0, 0.0, share.clip(max=1.0))

@@ -29,10 +29,10 @@ def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def every_column(
-    evidence: NDArray[np.floating], portraits: NDArray[np.floating], deviations: NDArray[np.floating]
+    evidence: NDArray[np.floating], page_features: NDArray[np.floating], deviations: NDArray[np.floating]
 ) -> NDArray[np.float64]:
     """``family_columns``, what the page is like, and every statistic by itself."""
-    return np.hstack([family_columns(evidence), portraits, deviations])
+    return np.hstack([family_columns(evidence), page_features, deviations])
 
 
 def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> NDArray[np.float64]:

@@ -145,7 +145,7 @@ class BayesDetector:
         """See ``EvidenceDetector``."""
         return only(block_z=kept.array("block_z", "f", (sensors, None, None), finite=True))
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         """Weigh one page: score and threshold are probabilities' log odds, which do not saturate."""
         statistics = window_statistics(evidence.block_z, reading=self.reading, unit=self.unit).ravel()
         score = float(self.network.log_ratio(statistics) + special.logit(self.network.misprint_rate))

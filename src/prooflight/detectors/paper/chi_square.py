@@ -69,7 +69,7 @@ class ChiSquare:
             raise kept.refusal("'tile_histogram' holds what are no counts of pixels")
         return only(tile_histogram=counts.astype(np.int64))
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         """Weigh one page; the p-value is for people, the decision compares statistics."""
         of_page = float(pearson(evidence.histogram, interval_shares()).sum())
         # Not scipy.stats, which takes longer to import than a page to judge.

@@ -58,7 +58,7 @@ class PaperDetector(StationDetector):
     def decided_again(self, kept: KeptArrays) -> Decision:
         """See ``Detector``."""
         with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
-            return self.test.judge(self.test.evidence_of(kept, sensors=len(self.station.sensors)))
+            return self.test.decide(self.test.evidence_of(kept, sensors=len(self.station.sensors)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,12 +78,12 @@ class PaperPage:
         found_page = find(self.sought, scan.dn, station)
         seen, measured = cut(found_page.prediction, found_page.area), scan.dn[(slice(None), *found_page.area)]
         evidence = _gathered(measured, seen, station, seed=seed + page.number)
-        decision, wrong = test.judge(evidence), found_page.wrong_page
+        decision, wrong = test.decide(evidence), found_page.wrong_page
         decision = replace(decision, misprint=decision.misprint or wrong)
         found = Findings(regions=(), kind=None)
         if decision.misprint:
             found = findings(_grid(page, station.geometry, evidence, found_page))
-        verdict = Verdict.judged(
+        verdict = Verdict.from_decision(
             page.name,
             decision,
             costs=station.costs,
@@ -148,11 +148,11 @@ def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
 
     A few pixels of each block do: to read all would take as long as the rest of the inspection.
     """
-    words = page.words
+    packed = page.packed
     lines, columns = (
         np.arange(PIXELS_A_BLOCK * blocks) * size // (PIXELS_A_BLOCK * blocks)
-        for blocks, size in zip((rows, across), words.shape, strict=True)
+        for blocks, size in zip((rows, across), packed.shape, strict=True)
     )
     ink = np.zeros((rows, across, INKS), np.float32)
-    block_inks(words, lines.reshape(rows, -1), columns.reshape(across, -1), ink)
+    block_inks(packed, lines.reshape(rows, -1), columns.reshape(across, -1), ink)
     return ink

@@ -16,6 +16,7 @@ from prooflight.kernels.comparison.dither import CODE_STEPS, ROUNDING_VARIANCE_D
 from prooflight.kernels.comparison.one_pass import LINES, Z_STEPS, compare_lines
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.compact import Lines, Scale, compact
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -171,9 +172,7 @@ def _intervals() -> tuple[NDArray[np.int8], NDArray[np.float64]]:
 @cache
 def _noise(pixels: int) -> NDArray[np.uint16]:
     """Every fourth word once, in random order, and again until a line fits behind the last of them."""
-    table = np.random.default_rng(2011).permutation(NOISE_SIZE).astype(np.uint16) * np.uint16(4) + np.uint16(
-        2
-    )
+    table = stream(None, "dither").permutation(NOISE_SIZE).astype(np.uint16) * np.uint16(4) + np.uint16(2)
     return np.resize(table, NOISE_SIZE + pixels)
 
 
@@ -302,7 +301,7 @@ class EvidenceDetector(Protocol):
         """How rarely a good page alarms, in words."""
         ...
 
-    def judge(self, evidence: Evidence) -> Decision:
+    def decide(self, evidence: Evidence) -> Decision:
         """Weigh one page's evidence. Does not change it."""
         ...
 

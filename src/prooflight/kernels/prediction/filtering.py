@@ -31,24 +31,24 @@ def dealt_count(columns, stride, phase):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def deal_row(words, place, dealt):  # type: ignore[no-untyped-def]
+def deal_row(packed, place, dealt):  # type: ignore[no-untyped-def]
     """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
 
     Pixel p goes to dealt[p % stride, place + p // stride]; the rest stays as it was.
     """
     stride = dealt.shape[0]
     if stride == 2:  # one loop over both, which runs in vectors
-        pairs = words.size // 2
+        pairs = packed.size // 2
         evens, odds = dealt[0, place : place + pairs], dealt[1, place : place + pairs]
         for i in range(pairs):
-            evens[i] = words[2 * i]
-            odds[i] = words[2 * i + 1]
-        if words.size > 2 * pairs:
-            dealt[0, place + pairs] = words[2 * pairs]
+            evens[i] = packed[2 * i]
+            odds[i] = packed[2 * i + 1]
+        if packed.size > 2 * pairs:
+            dealt[0, place + pairs] = packed[2 * pairs]
         return
     for phase in range(stride):
-        count = dealt_count(words.size, stride, phase)
-        target, source = dealt[phase, place : place + count], words[phase::stride]
+        count = dealt_count(packed.size, stride, phase)
+        target, source = dealt[phase, place : place + count], packed[phase::stride]
         for i in range(count):
             target[i] = source[i]
 

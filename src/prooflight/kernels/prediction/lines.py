@@ -90,17 +90,17 @@ def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore
 
 
 @inner_kernel()
-def look_up_words(words, bricks, backing, few, light):  # type: ignore[no-untyped-def]
-    """``look_up_light`` of a row of words (columns,), however many; few (2, 8): working space; light (columns,)."""
-    whole = words.size // AT_ONCE * AT_ONCE
+def look_up_packed(packed, quantised, backing, few, light):  # type: ignore[no-untyped-def]
+    """``look_up_light`` of a packed row (columns,), however many; few (2, 8): working space; light (columns,)."""
+    whole = packed.size // AT_ONCE * AT_ONCE
     if whole:
-        look_up_light(words[:whole], bricks, backing, light[:whole])
-    if whole < words.size:
+        look_up_light(packed[:whole], quantised, backing, light[:whole])
+    if whole < packed.size:
         last, seen = few[0], few[1].view(np.float32)
-        for i in range(words.size - whole):
-            last[i] = words[whole + i]
-        look_up_light(last, bricks, backing, seen)
-        for i in range(words.size - whole):
+        for i in range(packed.size - whole):
+            last[i] = packed[whole + i]
+        look_up_light(last, quantised, backing, seen)
+        for i in range(packed.size - whole):
             light[whole + i] = seen[i]
 
 
@@ -113,13 +113,13 @@ def sign_row(row, sign):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (_, _), tables[].bricks (N, 65536, 16), tables[].bits (N, 4), backings (N), stride, "
+    "packed (_, _), tables[].codes (N, 65536, 16), tables[].bits (N, 4), backings (N), stride, "
     "across_places (J), across_segment, across_cumulative (_), along_places (K, 1), along_pitch, "
     "along_cumulative (_), step, sign, line_from, line_to, lights[] (N, L, P)",
     where=("0 <= line_from, line_to <= L, (J - 1) * across_segment >= P, (K - 1) * along_pitch >= line_to"),
 )
 def filter_lines(  # type: ignore[no-untyped-def]
-    words,
+    packed,
     tables,
     backings,
     stride,
@@ -137,14 +137,14 @@ def filter_lines(  # type: ignore[no-untyped-def]
 ):
     """What lines line_from .. line_to - 1 see in tables of a page that is only shifted, above the backing's level.
 
-    words (rows, columns) uint32; tables: a tuple of n ``Bricks``; backings (n,); lights: a tuple of n images (lines,
-    pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from one
-    camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1): where
-    columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as there
-    are taps, and are dealt out and told from the row above once for all tables. Other arguments as in ``Course`` and
-    ``Footprint``. ``correct_light`` comes next.
+    packed (rows, columns) uint32; tables: a tuple of n ``QuantisedTable``; backings (n,); lights: a tuple of n images
+    (lines, pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from
+    one camera pixel to the next, 0 if not a whole number of them; across_places (nodes,), along_places (nodes, 1):
+    where columns and lines look; sign: as in ``sign_row``. Rows pass once through a ring of as many filtered rows as
+    there are taps, and are dealt out and told from the row above once for all tables. Other arguments as in
+    ``SamplingGrid`` and ``Footprint``. ``correct_light`` comes next.
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     pixels = lights[0].shape[1]
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     even = stride > 0
@@ -174,8 +174,8 @@ def filter_lines(  # type: ignore[no-untyped-def]
         if next_row < 0:
             next_row = max(y_first, 0)
         while next_row < min(y_first + taps, rows):
-            slot, row = next_row % taps, words[next_row]
-            alike = next_row - 1 == looked_up and same_row(row, words[looked_up])
+            slot, row = next_row % taps, packed[next_row]
+            alike = next_row - 1 == looked_up and same_row(row, packed[looked_up])
             if even and not alike:
                 deal_row(row, begin, dealt)
             for n in range(len(tables)):
@@ -185,7 +185,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
                     look_up_dealt(dealt, columns, begin, tables[n], backings[n], split)
                     filter_across(split, pad, columns, x_first, x_weights, starts, ring[n, slot])
                 else:
-                    look_up_words(row, tables[n], backings[n], few, source[wide : wide + columns])
+                    look_up_packed(row, tables[n], backings[n], few, source[wide : wide + columns])
                     filter_row(source, firsts, x_weights, weights_at, wide, ring[n, slot])
             looked_up = next_row
             next_row += 1

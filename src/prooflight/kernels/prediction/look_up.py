@@ -81,14 +81,14 @@ def _extracting(
 
 
 def _eight_sums(
-    builder: Any, tables: Any, words: Any, first: Any, split: Any, *, one_instruction: bool
+    builder: Any, tables: Any, packed: Any, first: Any, split: Any, *, one_instruction: bool
 ) -> Any:
-    """65536 times the interpolated codes of eight words from ``first`` on."""
-    bricks, inner, outer = tables
+    """65536 times the interpolated codes of eight recipes from ``first`` on."""
+    codes, inner, outer = tables
     widths, masks, inner_bits, inner_mask = split
     parts = []
     for n in range(AT_ONCE):
-        word = _load(builder, words, builder.add(first, ir.Constant(_LONG, n)), _INT)
+        word = _load(builder, packed, builder.add(first, ir.Constant(_LONG, n)), _INT)
         cell = _extracting(builder, word, widths, masks, upper=True, one_instruction=one_instruction)
         fraction = _extracting(builder, word, widths, masks, upper=False, one_instruction=one_instruction)
         places = [cell, builder.and_(fraction, inner_mask), builder.lshr(fraction, inner_bits)]
@@ -96,13 +96,13 @@ def _eight_sums(
             builder.shl(builder.zext(place, _LONG), ir.Constant(_LONG, bits))
             for place, bits in zip(places, (4, 2, 3), strict=True)
         ]
-        brick = _load(builder, bricks, starts[0], _vector(_SHORT, 16))
+        cell = _load(builder, codes, starts[0], _vector(_SHORT, 16))
         four = _load(builder, inner, starts[1], _LONG)
         weight = builder.bitcast(_filled(builder, four, 4), _vector(_SHORT, 16))
         # Compilers know this form as one instruction, multiply and add pairs.
         products = [
             builder.mul(
-                *(builder.sext(_chosen(builder, of, of, half), _vector(_INT, 8)) for of in (brick, weight))
+                *(builder.sext(_chosen(builder, of, of, half), _vector(_INT, 8)) for of in (cell, weight))
             )
             for half in (_EVENS, _ODDS)
         ]
@@ -124,8 +124,8 @@ def eight_at_once(*, one_instruction: bool) -> Any:
     """The intrinsic; one_instruction: whether ``has_extraction``."""
 
     @intrinsic
-    def look_up_eight(context, bricks, inner, outer, words, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
-        """out[first:first + 8] = unit sum^2 - level for words there; bits: four of cells, then of inner fractions."""
+    def look_up_eight(context, codes, inner, outer, packed, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
+        """out[first:first + 8] = unit sum^2 - level for recipes there; bits: four of cells, then of inner fractions."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             def data(place: int) -> Any:
@@ -143,7 +143,7 @@ def eight_at_once(*, one_instruction: bool) -> Any:
             builder.store(light, builder.bitcast(target, light.type.as_pointer()), align=4)
             return context.get_dummy_value()
 
-        kinds = (bricks, inner, outer, words, bits, types.int64, masks, types.float32, types.float32, out)
+        kinds = (codes, inner, outer, packed, bits, types.int64, masks, types.float32, types.float32, out)
         return types.void(*kinds), generate
 
     return look_up_eight
@@ -153,8 +153,8 @@ look_up_eight = eight_at_once(one_instruction=has_extraction())
 
 
 @intrinsic
-def eight_alike(context, words, first, word):  # type: ignore[no-untyped-def]
-    """Whether eight words from ``first`` on are all ``word``."""
+def eight_alike(context, packed, first, word):  # type: ignore[no-untyped-def]
+    """Whether eight recipes from ``first`` on are all ``word``."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = make_array(signature.args[0])(context, builder, args[0]).data
@@ -162,12 +162,12 @@ def eight_alike(context, words, first, word):  # type: ignore[no-untyped-def]
         same = builder.bitcast(builder.icmp_unsigned("==", seen, _filled(builder, args[2], AT_ONCE)), _BYTE)
         return builder.icmp_unsigned("==", same, ir.Constant(_BYTE, 255))
 
-    return types.boolean(words, types.int64, types.uint32), generate
+    return types.boolean(packed, types.int64, types.uint32), generate
 
 
 @inner_kernel()
 def masks_of(bits):  # type: ignore[no-untyped-def]
-    """Which bits of a word are cells, and which are fractions; bits as in ``Bricks``."""
+    """Which bits of a word are cells, and which are fractions; bits as in ``QuantisedTable``."""
     cells = np.uint32(0)
     for ink in range(4):
         cells = np.uint32(cells | (((0xFF00 >> bits[ink]) & 255) << (8 * ink)))
@@ -175,29 +175,29 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (N), table.bricks (65536, 16), table.inner (_, 4), table.outer (_, 8), table.bits (4), "
+    "packed (N), table.codes (65536, 16), table.inner (_, 4), table.outer (_, 8), table.bits (4), "
     "level, out (N)",
     where="N % 8 == 0",
 )
-def look_up_light(words, table, level, out):  # type: ignore[no-untyped-def]
-    """Values less ``level`` of recipes, words (n,) uint32 with cyan lowest, in ``Bricks``; n a multiple of 8.
+def look_up_light(packed, table, level, out):  # type: ignore[no-untyped-def]
+    """Values less ``level`` of recipes, packed (n,) uint32 with cyan lowest, in ``QuantisedTable``; n a multiple of 8.
 
-    Eight words like the one before, half of every page, are not looked up.
+    Eight recipes like the one before, half of every page, are not looked up.
     """
     b = table.bits
     inner_bits = np.uint32(np.uint32(16) - b[0] - b[1])
     bits = (b[0], b[1], b[2], b[3], inner_bits)
     masks = masks_of(b)
     before = level + table.offset
-    last = np.uint32(~words[0])
+    last = np.uint32(~packed[0])
     value = np.float32(0)
-    for first in range(0, words.size - 7, 8):
-        if eight_alike(words, first, last):
+    for first in range(0, packed.size - 7, 8):
+        if eight_alike(packed, first, last):
             for i in range(first, first + 8):
                 out[i] = value
         else:
             look_up_eight(
-                table.bricks, table.inner, table.outer, words, bits, first, masks, table.unit, before, out
+                table.codes, table.inner, table.outer, packed, bits, first, masks, table.unit, before, out
             )
-            last = words[first + 7]
+            last = packed[first + 7]
             value = out[first + 7]

@@ -11,7 +11,7 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.aiming import begin_row, place_row, weights_at_phases, whole_eights
 from prooflight.kernels.prediction.filtering import filter_row
-from prooflight.kernels.prediction.lines import look_up_words, same_row
+from prooflight.kernels.prediction.lines import look_up_packed, same_row
 from prooflight.kernels.prediction.look_up import AT_ONCE
 from prooflight.kernels.prediction.summing import EIGHT, transpose_eight
 
@@ -35,8 +35,8 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (H, _), bricks.bricks (65536, 16), bricks.inner (_, 4), bricks.outer (_, 8), "
-    "bricks.bits (4), backing, across_places (I, J), across_pitch, across_segment, "
+    "packed (H, _), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
+    "quantised.bits (4), backing, across_places (I, J), across_pitch, across_segment, "
     "across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
     "along_cumulative (_), step, bits, crossed, line_from, line_to, light (L, P)",
     where=(
@@ -45,8 +45,8 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
     ),
 )
 def filter_moved_lines(  # type: ignore[no-untyped-def]
-    words,
-    bricks,
+    packed,
+    quantised,
     backing,
     across_places,
     across_pitch,
@@ -65,12 +65,12 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
 ):
     """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
 
-    Arguments as in ``filter_lines``, ``Course`` and ``Footprint``; bits: a raster pixel has 2^bits phases; crossed:
-    raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
-    sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
-    behind the last. Rows and columns count from ``taps`` before the page on.
+    Arguments as in ``filter_lines``, ``SamplingGrid`` and ``Footprint``; bits: a raster pixel has 2^bits phases;
+    crossed: raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera
+    pixel sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once
+    more behind the last. Rows and columns count from ``taps`` before the page on.
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     pixels = light.shape[1]
     seen = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     taps = whole_eights(seen)
@@ -104,8 +104,8 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     continue
                 place_row(across_places, across_pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
-                if row - 1 != looked_up or not same_row(words[row], words[looked_up]):
-                    look_up_words(words[row], bricks, backing, few, source[taps : taps + columns])
+                if row - 1 != looked_up or not same_row(packed[row], packed[looked_up]):
+                    look_up_packed(packed[row], quantised, backing, few, source[taps : taps + columns])
                 looked_up = row
                 filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
             slot = next_row % depth

@@ -12,30 +12,30 @@ EVEN_EDGE = 0.01
 
 
 @kernel(
-    "words (_, _), rows (N), columns (N), bricks.bricks (65536, 16), bricks.inner (_, 4), "
-    "bricks.outer (_, 8), bricks.bits (4), backing, signals (N, _, W)",
+    "packed (_, _), rows (N), columns (N), quantised.codes (65536, 16), quantised.inner (_, 4), "
+    "quantised.outer (_, 8), quantised.bits (4), backing, signals (N, _, W)",
     where="W % 8 == 0",
 )
-def tile_signals(words, rows, columns, bricks, backing, signals):  # type: ignore[no-untyped-def]
+def tile_signals(packed, rows, columns, quantised, backing, signals):  # type: ignore[no-untyped-def]
     """Mean signal of raster windows (tiles, height, width) float32 whose corners lie at rows, columns of the raster.
 
-    words (rows, columns) uint32 of the raster; bricks: ``Bricks`` of the mean; width a multiple of 8. What is off the
-    page is ``backing``.
+    packed (rows, columns) uint32 of the raster; quantised: ``QuantisedTable`` of the mean; width a multiple of 8. What
+    is off the page is ``backing``.
     """
     height, width = signals.shape[1:]
     seen = np.zeros(width, np.uint32)
     for tile in range(rows.size):
         left = min(max(-columns[tile], 0), width)
-        right = max(min(words.shape[1] - columns[tile], width), left)
+        right = max(min(packed.shape[1] - columns[tile], width), left)
         seen[:] = 0
         for r in range(height):
             row = rows[tile] + r
             signal = signals[tile, r]
-            if not 0 <= row < words.shape[0]:
+            if not 0 <= row < packed.shape[0]:
                 signal[:] = backing
                 continue
-            seen[left:right] = words[row, columns[tile] + left : columns[tile] + right]
-            look_up_light(seen, bricks, np.float32(0), signal)
+            seen[left:right] = packed[row, columns[tile] + left : columns[tile] + right]
+            look_up_light(seen, quantised, np.float32(0), signal)
             signal[:left] = backing
             signal[right:] = backing
 
@@ -90,20 +90,20 @@ def tile_information(  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def read_grid(words, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
+def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
     """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
 
-    words (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is -1. Returns
+    packed (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is -1. Returns
     whether anything is.
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     beyond = False
     before, known = np.uint32(0), False
     a, b, c, d, root = logs[0, 0], logs[0, 0], logs[0, 0], logs[0, 0], roots[0, 0]
     for line in range(grid.shape[1]):
         y = row + line * stride_y
         inside = 0 <= y < rows
-        source = words[y if inside else 0]
+        source = packed[y if inside else 0]
         for i in range(grid.shape[2]):
             x = column + i * stride_x
             if not inside or x < 0 or x >= columns:
@@ -159,9 +159,9 @@ def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
+    "packed (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
 )
-def edge_shares(words, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
+def edge_shares(packed, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
     """How much of each tile's edges, across and along, each plane makes: adds to shares (tiles, 2, 6).
 
     rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster pixels apart.
@@ -172,7 +172,7 @@ def edge_shares(words, rows, columns, size, stride_x, stride_y, logs, backing, s
     grid = np.empty((5, size + 1, size + 1), np.float32)
     roots = np.exp(logs * np.float32(0.5))
     for tile in range(rows.size):
-        beyond = read_grid(words, rows[tile], columns[tile], stride_x, stride_y, logs, roots, grid)
+        beyond = read_grid(packed, rows[tile], columns[tile], stride_x, stride_y, logs, roots, grid)
         for line in range(size):
             add_edges(grid, line, 0, 1, shares[tile, 0])
             add_edges(grid, line, 1, 0, shares[tile, 1])

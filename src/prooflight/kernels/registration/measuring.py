@@ -39,39 +39,49 @@ def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: igno
 
 
 @inner_kernel(error_model="numpy")
-def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, out):  # type: ignore[no-untyped-def]
+def render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, out):  # type: ignore[no-untyped-def]
     """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
     x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach. Window
-    rows and out's lines are whole multiples of 16 and 8 long. room: ``Room``.
+    rows and out's lines are whole multiples of 16 and 8 long. workspace: ``Workspace``.
     """
     phases, count = taps_y.shape
     lines, columns = out.shape[1:]
     width = window.shape[1]
     flat = window.reshape(-1)
-    value, slope = room.value, room.slope
+    value, slope = workspace.value, workspace.slope
     m, by_x, by_y = out[0].reshape(-1), out[1].reshape(-1), out[2].reshape(-1)
-    pixels = spread_taps(x, ratio_x, taps_x, slopes_x, room.begins, room.weights, room.by_move)
+    pixels = spread_taps(x, ratio_x, taps_x, slopes_x, workspace.begins, workspace.weights, workspace.by_move)
     for line in range(lines):
         at = y + line * ratio_y
         first = int(at)
         phase = int((at - first) * phases)
         for t in range(count):
-            room.starts[t] = (first + t) * width
+            workspace.starts[t] = (first + t) * width
         w, s = taps_y[phase], slopes_y[phase]
         k = 0
         while k + MANY <= width:
-            sum_many(flat, room.starts, k, w, 0, count, value, k)
-            sum_many(flat, room.starts, k, s, 0, count, slope, k)
+            sum_many(flat, workspace.starts, k, w, 0, count, value, k)
+            sum_many(flat, workspace.starts, k, s, 0, count, slope, k)
             k += MANY
         while k < width:
-            sum_few(flat, room.starts, k, w, 0, count, value, k)
-            sum_few(flat, room.starts, k, s, 0, count, slope, k)
+            sum_few(flat, workspace.starts, k, w, 0, count, value, k)
+            sum_few(flat, workspace.starts, k, s, 0, count, slope, k)
             k += FEW
         for block in range(columns // EIGHT):
-            begin, place = room.begins[block], line * columns + block * EIGHT
+            begin, place = workspace.begins[block], line * columns + block * EIGHT
             sum_eight(
-                value, slope, begin, room.weights, room.by_move, block * pixels, pixels, m, by_x, by_y, place
+                value,
+                slope,
+                begin,
+                workspace.weights,
+                workspace.by_move,
+                block * pixels,
+                pixels,
+                m,
+                by_x,
+                by_y,
+                place,
             )
 
 
@@ -147,8 +157,8 @@ def weigh(error, value, by_x, by_y, base, level, gain, move_x, move_y, robust, m
 @kernel(
     "scan (_, P), offset (P), per_gain (P), windows (A, _, W), x_origin (A), y_origin (A), "
     "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), lines (A), "
-    "columns (A), tiles (N), moves (N, 2), size, noise (4), room.value (V), room.slope (V), "
-    "room.begins (size // EIGHT), room.weights (B), room.by_move (B), room.starts (Y), "
+    "columns (A), tiles (N), moves (N, 2), size, noise (4), workspace.value (V), workspace.slope (V), "
+    "workspace.begins (size // EIGHT), workspace.weights (B), workspace.by_move (B), workspace.starts (Y), "
     "sums (N, SUMS + 1)",
     where="W <= V",
     error_model="numpy",
@@ -172,7 +182,7 @@ def measure_tiles(  # type: ignore[no-untyped-def]
     moves,
     size,
     noise,
-    room,
+    workspace,
     sums,
 ):
     """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
@@ -180,8 +190,8 @@ def measure_tiles(  # type: ignore[no-untyped-def]
     scan (lines, pixels) uint16; offset, per_gain (pixels,) bring it to light signal. windows (all tiles, ...) as
     ``tile_signals`` leaves them; x_origin, y_origin, lines, columns (all tiles,): where a tile's first pixel lies in
     its window and in the scan of a page in its place. tiles (n,): which to measure. noise: variance without light, by
-    signal, by signal squared, by gradient squared. room: ``Room``. sums (n, SUMS + 1): the last is the number of
-    pixels, 0 where the tile lies outside the scan.
+    signal, by signal squared, by gradient squared. workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number
+    of pixels, 0 where the tile lies outside the scan.
     """
     image = np.empty((3, size, size), np.float32)
     error = np.empty((size, size), np.float32)
@@ -200,7 +210,9 @@ def measure_tiles(  # type: ignore[no-untyped-def]
             continue
         x = x_origin[tile] - (moves[n, 0] - whole_x) * ratio_x
         y = y_origin[tile] - (moves[n, 1] - whole_y) * ratio_y
-        render_tile(windows[tile], x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, image)
+        render_tile(
+            windows[tile], x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, image
+        )
         count = (l1 - l0) * (i1 - i0)
         if count < size * size:
             errors[:] = 0

@@ -16,14 +16,14 @@ ROUNDS = 5
 
 
 @kernel(
-    "words (H, W), cell, stride_x, stride_y, light (4, 256), scores (R, C, 2, EDGES)",
+    "packed (H, W), cell, stride_x, stride_y, light (4, 256), scores (R, C, 2, EDGES)",
     where="(R * cell - 1) * stride_y < H, (C * cell - 1) * stride_x < W",
     error_model="numpy",
 )
-def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
+def shared_edges(packed, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
     """How strong edges are that planes share, and all of a plane's: adds to scores (rows, columns, 2, EDGES).
 
-    words (rows, columns) uint32 of the raster, looked at in steps of stride_x, stride_y raster pixels; a cell is
+    packed (rows, columns) uint32 of the raster, looked at in steps of stride_x, stride_y raster pixels; a cell is
     ``cell`` such steps wide and high. light (4, 256): share of the light that an ink of that byte leaves; inks multiply
     (close enough for a choice). A plane off the others shows a strip of itself on the lighter side of an edge, across
     or along; that of the weaker of two counts, squared, in shares of white.
@@ -33,11 +33,11 @@ def shared_edges(words, cell, stride_x, stride_y, light, scores):  # type: ignor
             y = line * stride_y
             for i in range(scores.shape[1] * cell):
                 x = i * stride_x
-                here = words[y, x]
-                if x + stride_x < words.shape[1] and words[y, x + stride_x] != here:
-                    add_strips(here, words[y, x + stride_x], light, scores[row, i // cell, 0])
-                if y + stride_y < words.shape[0] and words[y + stride_y, x] != here:
-                    add_strips(here, words[y + stride_y, x], light, scores[row, i // cell, 1])
+                here = packed[y, x]
+                if x + stride_x < packed.shape[1] and packed[y, x + stride_x] != here:
+                    add_strips(here, packed[y, x + stride_x], light, scores[row, i // cell, 0])
+                if y + stride_y < packed.shape[0] and packed[y + stride_y, x] != here:
+                    add_strips(here, packed[y + stride_y, x], light, scores[row, i // cell, 1])
 
 
 @inner_kernel(error_model="numpy")
@@ -59,15 +59,17 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def laid(words, margin, right, down, seen):  # type: ignore[no-untyped-def]
-    """Planes of words (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height, width)."""
+def laid(packed, margin, right, down, seen):  # type: ignore[no-untyped-def]
+    """Planes of a packed raster (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height,
+    width).
+    """
     for row in range(seen.shape[0]):
         line = seen[row]
         y = row + margin
-        c = words[y - down[0], margin - right[0] : margin - right[0] + line.size]
-        m = words[y - down[1], margin - right[1] : margin - right[1] + line.size]
-        k = words[y - down[2], margin - right[2] : margin - right[2] + line.size]
-        b = words[y - down[3], margin - right[3] : margin - right[3] + line.size]
+        c = packed[y - down[0], margin - right[0] : margin - right[0] + line.size]
+        m = packed[y - down[1], margin - right[1] : margin - right[1] + line.size]
+        k = packed[y - down[2], margin - right[2] : margin - right[2] + line.size]
+        b = packed[y - down[3], margin - right[3] : margin - right[3] + line.size]
         for i in range(line.size):
             line[i] = (
                 (c[i] & np.uint32(0xFF))
@@ -88,21 +90,21 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "light (N, S, S), words (N, H, W), margin, right (4), down (4), bricks.bricks (65536, 16), "
-    "bricks.inner (_, 4), bricks.outer (_, 8), bricks.bits (4), origins (N, 2), moves (N, 2), "
+    "light (N, S, S), packed (N, H, W), margin, right (4), down (4), quantised.codes (65536, 16), "
+    "quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), origins (N, 2), moves (N, 2), "
     "ratio_x, ratio_y, taps_x (_, X), slopes_x (_, X), taps_y (_, Y), slopes_y (_, Y), noise (4), "
-    "room.value (V), room.slope (V), room.begins (D), room.weights (B), "
-    "room.by_move (B), room.starts (Y), first, base (N, S, S), sums (N, SUMS)",
+    "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
+    "workspace.by_move (B), workspace.starts (Y), first, base (N, S, S), sums (N, SUMS)",
     where="0 <= margin, W - 2 * margin <= V, S <= 8 * D",
     error_model="numpy",
 )
 def fringe_sums(  # type: ignore[no-untyped-def]
     light,
-    words,
+    packed,
     margin,
     right,
     down,
-    bricks,
+    quantised,
     origins,
     moves,
     ratio_x,
@@ -112,20 +114,20 @@ def fringe_sums(  # type: ignore[no-untyped-def]
     taps_y,
     slopes_y,
     noise,
-    room,
+    workspace,
     first,
     base,
     sums,
 ):
     """``weigh``'s sums of every patch of one sensor if its planes lie so.
 
-    light (patches, size, size) of the scan; words: as ``laid``, of each patch; right, down (4,) raster pixels; origins,
-    moves (patches, 2): where the first footprint begins in the window, and how far the page is displaced [raster
-    pixels]. noise: as ``measure_tiles``. room: ``Room``. base (patches, size, size): 1 / variance, made where ``first``
-    says so. sums (patches, SUMS) is written.
+    light (patches, size, size) of the scan; packed: as ``laid``, of each patch; right, down (4,) raster pixels;
+    origins, moves (patches, 2): where the first footprint begins in the window, and how far the page is displaced
+    [raster pixels]. noise: as ``measure_tiles``. workspace: ``Workspace``. base (patches, size, size): 1 / variance,
+    made where ``first`` says so. sums (patches, SUMS) is written.
     """
     size = light.shape[1]
-    height, width = words.shape[1] - 2 * margin, words.shape[2] - 2 * margin
+    height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
     seen = np.empty((height, width), np.uint32)
     window = np.empty((height, width), np.float32)
     image = np.empty((3, size, size), np.float32)
@@ -133,10 +135,10 @@ def fringe_sums(  # type: ignore[no-untyped-def]
     error = np.empty(size * size, np.float32)
     zero = np.float32(0)
     for n in range(light.shape[0]):
-        laid(words[n], margin, right, down, seen)
-        look_up_light(seen.reshape(-1), bricks, zero, window.reshape(-1))
+        laid(packed[n], margin, right, down, seen)
+        look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
         x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
-        render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, room, image)
+        render_tile(window, x, y, ratio_x, ratio_y, taps_x, slopes_x, taps_y, slopes_y, workspace, image)
         weights, of_scan = base[n].reshape(-1), light[n].reshape(-1)
         if first:
             inverse_variance(flat, noise, weights)

@@ -59,17 +59,17 @@ def running_means(image, out):  # type: ignore[no-untyped-def]
                 gather_row(sums, bins, right, out[down, right, line])
 
 
-@kernel("words (H, W), bins, out (-(-H // bins), -(-W // bins))")
-def take_turns(words, bins, out):  # type: ignore[no-untyped-def]
-    """One of each bins x bins words, out (rows, columns): further right from row to row of squares and from square to
-    square, further down from row to row and column to column; the last go on beyond words (h, w).
+@kernel("packed (H, W), bins, out (-(-H // bins), -(-W // bins))")
+def take_turns(packed, bins, out):  # type: ignore[no-untyped-def]
+    """One of each bins x bins recipes, out (rows, columns): further right from row to row of squares and from square to
+    square, further down from row to row and column to column; the last go on beyond the raster (h, w).
     """
-    height, width = words.shape
+    height, width = packed.shape
     for i in range(out.shape[0]):
         right = i // bins % bins
         for first in range(0, out.shape[1], bins):
             down = i % bins
             for j in range(first, min(first + bins, out.shape[1])):
-                out[i, j] = words[min(i * bins + down, height - 1), min(j * bins + right, width - 1)]
+                out[i, j] = packed[min(i * bins + down, height - 1), min(j * bins + right, width - 1)]
                 down = down + 1 if down + 1 < bins else 0
             right = right + 1 if right + 1 < bins else 0

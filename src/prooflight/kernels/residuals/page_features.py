@@ -13,7 +13,7 @@ _HEAVY = np.float32(2)
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignore[no-untyped-def]
-    """What a row says within the page, added to out (11,): ``portrait_sums``; returns how much of it is within."""
+    """What a row says within the page, added to out (11,): ``page_feature_sums``; returns how much of it is within."""
     total = np.zeros(11, np.float32)
     count = np.int32(0)
     for x in range(texture.size):
@@ -53,7 +53,7 @@ def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
 
 
 @kernel("cover (4, L, P), texture (L, P), inside (L, P), every")
-def portrait_sums(cover, texture, inside, every):  # type: ignore[no-untyped-def]
+def page_feature_sums(cover, texture, inside, every):  # type: ignore[no-untyped-def]
     """Sums over every so many-th line of cover (4, lines, pixels), texture and inside (lines, pixels).
 
     (14,): within the page each ink's area, where each is solid, where anything is printed, where more than two solids

@@ -136,19 +136,19 @@ def look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper, light, 
 
 
 @inner_kernel()
-def add_specks(places, words, top, v, gains, dot_gains, nodes, bends, paper, lights, textures):  # type: ignore[no-untyped-def]
+def add_specks(places, packed, top, v, gains, dot_gains, nodes, bends, paper, lights, textures):  # type: ignore[no-untyped-def]
     """Light and texture (2, columns) of the rows from ``top`` on where specks lie: as ``look_up_rows``, a pixel each.
 
-    places (n, 2), words (n,) as ``speck_pixels``; v: how far down the page these rows are, -1 to 1.
+    places (n, 2), packed (n,) as ``speck_pixels``; v: how far down the page these rows are, -1 to 1.
     """
     place = np.empty(4, np.float32)
     columns = lights.shape[1]
-    for n in range(words.size):
+    for n in range(packed.size):
         row = places[n, 0] - top
         if row == 0 or row == 1:
             u = np.float32((2 * places[n, 1] + 1) / columns - 1)
             for ink in range(4):
-                byte = np.float32((words[n] >> np.uint32(8 * ink)) & np.uint32(255))
+                byte = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
                 gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
                 place[ink] = node_place(byte, gain, dot_gains[ink])
             light, texture = look_up(nodes, bends, place)
@@ -158,7 +158,7 @@ def add_specks(places, words, top, v, gains, dot_gains, nodes, bends, paper, lig
 
 @inner_kernel()
 def look_up_pair(  # type: ignore[no-untyped-def]
-    words,
+    packed,
     top,
     planes,
     gains,
@@ -176,12 +176,12 @@ def look_up_pair(  # type: ignore[no-untyped-def]
 
     Arguments as in ``scan_lines``. A last row without a next one is its own. printed (2, columns): working space.
     """
-    rows = words.shape[0]
+    rows = packed.shape[0]
     v = np.float32((2 * top + 2) / rows - 1)
     upper, lower = printed[0], printed[1]
-    compose_row(words, top, planes, upper)
+    compose_row(packed, top, planes, upper)
     if top + 1 < rows:
-        compose_row(words, top + 1, planes, lower)
+        compose_row(packed, top + 1, planes, lower)
     else:
         lower[:] = upper
     look_up_rows(upper, lower, v, gains, dot_gains, nodes, bends, paper[0], lights, textures)

@@ -79,7 +79,7 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "words (H, _), planes (4, 2), gains (4, 3), dot_gains (4), speck_places (N, 2), "
+    "packed (H, _), planes (4, 2), gains (4, 3), dot_gains (4), speck_places (N, 2), "
     "speck_words (N), nodes (_, 2), bends (4, _), paper (2), across_places (I, J), across_pitch, "
     "across_segment, across_cumulative (_), along_places (K, M), along_pitch, along_segment, "
     "along_cumulative (_), step, depth, above_backing (L, P), texture_variance (L, P)",
@@ -89,7 +89,7 @@ def sample_along(  # type: ignore[no-untyped-def]
     ),
 )
 def scan_lines(  # type: ignore[no-untyped-def]
-    words,
+    packed,
     planes,
     gains,
     dot_gains,
@@ -113,12 +113,12 @@ def scan_lines(  # type: ignore[no-untyped-def]
 ):
     """Light above the backing's and texture of every line of one sensor, before lamp and columns.
 
-    words (rows, columns) uint32: the raster; speck_places (n, 2), speck_words (n,) as ``speck_pixels``; paper: the
+    packed (rows, columns) uint32: the raster; speck_places (n, 2), speck_words (n,) as ``speck_pixels``; paper: the
     white's factor and, [1], the backing's light; arguments from across_places to depth as in
     ``prediction.sampling_grid``.
     Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
     """
-    rows, columns = words.shape
+    rows, columns = packed.shape
     lines, pixels = above_backing.shape
     taps = int(np.ceil((across_cumulative.size - 1) / step)) + 1
     reach = (across_cumulative.size - 1) / (2 * step)
@@ -148,7 +148,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                look_up_pair(words, 2 * pair, *inks, printed, lights, textures)
+                look_up_pair(packed, 2 * pair, *inks, printed, lights, textures)
             place_row(across_places, across_pitch, next_row, x_places)
             begin_at(x_places, across_segment, reach, x_first, x_phase)
             slot = next_row % depth

@@ -1,4 +1,4 @@
-"""Compiled loop: what tiles say of two inks that are exchanged."""
+"""Compiled loop: what tiles say of two inks that are swapped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untype
     fastmath=True,
     error_model="numpy",
 )
-def exchange_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
+def swap_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
     """Pushes and powers of exchanging each of pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
 
     tiles (4, 9 modes or more, h, w): N, D, C of light, each ink added, each ink's gain; cover (4, h, w); known: 1 / the

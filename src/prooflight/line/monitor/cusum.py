@@ -1,4 +1,4 @@
-"""Sums of small surprises over pages: a change too small for any one page to show.
+"""Sums of small deviations over pages: a change too small for any one page to show.
 
 Each value of a channel (an ink's amount, a column's light) is ranked among all values of that channel so far. If pages
 are exchangeable, whatever their values' distribution, sequential ranks are independent and uniform (Barndorff-Nielsen

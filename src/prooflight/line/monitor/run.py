@@ -1,7 +1,7 @@
 """What a run says that no page of it says: inks that drift, registers that wander, a streak that stays at one place.
 
 Every page gives values for channels: amounts of ink, register, light, and the light of narrow columns. ``cusum`` sums
-up their small surprises; an alarm is fitted as a drift or a step, carried on over the rest of the run, and weighed:
+up their small deviations; an alarm is fitted as a drift or a step, carried on over the rest of the run, and weighed:
 stop, reprint or go on, whichever is expected to cost least.
 
 The null: a good run's pages are exchangeable in every channel. Then one run in so many raises a false alarm, by the
@@ -94,7 +94,7 @@ class Announcement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunLevel:
+class RunMonitor:
     """Evidence of one run so far; ``see`` every page in the order of the run. Its size does not grow."""
 
     channels: tuple[Channel, ...]

@@ -5,7 +5,7 @@ takes about a tenth of the time that writing and ripping the same page takes, wh
 line work, images, tints, black type printed over) are those of a RIP's output.
 
 Nothing is shared between designs: words, pictures, colours and layout are all drawn from the design's own generator,
-``default_rng([seed, index])``. Only solid inks and the letters of the typefaces come again.
+``stream(seed, "design", index)``. Only solid inks and the letters of the typefaces come again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, opened
 from prooflight.pages.raster import Page
+from prooflight.rng import stream
 from prooflight.simulation.corpus.designs import books, display, office, sheets
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted, some
 from prooflight.simulation.corpus.designs.inks import BLACK
@@ -109,8 +110,6 @@ IN_COLOUR: Final[dict[Layout, float]] = {
 
 RICH_BLACK: Final = ((0.60, 0.80), (0.57, 0.75), (0.54, 0.72), (0.80, 0.98))
 """Least and greatest ink area, C M Y K, of black type in four inks: what colour-managed office documents rip to. [-]"""
-RICH: Final = 4
-"""What tells random numbers of such blacks from those of designs."""
 
 
 class Designs(Protocol):
@@ -188,7 +187,7 @@ def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0
         raise RequestError("designs", f"a resolution of {dpi} dpi", remedy="give a dpi above 0")
     if not 0 <= black_of_four <= 1:
         raise RequestError("designs", f"black_of_four of {black_of_four}", remedy="give a share of 0 to 1")
-    rng = np.random.default_rng([seed, index])
+    rng = stream(seed, "design", index)
     black_alone = often(rng, BLACK_ALONE)
     width_mm, height_mm = pick_weighted(rng, SIZES_MM)
     layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
@@ -197,7 +196,7 @@ def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0
     layout(sheet, rng, look)
     if not black_alone:
         # A generator of its own: whatever else is drawn stays as it is.
-        _enrich_black(sheet, np.random.default_rng([seed, index, RICH]), black_of_four)
+        _enrich_black(sheet, stream(seed, "rich-black", index), black_of_four)
     return Page(cmyk=sheet.cmyk, dpi=dpi, name=design_name(index), number=index + 1)
 
 

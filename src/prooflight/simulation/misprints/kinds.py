@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.rng import stream
 from prooflight.simulation.misprints import (
     content as misprint_content,
 )
@@ -61,6 +62,6 @@ def draw_misprint(
     has; where a kind cannot be on this page (a page of one ink has no planes out of register) nothing is changed, and
     it is for the caller to look and to draw again.
     """
-    rounding = np.random.default_rng(int(rng.integers(2**63)))
+    rounding = stream(int(rng.integers(2**63)), "misprint-rounding")
     mishap = Mishap(page=page, severity=severity, rng=rng, rounding=rounding, others=others, fetch=fetch)
     return _DRAWERS[kind](mishap)

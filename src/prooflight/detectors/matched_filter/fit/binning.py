@@ -105,9 +105,9 @@ def thinned(page: Page, bins: int) -> Page:
     """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
     if bins == 1:
         return page
-    words = page.words
-    taken = np.empty([-(-extent // bins) for extent in words.shape], np.uint32)
-    take_turns(words, bins, taken)
+    packed = page.packed
+    taken = np.empty([-(-extent // bins) for extent in packed.shape], np.uint32)
+    take_turns(packed, bins, taken)
     cmyk = taken[..., None].view(np.uint8)
     return replace(page, cmyk=cmyk, dpi=page.dpi / bins)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
-from prooflight.kernels.residuals.page_features import portrait_sums
+from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import predict_light
 from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
@@ -175,7 +175,7 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
+class PixelMap:
     """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place.
 
     Displacements are kept at nodes ``STRETCH`` pixels apart and are linear between them.
@@ -195,14 +195,14 @@ class Sight:
         by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
         return np.asarray(by_line - by_line[lines // 2])
 
-    def of_first(self, lines: int) -> Sight:
+    def of_first(self, lines: int) -> PixelMap:
         """The same of a scan that has only so many lines: nothing is known of those that would follow."""
         inside = self.inside.copy()
         inside[lines:] = False
         return replace(self, inside=inside)
 
 
-def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> Sight:
+def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> PixelMap:
     """What the camera looks at where ``placement`` puts the page; linear between nodes."""
     lines, pixels = geometry.lines(page.height_mm), geometry.pixels
     down = np.arange(0, lines + STRETCH, STRETCH)
@@ -218,10 +218,10 @@ def sight(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: f
     inside = np.empty((lines, pixels), np.uint8)
     bounds = (left + margin, right - margin, top + margin, bottom - margin)
     within(by_x, by_y, *(np.float32(bound) for bound in bounds), inside)
-    return Sight(across=by_x, along=by_y, inside=inside.view(np.bool_))
+    return PixelMap(across=by_x, along=by_y, inside=inside.view(np.bool_))
 
 
-def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
+def moved(images: NDArray[np.float32], seen: PixelMap) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
     out = np.empty_like(images)
     some = np.array([image[::8].any() for image in images])
@@ -230,19 +230,19 @@ def moved(images: NDArray[np.float32], seen: Sight) -> NDArray[np.float32]:
     return out
 
 
-PORTRAIT: Final = 15
-PORTRAIT_LINES: Final = 3
+PAGE_FEATURES: Final = 15
+PAGE_FEATURE_LINES: Final = 3
 """Every so many-th line is enough for what a page is like."""
 
 
-def portrait(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """What a page is like, by which its own scatter is foretold: (PORTRAIT,) numbers.
+def page_features(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """What a page is like, by which its own scatter is foretold: (PAGE_FEATURES,) numbers.
 
     Logarithms of each ink's mean area, its share of solids, how much is printed, how much of the scan is page, halftone
     texture, edges of black, of the other inks, and of two inks at once, whose register nobody sees; share of more ink
     than two solids.
     """
-    sums, kept, every = portrait_sums(modes.cover, modes.texture[0], inside, PORTRAIT_LINES)
+    sums, kept, every = page_feature_sums(modes.cover, modes.texture[0], inside, PAGE_FEATURE_LINES)
     ink, solid, printed, heavy, texture, of_black, of_others, of_two = np.split(
         sums, np.cumsum([4, 4, 1, 1, 1, 1, 1])
     )

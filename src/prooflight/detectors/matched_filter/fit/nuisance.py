@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
 
@@ -44,7 +44,7 @@ INKS: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
+class PrintPrior:
     """Standard deviations of what good prints do, before one has been looked at; those of the press world."""
 
     white: float = 0.013
@@ -82,7 +82,7 @@ class Fit:
     """(4,) ink area added at 50 %. [-]"""
     planes: NDArray[np.float64]
     """(4, 2) how far each plane lies too far right and down. [pixels]"""
-    surprise: NDArray[np.float64]
+    pulls: NDArray[np.float64]
     """(amounts,) each amount over the standard deviation it would have on good prints; in the order above."""
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
@@ -90,7 +90,7 @@ class Fit:
     """Robust spread of blocks about the fit, in their standard deviations. [-]"""
     lost: float
     """Share of blocks that the fit does not explain. [-]"""
-    tolerance: Tolerance
+    prior: PrintPrior
     """That it was made with."""
 
     def emptied(self) -> Fit:
@@ -100,7 +100,7 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spread:
+class ResidualVariance:
     """What good prints scatter by besides the fit: learned."""
 
     edge: float = 0.004
@@ -114,14 +114,14 @@ class Spread:
     table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
 
     @classmethod
-    def none(cls) -> Spread:
+    def none(cls) -> ResidualVariance:
         """Of a press whose good prints are as predicted, but for the camera's noise."""
         return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
 
     @property
     def exact(self) -> bool:
         """Whether good prints are as predicted: in their place, of the inks foretold."""
-        return self == Spread.none()
+        return self == ResidualVariance.none()
 
     def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
         """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
@@ -188,14 +188,14 @@ def fit_nuisances(
     measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     *,
     sensors: Sequence[SensorModel],
     colours: Colours,
     planes: NDArray[np.float64],
     pixel_mm: float,
-    tolerance: Tolerance,
-    spread: Spread,
+    prior: PrintPrior,
+    residual_variance: ResidualVariance,
 ) -> Fit:
     """Amounts of every nuisance in one scan; arrays (sensors, lines, pixels) at camera resolution, modes moved.
 
@@ -203,17 +203,19 @@ def fit_nuisances(
     """
     means, places = _summed(measured_dn, seen, modes, where, sensors, colours)
     noise = np.ones(len(sensors))
-    model = _Model.of(means, places, len(colours.centres), tolerance, pixel_mm, planes)
-    amounts, sd, robust, lost = model.solved(noise, spread, np.array([sensor.white_dn for sensor in sensors]))
+    model = _Model.of(means, places, len(colours.centres), prior, pixel_mm, planes)
+    amounts, sd, robust, lost = model.solved(
+        noise, residual_variance, np.array([sensor.white_dn for sensor in sensors])
+    )
     parts = model.parted(amounts)
-    return Fit(**parts, surprise=amounts / sd, noise=noise, spread=robust, lost=lost, tolerance=tolerance)
+    return Fit(**parts, pulls=amounts / sd, noise=noise, spread=robust, lost=lost, prior=prior)
 
 
 def _summed(
     measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     sensors: Sequence[SensorModel],
     colours: Colours,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -273,7 +275,7 @@ class _Model:
         means: NDArray[np.float64],
         places: NDArray[np.float64],
         colours: int,
-        tolerance: Tolerance,
+        prior: PrintPrior,
         pixel_mm: float,
         planes: NDArray[np.float64],
     ) -> _Model:
@@ -281,38 +283,38 @@ class _Model:
         v, u = places
         light = means[:, 2]
         waves = np.arange(1, LAMP_WAVES + 1)
-        power = np.exp(-((np.pi * tolerance.lamp_length * waves) ** 2) / 4)
+        power = np.exp(-((np.pi * prior.lamp_length * waves) ** 2) / 4)
         power /= 0.5 * power.sum() + 0.5
         lamp = np.cos(np.pi * np.multiply.outer((u + 1) / 2, waves))
         x, names = [], []
         for s in range(count):
             own = np.zeros((count, used))
             own[s] = light[s]
-            x.append(own * tolerance.white)
-            names.append(tolerance.white)
-        x.append(light * tolerance.common)
-        names.append(tolerance.common)
+            x.append(own * prior.white)
+            names.append(prior.white)
+        x.append(light * prior.common)
+        names.append(prior.common)
         for k in range(LAMP_WAVES):
-            sd = tolerance.lamp * np.sqrt(power[k])
+            sd = prior.lamp * np.sqrt(power[k])
             x.append(light * lamp[:, k] * sd)
             names.append(sd)
         for s in range(count):
             for j in range(colours):
                 own = np.zeros((count, used))
                 own[s] = means[s, 14 + j]
-                x.append(own * tolerance.shape)
-                names.append(tolerance.shape)
+                x.append(own * prior.shape)
+                names.append(prior.shape)
         for ink in range(INKS):
             x += [
-                means[:, 6 + ink] * tolerance.gain,
-                means[:, 6 + ink] * u * tolerance.tilt,
-                means[:, 6 + ink] * v * tolerance.tilt,
+                means[:, 6 + ink] * prior.gain,
+                means[:, 6 + ink] * u * prior.tilt,
+                means[:, 6 + ink] * v * prior.tilt,
             ]
-            names += [tolerance.gain, tolerance.tilt, tolerance.tilt]
+            names += [prior.gain, prior.tilt, prior.tilt]
         for ink in range(INKS):
-            x.append(means[:, 10 + ink] * tolerance.dot)
-            names.append(tolerance.dot)
-        plane = 0.25 * tolerance.plane_mm / pixel_mm
+            x.append(means[:, 10 + ink] * prior.dot)
+            names.append(prior.dot)
+        plane = 0.25 * prior.plane_mm / pixel_mm
         for ink in range(INKS):
             for axis in range(2):
                 x.append(-means[:, 14 + colours + 4 * axis + ink] * plane)
@@ -330,17 +332,17 @@ class _Model:
         )
 
     def solved(
-        self, noise: NDArray[np.float64], spread: Spread, white_dn: NDArray[np.float64]
+        self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
         """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
         pixels, light = self.sums[:, 0], self.sums[:, 2]
         variance = (
             noise[:, None] * self.sums[:, 3]
-            + spread.contrast * self.sums[:, 5]
-            + 4 * spread.edge * self.sums[:, 4]
+            + residual_variance.contrast * self.sums[:, 5]
+            + 4 * residual_variance.edge * self.sums[:, 4]
         )
         variance = variance / pixels + EDGE_BIAS**2 * self.sums[:, 4]
-        variance += (spread.share_of(light, white_dn[:, None]) * light) ** 2
+        variance += (residual_variance.share_of(light, white_dn[:, None]) * light) ** 2
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, Spread
+    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, ResidualVariance
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -41,12 +41,12 @@ def residual_images(
     measured_dn: NDArray[np.generic],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     fit: Fit,
     *,
     sensors: Sequence[SensorModel],
     colours: Colours,
-    spread: Spread,
+    residual_variance: ResidualVariance,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
     """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
 
@@ -79,7 +79,12 @@ def residual_images(
         )
         light = seen.expected_dn[index] - sensor.column_offset_dn
         noise[index] = noise_factor(
-            left[index], seen.variance_dn2[index], light, modes.texture[index], where.inside, spread
+            left[index],
+            seen.variance_dn2[index],
+            light,
+            modes.texture[index],
+            where.inside,
+            residual_variance,
         )
         variances(
             light,
@@ -87,15 +92,15 @@ def residual_images(
             modes.texture[index],
             where.inside,
             np.float32(noise[index]),
-            np.float32(spread.edge),
-            np.float32(spread.contrast),
-            np.float32(spread.share),
-            np.float32(spread.dark),
+            np.float32(residual_variance.edge),
+            np.float32(residual_variance.contrast),
+            np.float32(residual_variance.share),
+            np.float32(residual_variance.dark),
             np.float32(sensor.white_dn),
             weight[index],
             of_edges[index],
         )
-    for _ in range(0 if spread.exact else LOCAL_ROUNDS):
+    for _ in range(0 if residual_variance.exact else LOCAL_ROUNDS):
         _take_local_moves(left, weight, seen, sensors)
     return left, weight, of_edges, noise
 
@@ -146,7 +151,7 @@ def noise_factor(
     light: NDArray[np.float32],
     texture: NDArray[np.float32],
     inside: NDArray[np.bool_],
-    spread: Spread,
+    residual_variance: ResidualVariance,
 ) -> float:
     """True temporal variance over the stated one, from second differences over squares of flat paper.
 
@@ -161,7 +166,7 @@ def noise_factor(
     flat &= steep < FLAT_SIGMAS * np.sqrt(stated)
     if flat.sum() < LEAST_FLAT:
         return 1.0
-    ratio = spread.contrast * texture[:rows:2, :columns:2][flat] / stated[flat]
+    ratio = residual_variance.contrast * texture[:rows:2, :columns:2][flat] / stated[flat]
     plain = ratio <= max(0.02, float(np.quantile(ratio, 0.05)))
     if ratio[plain].mean() > 1:
         return 1.0

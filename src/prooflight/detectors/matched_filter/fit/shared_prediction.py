@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Sight
+    from prooflight.detectors.matched_filter.fit.modes import PixelMap
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -72,7 +72,7 @@ class SharedPrediction:
         return cls(light=np.stack(light), variance=variance, shadows=shadows)
 
     def seen(
-        self, where: Sight, planes: NDArray[np.float64], *, sensors: Sequence[SensorModel]
+        self, where: PixelMap, planes: NDArray[np.float64], *, sensors: Sequence[SensorModel]
     ) -> Prediction:
         """What the camera sees of a print that lies so; planes (4, 2): how far each lies too far right and down.
 

@@ -1,4 +1,4 @@
-"""Tile sums added up to boxes of every size, and what is most and least among these; echoes of a page's own detail."""
+"""Tile sums added up to boxes of every size, and what is most and least among these; ghosts of a page's own detail."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.kernels.statistics.boxes import merged, squares
-from prooflight.kernels.statistics.echoes import boxed, echo_parts, t_of_boxes
+from prooflight.kernels.statistics.ghosts import boxed, ghost_parts, t_of_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -92,8 +92,8 @@ def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Echoes:
-    """What is needed to look for echoes of each ink's detail, on squares of 2 x 2 tiles."""
+class Ghosts:
+    """What is needed to look for ghosts of each ink's detail, on squares of 2 x 2 tiles."""
 
     own: NDArray[np.float32]
     """(inks, h, w) N' of each ink added."""
@@ -117,7 +117,7 @@ class Echoes:
         return found[0], found[1]
 
     def through(self, ink: int) -> list[EchoBoxes]:
-        """Echoes of one ink at all lags, in boxes of each of ``GHOST_BOXES_MM``; none of one without detail."""
+        """Ghosts of one ink at all lags, in boxes of each of ``GHOST_BOXES_MM``; none of one without detail."""
         if not self.present[ink]:
             return []
         bands = [self.bands(box_mm) for box_mm in GHOST_BOXES_MM]
@@ -126,7 +126,7 @@ class Echoes:
         detail = np.concatenate([above, self.detail[ink].T], axis=1)
         count = self.lags.size
         parts = np.empty((rows.size - 1, columns.size - 1, 3 * count), np.float32)
-        echo_parts(self.own[ink], self.power[ink], self.edges[ink], detail, count, rows, columns, parts)
+        ghost_parts(self.own[ink], self.power[ink], self.edges[ink], detail, count, rows, columns, parts)
         found = []
         for down, right in bands:
             sums = np.empty((len(down), len(right), 3 * count), np.float32)
@@ -143,7 +143,7 @@ class Echoes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EchoBoxes:
-    """Echoes of one ink in boxes of one size."""
+    """Ghosts of one ink in boxes of one size."""
 
     sums: NDArray[np.float32]
     """(rows, columns, 3, lags) N', D', edges; from the most lag down."""
@@ -151,7 +151,7 @@ class EchoBoxes:
     """Middles of boxes, from the first tile."""
     columns_mm: NDArray[np.float64]
 
-    def said(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
+    def t(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
         """T: (rows, columns, lags), from the least lag up; 0 where nothing is known."""
         rows, columns, _, lags = self.sums.shape
         t = np.empty((rows * columns, lags), np.float32)
@@ -160,8 +160,8 @@ class EchoBoxes:
         return t.reshape(rows, columns, lags)[..., ::-1]
 
 
-def echoes(sums: Sums) -> Echoes:
-    """Tile sums and ink areas made ready for ``Echoes.through``."""
+def ghosts(sums: Sums) -> Ghosts:
+    """Tile sums and ink areas made ready for ``Ghosts.through``."""
     halves = [extent // 2 for extent in sums.tiles.shape[-2:]]
     maps = _in_squares(sums.tiles[:, : INKS + 1], halves)
     own, power, edges = without_common(maps)
@@ -170,7 +170,7 @@ def echoes(sums: Sums) -> Echoes:
     cover = _in_squares(sums.cover, halves) / np.float32(4)
     detail = np.stack([one - cv2.blur(one, (wide, wide)) for one in cover])
     first, last = (round(lag / square_mm) for lag in LAGS_MM)
-    return Echoes(
+    return Ghosts(
         own=own[1:],
         power=power[1:],
         edges=edges[1:],

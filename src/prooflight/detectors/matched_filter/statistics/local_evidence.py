@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, Sight
+    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -55,7 +55,7 @@ FLICKER: Final = 0.0015
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
 GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
-"""Heights and widths of boxes in which echoes are looked for."""
+"""Heights and widths of boxes in which ghosts are looked for."""
 FLAT: Final = 0.25
 """Places of which edges make up no more than so much of the variance are flat."""
 LEAST_POWER: Final = 1e-3
@@ -89,7 +89,7 @@ def summed(
     of_edges: NDArray[np.float32],
     seen: Prediction,
     modes: Modes,
-    where: Sight,
+    where: PixelMap,
     *,
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
@@ -179,7 +179,7 @@ def without_common(
     return own, power, edges * np.minimum(power / np.maximum(powers, 1e-9), 1)
 
 
-def statistic(
+def t_statistic(
     own: NDArray[np.floating],
     power: NDArray[np.floating],
     edges: NDArray[np.floating],
@@ -243,10 +243,10 @@ def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
 
 def _levelled(own: NDArray[np.float32], power: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
     """N' without the mean amount over ``wide`` places about it."""
-    push, said = (
+    push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
-    return np.asarray(own - push / (said + 1e-6) * power, np.float32)
+    return np.asarray(own - push / (sure + 1e-6) * power, np.float32)
 
 
 def periodogram(
@@ -260,8 +260,8 @@ def periodogram(
     noise, at_edges, tolerance = scatter
     share = edges / np.maximum(power, 1e-9)
     trust = 1 / (noise * (1 - share) + at_edges * share + tolerance * power.astype(np.float64))
-    said = np.fft.rfft(own * trust, 4 * own.size)
-    spectrum = np.asarray(2 * np.abs(said) ** 2 / (power * trust).sum().clip(min=1e-9), np.float64)
+    transform = np.fft.rfft(own * trust, 4 * own.size)
+    spectrum = np.asarray(2 * np.abs(transform) ** 2 / (power * trust).sum().clip(min=1e-9), np.float64)
     frequency = np.fft.rfftfreq(4 * own.size, tile_mm)
     lowest, highest = 1 / PERIODS_MM[1], 1 / PERIODS_MM[0]
     wanted = np.flatnonzero((frequency >= lowest) & (frequency <= highest))

@@ -1,4 +1,4 @@
-"""Statistics with a place: boxes, streaks, waves, echoes and stray energy; on the whole page, and away from edges."""
+"""Statistics with a place: boxes, streaks, waves, ghosts and stray energy; on the whole page, and away from edges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.detectors.matched_filter.fit.binning import binned
 from prooflight.detectors.matched_filter.fit.nuisance import INKS
-from prooflight.detectors.matched_filter.statistics.boxes import cells_of, echoes
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
     LINE_MODES,
@@ -20,17 +20,17 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     WIDTHS,
     periodogram,
     rows,
-    statistic,
     streaks,
+    t_statistic,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import (
     PAIRS,
     above_neighbours,
-    exchanged,
     extremes_of,
     extremes_of_boxes,
+    swapped_planes,
 )
-from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Said
+from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Statistic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 INK: Final = "CMYK"
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8
-"""Of echoes, for what they scatter by."""
+"""Of ghosts, for what they scatter by."""
 OVERLAP: Final = 4
 """Boxes that overlap by half count as so many fewer."""
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
@@ -52,37 +52,37 @@ NOISE: Final = np.array([1.0, 1.0, 0.0])
 ONE_SIGMA: Final = 0.6827
 
 
-def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Said]:
+def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Statistic]:
     """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
     for place, cells in enumerate(cells_of(sums)):
-        size, said = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, said, strict=True):
+        size, extremes = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for name, most in zip(MODES, extremes, strict=True):
             box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
-            yield Said(name=f"box/{name}+/{size}", value=most.high, box=box[0])
-            yield Said(name=f"box/{name}-/{size}", value=-most.low, box=box[1])
-            yield Said(name=f"apart/{name}+/{size}", value=most.own_high, box=box[2])
-            yield Said(name=f"apart/{name}-/{size}", value=-most.own_low, box=box[3])
-            yield Said(name=f"spread/{name}/{size}", value=float(np.log(most.energy + 0.1)))
+            yield Statistic(name=f"box/{name}+/{size}", value=most.high, box=box[0])
+            yield Statistic(name=f"box/{name}-/{size}", value=-most.low, box=box[1])
+            yield Statistic(name=f"apart/{name}+/{size}", value=most.own_high, box=box[2])
+            yield Statistic(name=f"apart/{name}-/{size}", value=-most.own_low, box=box[3])
+            yield Statistic(name=f"spread/{name}/{size}", value=float(np.log(most.energy + 0.1)))
 
 
-def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Said]:
+def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Statistic]:
     """The same against this page's own, where there are no edges."""
     for place, cells in enumerate(cells_of(flat)):
-        said = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for name, most in zip(MODES, said, strict=True):
+        extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
+        for name, most in zip(MODES, extremes, strict=True):
             if name == "blur":
                 continue
             box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
-            yield Said(name=f"flat/{name}+/{cells.size}", value=most.own_high, box=box[0])
-            yield Said(name=f"flat/{name}-/{cells.size}", value=-most.own_low, box=box[1])
+            yield Statistic(name=f"flat/{name}+/{cells.size}", value=most.own_high, box=box[0])
+            yield Statistic(name=f"flat/{name}-/{cells.size}", value=-most.own_low, box=box[1])
 
 
-def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Said]:
+def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Iterator[Statistic]:
     """Streaks of every mode, width and length against this page's own scatter, and against good prints if named."""
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
-        said = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-        for name, most in zip(MODES[:LINE_MODES], said, strict=True):
+        extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
+        for name, most in zip(MODES[:LINE_MODES], extremes, strict=True):
             for family, high, low, place in (
                 (good, most.high, most.low, 0),
                 (own, most.own_high, most.own_low, 2),
@@ -90,7 +90,7 @@ def of_streaks(sums: Sums, scatter: Scatter, *, own: str, good: str = "") -> Ite
                 if family:
                     part, column = most.places[place + (high < -low)]
                     box = _streak_mm(sums, int(part), int(column), width, s)
-                    yield Said(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
+                    yield Statistic(name=f"{family}/{name}/{width}/{span}", value=max(high, -low), box=box)
 
 
 def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
@@ -117,39 +117,39 @@ def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     """Of every mode."""
     found = []
     for mode, (own, power, edges) in enumerate(zip(*rows(sums), strict=True)):
-        said = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
-        found.append(Waves(own, power, edges, *said))
+        waves = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
+        found.append(Waves(own, power, edges, *waves))
     return found
 
 
-def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Said]:
+def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Statistic]:
     """Waves along the travel of every mode against good prints, and single rows."""
     for mode, (name, one) in enumerate(zip(MODES, seen, strict=True)):
-        yield Said(name=f"band/{name}/wave", value=float(one.waves.max()))
-        yield Said(name=f"band/{name}/harmonics", value=float(one.together.max()))
-        t = statistic(one.own, one.power, one.edges, scatter.bands[mode])
+        yield Statistic(name=f"band/{name}/wave", value=float(one.waves.max()))
+        yield Statistic(name=f"band/{name}/harmonics", value=float(one.together.max()))
+        t = t_statistic(one.own, one.power, one.edges, scatter.bands[mode])
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
-        yield Said(name=f"band/{name}/row", value=float(abs(t[row])), box=(0.0, y, np.inf, sums.tile_mm))
+        yield Statistic(name=f"band/{name}/row", value=float(abs(t[row])), box=(0.0, y, np.inf, sums.tile_mm))
 
 
-def of_waves(seen: Sequence[Waves], *, family: str) -> Iterator[Said]:
+def of_waves(seen: Sequence[Waves], *, family: str) -> Iterator[Statistic]:
     """Waves along the travel against others of about their length on this page."""
     for name, one in zip(MODES, seen, strict=True):
         wave, harmonics = above_neighbours(one.frequency, one.waves)
-        yield Said(name=f"{family}/{name}/one", value=wave)
-        yield Said(name=f"{family}/{name}/harmonics", value=harmonics)
+        yield Statistic(name=f"{family}/{name}/one", value=wave)
+        yield Statistic(name=f"{family}/{name}/harmonics", value=harmonics)
 
 
-def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str = "") -> Iterator[Said]:
-    """Echoes of each ink's detail further down, against those that this page has anyway, and good prints if named."""
-    seen = echoes(sums)
+def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str = "") -> Iterator[Statistic]:
+    """Ghosts of each ink's detail further down, against those that this page has anyway, and good prints if named."""
+    seen = ghosts(sums)
     for ink in range(INKS):
         found = seen.through(ink)
         for b, (height, width) in enumerate(GHOST_BOXES_MM):
             value, usual, box = 0.0, 1.0, NOWHERE
             if found:
-                t = found[b].said(scatters[ink, b])
+                t = found[b].t(scatters[ink, b])
                 row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
                 value = max(float(t[row, column, lag]), 0.0)
                 if value:
@@ -157,34 +157,34 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *, own: str, good: str 
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             if good:
-                yield Said(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
-            yield Said(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
+                yield Statistic(name=f"{good}/{INK[ink]}/{b}", value=value, box=box)
+            yield Statistic(name=f"{own}/{INK[ink]}/{b}", value=value / usual, box=box)
 
 
 def _usual(t: NDArray[np.float32]) -> float:
-    """What T of echoes of an ink on this page scatters by; 0 is nothing known."""
-    said = np.abs(t[t != 0])
-    return max(float(np.quantile(said, ONE_SIGMA)), 0.5) if said.size >= LEAST_BOXES else 1.0
+    """What T of ghosts of an ink on this page scatters by; 0 is nothing known."""
+    known = np.abs(t[t != 0])
+    return max(float(np.quantile(known, ONE_SIGMA)), 0.5) if known.size >= LEAST_BOXES else 1.0
 
 
-def of_exchange(sums: Sums) -> Iterator[Said]:
-    """Inks exchanged over the page."""
-    for (one, other), t in zip(PAIRS, exchanged(sums), strict=True):
-        yield Said(name=f"swap/{INK[one]}{INK[other]}", value=abs(t))
+def of_swapped_planes(sums: Sums) -> Iterator[Statistic]:
+    """Inks swapped over the page."""
+    for (one, other), t in zip(PAIRS, swapped_planes(sums), strict=True):
+        yield Statistic(name=f"swap/{INK[one]}{INK[other]}", value=abs(t))
 
 
-def of_energy(sums: Sums) -> Iterator[Said]:
+def of_energy(sums: Sums) -> Iterator[Statistic]:
     """Squared residuals over their variance, in no one's shape."""
     energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
     share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
-    yield Said(name="energy/page", value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)))
+    yield Statistic(name="energy/page", value=float(np.log(energy.sum() / max(pixels.sum(), 1.0) + 1e-3)))
     maps, side = np.stack([energy, pixels, share]), 1
     for size in (2, 8, 32):
         step, side = size // side, size
         maps = binned(maps, step)[:, : maps.shape[1] // step] * np.float32(step**2)
         if not maps.size:
-            yield Said(name=f"energy/{size}", value=0.0)
-            yield Said(name=f"excess/{size}", value=0.0)
+            yield Statistic(name=f"energy/{size}", value=0.0)
+            yield Statistic(name=f"excess/{size}", value=0.0)
             continue
         e, n, of_edges = maps
         full = n >= 0.5 * n.max()
@@ -192,9 +192,9 @@ def of_energy(sums: Sums) -> Iterator[Said]:
         row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)
         extent = size * sums.tile_mm
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Said(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
+        yield Statistic(name=f"energy/{size}", value=float(np.log(mean[row, column] + 1e-3)), box=box)
         stray = np.stack([e - n, n * full, of_edges])[:, None]
         most = extremes_of(stray, ENERGY[None], overlap=1)[0]
         row, column = most.places[2]
         box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Said(name=f"excess/{size}", value=most.own_high, box=box)
+        yield Statistic(name=f"excess/{size}", value=most.own_high, box=box)

@@ -1,4 +1,4 @@
-"""Statistics of one page against its own scatter, and the exchange of two inks over all of it."""
+"""Statistics of one page against its own scatter, and the swap of two inks over all of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from prooflight.detectors.matched_filter.statistics.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
 from prooflight.kernels.statistics.page_scale import boxes_against_own, each_against_own
-from prooflight.kernels.statistics.swapped_planes import exchange_sums
+from prooflight.kernels.statistics.swapped_planes import swap_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,9 +24,9 @@ MEDIAN_OF_WAVES: Final = 1.386
 """Of chi-square with 2 degrees of freedom: 2 ln 2."""
 PAIRS: Final = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 BLOCK_TILES: Final = 16
-EXCHANGE_SD: Final = 0.3
-"""Of an exchanged share, before it is seen: wide, so that one seen badly is not taken for none."""
-EXCHANGE_TOLERANCE: Final = 0.01
+SWAP_SD: Final = 0.3
+"""Of an swapped share, before it is seen: wide, so that one seen badly is not taken for none."""
+SWAP_TOLERANCE: Final = 0.01
 
 
 class Most(NamedTuple):
@@ -52,7 +52,7 @@ def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, over
     each_against_own(
         maps, scatter.astype(np.float32), np.float32(LEAST_POWER), float(overlap), values, places
     )
-    return _said(values, places)
+    return _extremes(values, places)
 
 
 def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
@@ -69,21 +69,21 @@ def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: fl
         values,
         places,
     )
-    return _said(values, places)
+    return _extremes(values, places)
 
 
 def _nothing(modes: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     return np.zeros((modes, 5), np.float32), np.zeros((modes, 4, 2), np.int64)
 
 
-def _said(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Most]:
+def _extremes(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Most]:
     return [Most._make((*numbers, where)) for numbers, where in zip(values.tolist(), places, strict=True)]
 
 
 def flat_part(sums: Sums) -> Sums:
     """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
-    calm = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
-    return replace(sums, tiles=sums.tiles * calm, columns=sums.flat_columns)
+    flat = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
+    return replace(sums, tiles=sums.tiles * flat, columns=sums.flat_columns)
 
 
 def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64]) -> tuple[float, float]:
@@ -100,19 +100,19 @@ def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64])
     return float(ratio.max()), float(together.max() / np.sqrt(HARMONICS))
 
 
-def exchanged(sums: Sums) -> list[float]:
-    """Share by which each of ``PAIRS`` is exchanged over the page, over its standard deviation.
+def swapped_planes(sums: Sums) -> list[float]:
+    """Share by which each of ``PAIRS`` is swapped over the page, over its standard deviation.
 
     Ink area a becomes a + s (b - a) and b the reverse. The standard deviation is found from the page's own blocks.
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
     blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
     known = np.float32(1 / COMMON**2)
-    exchange_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
+    swap_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
     found = []
     for n, d in zip(*blocks.reshape(2, len(PAIRS), -1).astype(np.float64), strict=True):
-        known_by = float(d.sum()) + 1 / EXCHANGE_SD**2
+        known_by = float(d.sum()) + 1 / SWAP_SD**2
         share = float(n.sum()) / known_by
-        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / EXCHANGE_SD**2)) / known_by
-        found.append(share / float(np.hypot(sd, EXCHANGE_TOLERANCE)))
+        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / SWAP_SD**2)) / known_by
+        found.append(share / float(np.hypot(sd, SWAP_TOLERANCE)))
     return found

@@ -18,7 +18,7 @@ NOWHERE: Final[Box] = (np.nan,) * 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Said:
+class Statistic:
     """One statistic of one page."""
 
     name: str
@@ -29,6 +29,6 @@ class Said:
     """Where; NaN: the page as a whole."""
 
 
-def stated(said: Sequence[Said]) -> NDArray[np.float32]:
+def values_of(statistics: Sequence[Statistic]) -> NDArray[np.float32]:
     """Values of statistics, (n,)."""
-    return np.array([one.value for one in said], np.float32)
+    return np.array([one.value for one in statistics], np.float32)

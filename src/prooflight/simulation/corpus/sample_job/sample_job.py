@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.files.atomic import whole_file
+from prooflight.rng import stream
 from prooflight.simulation.corpus.sample_job import (
     book,
     charts,
@@ -57,7 +58,7 @@ def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
 
     ``seed`` sets names, amounts and prices in the commercial pages. Book and photographs stay the same.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "sample-job")
     with whole_file(path) as unfinished:
         sheet = Sheet(unfinished, prose.TITLE)
         for section in _sections(rng):

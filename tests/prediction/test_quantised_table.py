@@ -21,7 +21,7 @@ from prooflight.kernels.prediction.look_up import (
     look_up_light,
     masks_of,
 )
-from prooflight.prediction.quantised_table import CELL_BITS, Bricks, bricks_of, cells_bits
+from prooflight.prediction.quantised_table import CELL_BITS, QuantisedTable, cells_bits, quantised_table
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -31,44 +31,46 @@ def random_words(count: int, seed: int = 5) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 2**32, count, dtype=np.uint32)
 
 
-def plain_sums(words: np.ndarray, bricks: Bricks) -> np.ndarray:
+def plain_sums(packed: np.ndarray, quantised: QuantisedTable) -> np.ndarray:
     """65536 times the interpolated code, in 64-bit integers."""
-    inks = words.view(np.uint8).reshape(-1, 4).astype(np.int64)
-    bits = bricks.bits.astype(np.int64)
+    inks = packed.view(np.uint8).reshape(-1, 4).astype(np.int64)
+    bits = quantised.bits.astype(np.int64)
     cell, fraction = np.divmod(inks, 256 >> bits)
-    place = np.zeros(words.size, np.int64)
+    place = np.zeros(packed.size, np.int64)
     for ink in (3, 2, 1, 0):
         place = (place << bits[ink]) + cell[:, ink]
     total = np.zeros_like(place)
     for corner in product((0, 1), repeat=4):
         weight = np.prod(np.where(np.array(corner) == 1, fraction, (256 >> bits) - fraction), axis=1)
-        total += weight * bricks.bricks[place, np.array(corner) @ (1, 2, 4, 8)]
+        total += weight * quantised.codes[place, np.array(corner) @ (1, 2, 4, 8)]
     return total
 
 
-def as_light(sums: np.ndarray, bricks: Bricks, level: float) -> np.ndarray:
+def as_light(sums: np.ndarray, quantised: QuantisedTable, level: float) -> np.ndarray:
     roots = sums.astype(np.float32)
-    return roots * roots * bricks.unit - (np.float32(level) + bricks.offset)
+    return roots * roots * quantised.unit - (np.float32(level) + quantised.offset)
 
 
-def random_bricks(seed: int) -> Bricks:
+def random_bricks(seed: int) -> QuantisedTable:
     """Of a table that bends more the more nodes an ink has."""
     rng = np.random.default_rng(seed)
     inks = np.linspace(0, 1, NODES)
     bends = rng.permutation([0.2, 1.0, 2.0, 8.0])
     axes = [np.exp(-2 * inks**bend) for bend in bends]
-    return Bricks.of((3000 * np.einsum("a,b,c,d->abcd", *axes)).astype(np.float32))
+    return QuantisedTable.of((3000 * np.einsum("a,b,c,d->abcd", *axes)).astype(np.float32))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_look_up_is_plain_arithmetic_to_the_bit(seed: int) -> None:
-    bricks, words = random_bricks(seed), random_words(4000, seed)
-    words[1000:1100] = words[1000]  # a run
-    light = np.empty(words.size, np.float32)
-    look_up_light(words, bricks, np.float32(123), light)
-    np.testing.assert_allclose(light, as_light(plain_sums(words, bricks), bricks, 123), rtol=0, atol=1e-3)
-    look_up_light(words, bricks._replace(unit=np.float32(1), offset=np.float32(0)), np.float32(0), light)
-    exact = plain_sums(words, bricks).astype(np.float32)
+    quantised, packed = random_bricks(seed), random_words(4000, seed)
+    packed[1000:1100] = packed[1000]  # a run
+    light = np.empty(packed.size, np.float32)
+    look_up_light(packed, quantised, np.float32(123), light)
+    np.testing.assert_allclose(
+        light, as_light(plain_sums(packed, quantised), quantised, 123), rtol=0, atol=1e-3
+    )
+    look_up_light(packed, quantised._replace(unit=np.float32(1), offset=np.float32(0)), np.float32(0), light)
+    exact = plain_sums(packed, quantised).astype(np.float32)
     np.testing.assert_array_equal(light, exact * exact)
 
 
@@ -76,30 +78,30 @@ def test_processors_without_extraction_give_the_same() -> None:
     by_shifts = eight_at_once(one_instruction=False)
 
     @njit
-    def all_of(words, table, bits, out):  # type: ignore[no-untyped-def]
-        for first in range(0, words.size, 8):
+    def all_of(packed, table, bits, out):  # type: ignore[no-untyped-def]
+        for first in range(0, packed.size, 8):
             by_shifts(
-                table.bricks, table.inner, table.outer, words, bits, first, masks_of(table.bits),
+                table.codes, table.inner, table.outer, packed, bits, first, masks_of(table.bits),
                 table.unit, table.offset, out,
             )  # fmt: skip
 
-    bricks, words = random_bricks(7), random_words(800)
-    b = bricks.bits
-    shifted, light = np.empty((2, words.size), np.float32)
-    all_of(words, bricks, (b[0], b[1], b[2], b[3], np.uint32(16 - b[0] - b[1])), shifted)
-    look_up_light(words, bricks, np.float32(0), light)
+    quantised, packed = random_bricks(7), random_words(800)
+    b = quantised.bits
+    shifted, light = np.empty((2, packed.size), np.float32)
+    all_of(packed, quantised, (b[0], b[1], b[2], b[3], np.uint32(16 - b[0] - b[1])), shifted)
+    look_up_light(packed, quantised, np.float32(0), light)
     np.testing.assert_array_equal(shifted, light)
 
 
 def test_stays_with_the_tables_it_stands_for(press: Press) -> None:
     """A tenth of a sigma is asked of tables against the spectral model; a look-up may not use it up."""
     model = press.sensors[0]
-    words = random_words(20_000)
-    words[:2] = 0, 0xFFFFFFFF
-    cmyk = words.view(np.uint8).reshape(-1, 4)
-    mean, variance, light = np.empty((3, words.size), np.float32)
+    packed = random_words(20_000)
+    packed[:2] = 0, 0xFFFFFFFF
+    cmyk = packed.view(np.uint8).reshape(-1, 4)
+    mean, variance, light = np.empty((3, packed.size), np.float32)
     look_up_row(cmyk, model.interleaved(), mean, variance)
-    look_up_light(words, bricks_of(model.mean_dn), np.float32(0), light)
+    look_up_light(packed, quantised_table(model.mean_dn), np.float32(0), light)
     error = (light - mean) / np.sqrt(variance)
     assert abs(light[0] - model.white_dn) < 1e-3
     assert np.sqrt(np.mean(error**2)) < 0.1
@@ -112,7 +114,7 @@ def test_solid_inks_are_the_tables_own(press: Press) -> None:
     solid = np.array(list(product((0, 255), repeat=4)), np.uint8)
     mean, variance, light = np.empty((3, len(solid)), np.float32)
     look_up_row(solid, model.interleaved(), mean, variance)
-    look_up_light(solid.view(np.uint32).ravel(), bricks_of(model.mean_dn), np.float32(0), light)
+    look_up_light(solid.view(np.uint32).ravel(), quantised_table(model.mean_dn), np.float32(0), light)
     np.testing.assert_allclose(light, mean, atol=0.15)
 
 
@@ -127,9 +129,9 @@ def test_curved_inks_have_more_cells() -> None:
 @pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="the processor has no AVX2")
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="compiling is switched off")
 def test_compiled_look_up_and_filter_are_vectors(press: Press) -> None:
-    bricks, words = bricks_of(press.sensors[0].mean_dn), random_words(64)
+    quantised, packed = quantised_table(press.sensors[0].mean_dn), random_words(64)
     fresh = njit(look_up_light.py_func)
-    fresh(words, bricks, np.float32(0), np.empty(64, np.float32))
+    fresh(packed, quantised, np.float32(0), np.empty(64, np.float32))
     (assembly,) = fresh.inspect_asm().values()
     assert assembly.count("vpmaddwd") >= look_up_kernels.AT_ONCE
     assert "pext" in assembly

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.training.learn import Pages, learn_tolerance
-from prooflight.detectors.matched_filter.analysis import look, prepare_page
-from prooflight.detectors.matched_filter.fit.modes import PORTRAIT
-from prooflight.detectors.matched_filter.fit.nuisance import Spread
-from prooflight.detectors.matched_filter.model import TolerancePress, compressed, families_of
-from prooflight.detectors.matched_filter.statistics.families import all_said
+from prooflight.commissioning.training.learn import Pages, learn_model
+from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
+from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
+from prooflight.detectors.matched_filter.model import DetectorModel, compressed, families_of
+from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import stated
+from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.files.schema import Misfit
 from prooflight.prediction.predict import predict
 from prooflight.simulation.misprints.kinds import KINDS
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 NAMES = ["box/add-C+/8", "box/add-C-/8", "flat/void+/4", "streak/void/1/full", "ghost/C/0", "place/skew"]
 
 
-def learned(portrait: int) -> TolerancePress:
-    """From made-up statistics of three kinds of misprints, and portraits of so many numbers; seed 1."""
+def learned(count: int) -> DetectorModel:
+    """From made-up statistics of three kinds of misprints, and page features of so many numbers; seed 1."""
     rng = np.random.default_rng(1)
     values = np.exp(0.3 * rng.standard_normal((400, len(NAMES)))).astype(np.float32)
     bad = np.arange(400) % 2 == 1
     kind = np.where(bad, np.array(KINDS)[np.arange(400) // 2 % 3], "")
     for place, one in enumerate(KINDS[:3]):
         values[kind == one, place] *= 8
-    portraits = rng.standard_normal((400, portrait))
-    pages = Pages(values=values, portraits=portraits, design=np.arange(400) // 2, bad=bad, kind=kind)
-    return learn_tolerance(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
+    page_features = rng.standard_normal((400, count))
+    pages = Pages(values=values, page_features=page_features, design=np.arange(400) // 2, bad=bad, kind=kind)
+    return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
 
 
 @pytest.fixture(scope="module")
-def taught() -> TolerancePress:
+def trained() -> DetectorModel:
     return learned(3)
 
 
@@ -53,21 +53,23 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
     rows, columns = cmyk.shape[:2]
     spot = (slice(rows // 2, rows // 2 + 24), slice(columns // 2, columns // 2 + 24))
     cmyk[spot] = 255 - cmyk[spot]
-    said = []
+    statistics = []
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
-        looked = look(known, scan, sensors=press.sensors, geometry=press.geometry)
-        said.append(all_said(looked.sums, looked.fit, looked.found, Scatter.white()))
-    good, bad = (compressed(stated(one)) for one in said)
-    assert [one.name for one in said[0]] == [one.name for one in said[1]]
+        analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
+        statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
+    good, bad = (compressed(values_of(one)) for one in statistics)
+    assert [one.name for one in statistics[0]] == [one.name for one in statistics[1]]
     assert np.isfinite(good).all()
     assert (bad - good).max() > 1.0
 
 
-@pytest.mark.parametrize("spread", [Spread(), Spread.none()], ids=["varies", "exact"])
+@pytest.mark.parametrize(
+    "residual_variance", [ResidualVariance(), ResidualVariance.none()], ids=["varies", "exact"]
+)
 def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
-    press: Press, page: Page, spread: Spread
+    press: Press, page: Page, residual_variance: ResidualVariance
 ) -> None:
     """Three raster pixels beside the steepest edge: what a print's own scatter hides, noise alone does not.
 
@@ -84,12 +86,14 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
-        looked = look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread)
-        said = all_said(looked.sums, looked.fit, looked.found, Scatter.white())
-        most.append(max(one.value for one in said if one.name.startswith("box/")))
+        analysis = analyse(
+            known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
+        )
+        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
+        most.append(max(one.value for one in statistics if one.name.startswith("box/")))
     good, bad = most
     assert good < 6
-    assert (bad > 8) == spread.exact
+    assert (bad > 8) == residual_variance.exact
 
 
 def test_what_an_exact_press_looks_at_is_found_and_not_taken_out(press: Press, page: Page) -> None:
@@ -103,8 +107,10 @@ def test_what_an_exact_press_looks_at_is_found_and_not_taken_out(press: Press, p
         np.random.default_rng(2),
     )
     exact, varying = (
-        look(known, scan, sensors=press.sensors, geometry=press.geometry, spread=spread)
-        for spread in (Spread.none(), Spread())
+        analyse(
+            known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
+        )
+        for residual_variance in (ResidualVariance.none(), ResidualVariance())
     )
     assert np.abs(exact.fit.gain[:, 0]).max() > 0.01
     push, power = (np.abs(exact.sums.tiles[part, 0].sum(dtype=float)) for part in (0, 1))
@@ -112,34 +118,34 @@ def test_what_an_exact_press_looks_at_is_found_and_not_taken_out(press: Press, p
     assert push / power > 3 * taken
 
 
-def test_kinds_are_told_apart(taught: TolerancePress) -> None:
+def test_kinds_are_told_apart(trained: DetectorModel) -> None:
     values = np.ones((3, len(NAMES)), np.float32)
     values[np.arange(3), np.arange(3)] = 9
-    assert taught.kinds_of(values, np.zeros((3, 3))) == list(KINDS[:3])
+    assert trained.kinds_of(values, np.zeros((3, 3))) == list(KINDS[:3])
 
 
-def test_more_evidence_scores_higher(taught: TolerancePress) -> None:
+def test_more_evidence_scores_higher(trained: DetectorModel) -> None:
     values = np.ones((2, len(NAMES)), np.float32)
     values[1, 0] = 9
-    good, bad = taught.score(values, np.zeros((2, 3)))
+    good, bad = trained.score(values, np.zeros((2, 3)))
     assert bad > good + 2
 
 
-def test_kinds_and_scores_come_back_from_arrays_and_facts(taught: TolerancePress) -> None:
-    again = TolerancePress.from_parts(taught.arrays(), taught.facts())
+def test_kinds_and_scores_come_back_from_arrays_and_facts(trained: DetectorModel) -> None:
+    again = DetectorModel.from_parts(trained.arrays(), trained.facts())
     rng = np.random.default_rng(3)
-    values, portraits = rng.exponential(2, (50, len(NAMES))), rng.standard_normal((50, 3))
-    assert np.array_equal(again.score(values, portraits), taught.score(values, portraits))
-    assert again.kinds_of(values, portraits) == taught.kinds_of(values, portraits)
+    values, page_features = rng.exponential(2, (50, len(NAMES))), rng.standard_normal((50, 3))
+    assert np.array_equal(again.score(values, page_features), trained.score(values, page_features))
+    assert again.kinds_of(values, page_features) == trained.kinds_of(values, page_features)
 
 
 def test_what_misprints_taught_is_checked_whole() -> None:
-    found = learned(PORTRAIT)
+    found = learned(PAGE_FEATURES)
     arrays, facts = found.arrays(), found.facts() | {"threshold": None}
-    TolerancePress.check(arrays, facts)
+    DetectorModel.check(arrays, facts)
     for name in arrays:
         with pytest.raises(Misfit, match=name):
-            TolerancePress.check({one: array for one, array in arrays.items() if one != name}, facts)
+            DetectorModel.check({one: array for one, array in arrays.items() if one != name}, facts)
     without_last = facts["kinds"][:-1]
     for change in (
         {"kinds": without_last},
@@ -152,7 +158,7 @@ def test_what_misprints_taught_is_checked_whole() -> None:
         {"tail_from": 1.0},
     ):
         with pytest.raises(Misfit):
-            TolerancePress.check(arrays, facts | change)
+            DetectorModel.check(arrays, facts | change)
 
 
 def test_families_join_sizes_and_keep_signs_apart() -> None:

@@ -1,4 +1,4 @@
-"""What the running inspection asks of whoever judges: make a design ready, look at one scan of it."""
+"""What the running inspection asks of an inspector of sheets: make a design ready, inspect one scan of it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
-from prooflight.inspection.rejudging import kept_evidence
+from prooflight.inspection.redeciding import kept_evidence
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.sheets.thumbnails import thumbnail_of
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 Ready = TypeVar("Ready")
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
-"""Lines and pixels that a rehearsed page lies off its place."""
+"""Lines and pixels that a page of the warm-up lies off its place."""
 HOLE_PART: Final = 16
-"""Of a scan's length and width, gone from a rehearsed page."""
+"""Of a scan's length and width, gone from a page of the warm-up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judged:
+class SheetResult:
     """One sheet's verdict, what it adds to its run, and what the journal keeps of it."""
 
     verdict: Verdict
@@ -39,31 +39,31 @@ class Judged:
     kept: Mapping[str, NDArray[Any]] | None = None
 
 
-class Judge(Protocol[Ready]):
-    """Judges sheets; called from several threads at once."""
+class SheetInspector(Protocol[Ready]):
+    """Inspects sheets; called from several threads at once."""
 
     def prepare(self, page: Page) -> Ready:
         """All that can be known of a design ahead of its sheets."""
         ...
 
-    def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
-        """Look at one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
+    def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
+        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
         ...
 
     def thumbnail(self, ready: Ready) -> Thumbnail:
         """By which the design's sheets are known."""
         ...
 
-    def rehearse(self, ready: Ready) -> None:
+    def warm_up(self, ready: Ready) -> None:
         """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory."""
         ...
 
-    def following(self, press: Press) -> Judge[Ready]:
-        """The same judge on a press whose light has changed a little."""
+    def following(self, press: Press) -> SheetInspector[Ready]:
+        """The same on a press whose light has changed a little."""
         ...
 
     def renewed(self, ready: Ready) -> Ready:
-        """A design that the judge made ready before, once it follows the press as it is now."""
+        """A design that the inspector made ready before, once it follows the press as it is now."""
         ...
 
 
@@ -76,52 +76,52 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressJudge:
-    """An ``Inspector`` as a judge."""
+class PressSheetInspector:
+    """An ``Inspector`` as an inspector of sheets."""
 
     inspector: Inspector
     keep: Keep = "none"
     """Of which sheets evidence is kept for the journal."""
 
     def prepare(self, page: Page) -> Known:
-        """See ``Judge``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
+        """See ``SheetInspector``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
-    def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> Judged:
-        """See ``Judge``; ScanError: the scan does not fit press or page."""
+    def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
+        """See ``SheetInspector``; ScanError: the scan does not fit press or page."""
         prepared, press = ready.prepared, self.inspector.press
         inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
-        return Judged(
+        return SheetResult(
             verdict=inspection.verdict,
             evidence=evidence,
             kept=kept_evidence(inspection, prepared.page, press) if kept else None,
         )
 
     def thumbnail(self, ready: Known) -> Thumbnail:
-        """See ``Judge``."""
+        """See ``SheetInspector``."""
         return ready.thumbnail
 
-    def rehearse(self, ready: Known) -> None:
-        """See ``Judge``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
+    def warm_up(self, ready: Known) -> None:
+        """See ``SheetInspector``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
         seen = self.inspector.planned(ready.prepared.page).expected
         expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
         for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
             scan = np.roll(expected, off, axis=(1, 2))
             scan[:, lines, pixels] = hole
-            self.inspect(ready, scan, name="rehearsal", seed=0)
+            self.inspect(ready, scan, name="warm-up", seed=0)
         self.prepare(ready.prepared.page)
 
     def following(self, press: Press) -> Self:
-        """See ``Judge``."""
+        """See ``SheetInspector``."""
         return replace(self, inspector=self.inspector.under(press))
 
     def renewed(self, ready: Known) -> Known:
-        """See ``Judge``; next to no work, where the detector can follow the light."""
+        """See ``SheetInspector``; next to no work, where the detector can follow the light."""
         station = self.inspector.detector.station
         known = ready.prepared.known.under(station)
         if known is None:

@@ -10,14 +10,14 @@ _LEAST = np.float32(1e-6)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
-    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); echo (lags,): what was there.
+def add_lags(n, d, e, ghost, sums):  # type: ignore[no-untyped-def]
+    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); ghost (lags,): what was there.
 
     One array is written: with more, the compiler would not know them apart and give up vectors.
     """
-    lags = echo.size
+    lags = ghost.size
     for lag in range(lags):
-        value = echo[lag]
+        value = ghost[lag]
         square = value * value
         sums[lag] += n * value
         sums[lags + lag] += d * square
@@ -29,7 +29,7 @@ def add_lags(n, d, e, echo, sums):  # type: ignore[no-untyped-def]
     "out (R - 1, C - 1, 3 * lags)",
     where="H + lags - 1 <= D",
 )
-def echo_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
+def ghost_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
     """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
 
     own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;

@@ -1,6 +1,6 @@
 """One scan judged at several lengths, in a process of its own: verdicts as JSON, a line each.
 
-python judge_lengths.py X.press SCAN.pickle DETECTOR LENGTH... ; ``test_scan_lengths`` writes such files.
+python inspect_lengths.py X.press SCAN.pickle DETECTOR LENGTH... ; ``test_scan_lengths`` writes such files.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def of_length(scan: NDArray[np.uint16], lines: int) -> NDArray[np.uint16]:
     return np.concatenate([scan[:, :lines], beyond.astype(np.uint16)], axis=1)
 
 
-def judged(
+def inspected(
     press: Press, page: Page, scan: NDArray[np.uint16], detector: str, lengths: Iterable[int]
 ) -> list[dict[str, Any]]:
     """Lines, verdict, kind and score of the scan at each length."""
@@ -48,5 +48,5 @@ def judged(
 
 if __name__ == "__main__":
     page, scan = pickle.loads(Path(sys.argv[2]).read_bytes())
-    for row in judged(Press.load(Path(sys.argv[1])), page, scan, sys.argv[3], map(int, sys.argv[4:])):
+    for row in inspected(Press.load(Path(sys.argv[1])), page, scan, sys.argv[3], map(int, sys.argv[4:])):
         print(json.dumps(row))  # noqa: T201

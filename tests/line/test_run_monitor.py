@@ -8,15 +8,15 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.line.monitor.cusum import CLIP, SequentialRanks, Sums, run_length, threshold_for
 from prooflight.line.monitor.forecast import Change, expected_costs
-from prooflight.line.monitor.run import RECENT, PageEvidence, RunLevel
+from prooflight.line.monitor.run import RECENT, PageEvidence, RunMonitor
 
 COSTS = RunningCosts()
 COLUMNS_MM = (np.arange(40) + 0.5) * 0.5
 DRIFTS = 4 + 8 + 2 + 1 + 6  # gains, registers, shifts, light of one sensor, waves of the lamp
 
 
-def level(**changed: float) -> RunLevel:
-    return RunLevel.begin(sensors=("mono",), columns_mm=COLUMNS_MM, costs=COSTS, **changed)
+def monitor(**changed: float) -> RunMonitor:
+    return RunMonitor.begin(sensors=("mono",), columns_mm=COLUMNS_MM, costs=COSTS, **changed)
 
 
 def test_run_length_is_that_of_lucas_and_crosier() -> None:
@@ -67,7 +67,7 @@ def test_missing_values_count_for_nothing() -> None:
 
 def test_three_pages_whatever_they_show_raise_no_alarm() -> None:
     """A fault of the paper path spoils a page or two: nothing beyond the pages concerned."""
-    rng, run = np.random.default_rng(8), level()
+    rng, run = np.random.default_rng(8), monitor()
     assert run.thresholds.min() > 3 * CLIP
     for sheet in range(300):
         spoilt = sheet in (100, 101, 102)
@@ -81,7 +81,7 @@ def test_a_drift_of_a_twentieth_of_a_percent_is_said_before_its_level_leaves_tol
     """Prints scatter by 1.5 % as in worlds.toml; tolerance is 7 %, left by the level after 140 pages."""
     said = []
     for seed in range(8):
-        rng, run = np.random.default_rng(seed), level()
+        rng, run = np.random.default_rng(seed), monitor()
         session = rng.standard_normal() * 0.012
         for sheet in range(good + 140):
             gain = session + rng.standard_normal() * 0.015 + 0.0005 * max(sheet - good, 0)
@@ -97,7 +97,7 @@ def test_a_drift_of_a_twentieth_of_a_percent_is_said_before_its_level_leaves_tol
 
 def test_a_streak_is_said_once_where_it_is() -> None:
     """Half a percent of the light, a third of what single columns scatter by: no page shows it."""
-    rng, run, news = np.random.default_rng(9), level(), []
+    rng, run, news = np.random.default_rng(9), monitor(), []
     for sheet in range(300):
         columns = rng.standard_normal(40) * 0.004
         if sheet >= 100:
@@ -112,7 +112,7 @@ def test_a_streak_is_said_once_where_it_is() -> None:
 
 
 def test_a_streak_that_creeps_is_said_while_it_is_faint() -> None:
-    rng, run = np.random.default_rng(10), level()
+    rng, run = np.random.default_rng(10), monitor()
     for sheet in range(1000):
         columns = rng.standard_normal(40) * 0.004
         columns[5] -= 0.00005 * sheet
@@ -125,7 +125,7 @@ def test_a_streak_that_creeps_is_said_while_it_is_faint() -> None:
 
 def test_small_certain_changes_are_not_worth_a_word() -> None:
     """2 % of the tolerance, ten times the scatter."""
-    run = level()
+    run = monitor()
     rng = np.random.default_rng(11)
     for sheet in range(400):
         gain = rng.standard_normal() * 0.0001 + 0.0014 * (sheet > 100)
@@ -133,7 +133,7 @@ def test_small_certain_changes_are_not_worth_a_word() -> None:
 
 
 def test_false_alarms_are_shared_out_by_the_union_bound() -> None:
-    run = level(false_alarms=2.0)
+    run = monitor(false_alarms=2.0)
     lengths = {threshold: run_length(threshold) for threshold in set(run.thresholds.tolist())}
     rates = [2 * 100_000 / lengths[threshold] for threshold in run.thresholds.tolist()]
     assert len(run.channels) == DRIFTS + 40
@@ -174,13 +174,13 @@ def test_nothing_is_recommended_where_the_run_ends_before_tolerance_is_left() ->
 
 
 def test_the_end_of_what_is_followed_is_evidence() -> None:
-    news = level().excursion(12, "light-mono", -0.045)
+    news = monitor().excursion(12, "light-mono", -0.045)
     assert [(one.kind, one.level, one.pages_to_tolerance) for one in news] == [("excursion", -0.045, None)]
     assert "as far as it is followed" in news[0].text
 
 
 def test_size_does_not_grow() -> None:
-    run, rng = level(), np.random.default_rng(13)
+    run, rng = monitor(), np.random.default_rng(13)
     sizes = []
     for sheet in range(2 * RECENT):
         run.see(sheet, PageEvidence(values={"shift-x": rng.standard_normal()}))
@@ -196,7 +196,7 @@ def test_a_page_whose_numbers_are_absurd_spoils_no_run(value: float) -> None:
     """Seed 9: a drift is found as it would have been, and nothing overflows."""
     found = []
     for absurd in (0.0, value):
-        rng, run = np.random.default_rng(9), level()
+        rng, run = np.random.default_rng(9), monitor()
         said = []
         for sheet in range(300):
             gain = rng.standard_normal() * 0.01 + max(sheet - 100, 0) * 5e-4

@@ -13,10 +13,10 @@ from prooflight.commissioning.training.simulated_days import (
     PressDay,
     fitted,
     good_prior,
-    good_spread,
+    good_residual_variance,
 )
 from prooflight.commissioning.training.train import FEWEST, Plan
-from prooflight.detectors.matched_filter.fit.nuisance import Spread, Tolerance
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
@@ -41,15 +41,15 @@ def test_too_few_designs_are_refused() -> None:
         Plan.of(FEWEST - 1)
 
 
-def test_a_taught_press_comes_back_from_its_file(taught_press: Press, tmp_path: Path) -> None:
+def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path: Path) -> None:
     path = tmp_path / "taught.press"
-    assert taught_press.save(path) == taught_press.digest
+    assert trained_press.save(path) == trained_press.digest
     again = Press.load(path)
-    assert again.digest == taught_press.digest
+    assert again.digest == trained_press.digest
     assert again.ours is not None
-    assert taught_press.ours is not None
-    assert again.ours.promise == taught_press.ours.promise
-    assert again.ours.threshold == taught_press.ours.threshold
+    assert trained_press.ours is not None
+    assert again.ours.promise == trained_press.ours.promise
+    assert again.ours.threshold == trained_press.ours.threshold
     assert again.bayes is None
     assert again.ours.promise.simulated == len(Plan.of(24).tune)
     assert again.ours.promise.conformal
@@ -59,7 +59,7 @@ def test_a_taught_press_comes_back_from_its_file(taught_press: Press, tmp_path: 
     ("variation", "times"),
     [
         ({}, {}),
-        ({"all_times": 1.5}, dict.fromkeys(asdict(Tolerance()), 1.5) | {"lamp_length": 1.0}),
+        ({"all_times": 1.5}, dict.fromkeys(asdict(PrintPrior()), 1.5) | {"lamp_length": 1.0}),
         # 3 and 1.5 % of a session and a print instead of 1.2 and 1.5 %.
         ({"ink": {"gain_session_percent": 3.0}}, {"gain": np.hypot(3.0, 1.5) / np.hypot(1.2, 1.5)}),
         ({"all_times": 2.0, "register": {"plane_um": 48.0, "plane_clip_um": 57.0}}, None),
@@ -71,7 +71,7 @@ def test_a_taught_press_comes_back_from_its_file(taught_press: Press, tmp_path: 
 def test_what_good_prints_are_taken_to_do_follows_the_press(
     press: Press, variation: dict[str, Any], times: dict[str, float] | None
 ) -> None:
-    prior, world = good_prior(replace(press, variation=variation)), Tolerance()
+    prior, world = good_prior(replace(press, variation=variation)), PrintPrior()
     if times is None:
         assert (prior.gain, prior.plane_mm, prior.most_plane_mm) == (2 * world.gain, world.plane_mm, 0.057)
         return
@@ -83,27 +83,27 @@ def test_what_good_prints_are_taken_to_do_follows_the_press(
 
 def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press) -> None:
     """Variances by the square of an amount, shares of the light by the amount."""
-    world = Spread()
-    assert good_spread(press) == world
-    twice = good_spread(replace(press, variation={"all_times": 2.0}))
-    assert twice == Spread(
+    world = ResidualVariance()
+    assert good_residual_variance(press) == world
+    twice = good_residual_variance(replace(press, variation={"all_times": 2.0}))
+    assert twice == ResidualVariance(
         edge=4 * world.edge, contrast=4 * world.contrast, share=2 * world.share, dark=2 * world.dark
     )
-    coarse = good_spread(replace(press, variation={"ink": {"halftone_contrast": 0.06}}))
+    coarse = good_residual_variance(replace(press, variation={"ink": {"halftone_contrast": 0.06}}))
     assert coarse == replace(world, contrast=4 * world.contrast)
-    assert good_spread(replace(press, variation={"all_times": 0.0})).exact
+    assert good_residual_variance(replace(press, variation={"all_times": 0.0})).exact
 
 
-def test_a_press_keeps_what_its_prints_were_taken_to_do(taught_press: Press, tmp_path: Path) -> None:
-    ours = taught_press.ours
+def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tmp_path: Path) -> None:
+    ours = trained_press.ours
     assert ours is not None
-    prior = Tolerance(gain=0.05, most_plane_mm=0.2)
-    own = replace(taught_press, ours=replace(ours, tolerance=replace(ours.tolerance, prior=prior)))
+    prior = PrintPrior(gain=0.05, most_plane_mm=0.2)
+    own = replace(trained_press, ours=replace(ours, model=replace(ours.model, prior=prior)))
     own.save(tmp_path / "own.press")
     again = Press.load(tmp_path / "own.press").ours
     assert again is not None
-    assert again.tolerance.prior == prior
-    assert "prior" not in ours.tolerance.facts()  # so that artefacts of before keep their digests
+    assert again.model.prior == prior
+    assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests
 
 
 def test_a_design_wider_than_the_field_is_cut_to_it(press: Press, make_page: Callable[..., Page]) -> None:
@@ -118,7 +118,7 @@ def test_days_differ_and_a_day_repeats(press: Press, page: Page) -> None:
     scans = []
     for first, seed in ((0, 1), (0, 1), (4, 1)):
         day = PressDay.of(press, _One(page), seed=1, first=first)
-        scans.append(day.scan(day.room.good(page), np.random.default_rng(seed)))
+        scans.append(day.scan(day.day.good(page), np.random.default_rng(seed)))
     np.testing.assert_array_equal(scans[0], scans[1])
     assert (scans[0] != scans[2]).mean() > 0.5
 

@@ -56,7 +56,7 @@ def without_levels(s):  # type: ignore[no-untyped-def]
     "flags (N, 3), told (N, 3)",
     error_model="numpy",
 )
-def judge_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # type: ignore[no-untyped-def]
+def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # type: ignore[no-untyped-def]
     """Sums of ``weigh`` (sensors, n, 16) -> moves (n, 2), precision (n, 2, 2), as in ``TileMoves``.
 
     Level and gain are each sensor's own and drop out. beyond (n, 2): ``Landmarks.beyond``; step_sd:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from prooflight_studies.harness.baselines import (
-    PEERS,
+    BASELINES,
     VariationModel,
     absolute_difference,
     all_scores,
@@ -131,14 +131,14 @@ def test_every_peer_finds_a_missing_block_and_none_changes_its_inputs() -> None:
         all_scores(scan, expected, variance, variation=NOISE_ALONE, white_dn=WHITE)
         for scan in (measured, spoiled)
     ]
-    assert scores[0].shape == (len(PEERS),)
+    assert scores[0].shape == (len(BASELINES),)
     assert (scores[1] > 2 * scores[0]).all()
     for array, copy in zip(arrays, before, strict=True):
         np.testing.assert_array_equal(array, copy)
 
 
 @given(turns=st.integers(0, 3))
-def test_peers_do_not_care_how_the_page_is_turned(turns: int) -> None:
+def test_baselines_do_not_care_how_the_page_is_turned(turns: int) -> None:
     measured, expected, variance = page(side=48)
     upright = all_scores(measured, expected, variance, variation=NOISE_ALONE, white_dn=WHITE)
     turned = [

@@ -1,0 +1,173 @@
+"""Random numbers: every generator of the product and of its studies begins here, in ``stream``.
+
+A stream is named by what is drawn from it. ``PURPOSES`` gives the seed sequence of each name, with all its fixed
+numbers. Published figures were drawn from these sequences, so they stay as they are, to the bit.
+
+NumPy fills a seed sequence with zeros to four words, so ``[seed, design, 0]`` is ``[seed, design]``, and an index may
+be what another purpose has as a fixed number. So purposes can meet (``KNOWN_SHARED`` in ``tests/test_rng.py``):
+
+- at ``[seed]``, which is ``[seed, 0]``: what takes a seed alone, and number 0 of what takes one index;
+- at ``[seed, n]``: number n of what takes one index, and what has n as its fixed number;
+- at ``[seed, n, k]``: the k-th of several things of one design, page or sheet;
+- at ``[seed, 0, 0, 0, 1]``: the second child of ``[seed]``, and a press day that begins with design 0.
+
+That matters where one run draws both with one seed. These runs do:
+
+- ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
+  and design 2;
+- ``study press``: the resampling of costs and designs 6 to 8; the last ranking and design 9;
+- ``study registration``: session, prints and scans of a composed design, and its drawing;
+- ``study soak``: a print and the drawing of its design; the faults, design 2 and its print;
+- ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
+- ``study calibration``: the session and the choice of colours of a job's page 1;
+- ``study ink``: the folds and the noise whose median is said;
+- ``watch``: the faults of its drum and sheet 9;
+- the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of ``paper``,
+  ``design``, ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the first
+  piece of ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the
+  misprints and sheet 0 of ``demo``, sheet 0 of ``watch``.
+
+The same bits then make two things, such as a layout and a noise. Whether a published figure hangs on that has not been
+measured. A new purpose meets none if its second word is fixed, and the next number after ``FREE`` that is not taken.
+"""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+@dataclass(frozen=True, slots=True)
+class From:
+    """An index that counts from another number than 0 in its seed sequence."""
+
+    first: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Purpose:
+    """What a stream is for."""
+
+    draws: str
+    """What is drawn from it."""
+    layout: tuple[int | str | From, ...]
+    """Its seed sequence: fixed numbers, and names of what ``stream`` is given. The seed, given or fixed, is first."""
+
+    @property
+    def seeded(self) -> bool:
+        """Whether it takes a seed; if not, its draws are the same in every run."""
+        return self.layout[0] == SEED
+
+    @property
+    def indices(self) -> tuple[str, ...]:
+        """What it takes beside the seed."""
+        names = (word.name if isinstance(word, From) else word for word in self.layout)
+        return tuple(name for name in names if isinstance(name, str) and name != SEED)
+
+
+SEED: Final = "seed"
+FREE: Final = 2**31
+"""No index reaches it: as a second word it is of ``strangers`` alone."""
+
+PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
+    {
+        "a4-design": Purpose("words, pictures and layout of a design on A4", (SEED, "design")),
+        "bench-page": Purpose("bars and gradients of the pages on which speed is measured", (1,)),
+        "bench-scan": Purpose("noise of the scans on which speed is measured", (2,)),
+        "bootstrap": Purpose("which designs resample a cost, the same for every detector", (SEED, 2)),
+        "calibration-chart": Purpose("places, prints and scans of a chart's patches", (SEED, "patches")),
+        "calibration-session": Purpose("the session in which all charts are printed", (SEED, 1)),
+        "chart-places": Purpose("places of the patches on a chart to be printed", (SEED,)),
+        "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
+        "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
+        "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
+        "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
+        "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
+        "dither": Purpose("order of the words that stand for what rounding lost", (2011,)),
+        "drift-prints": Purpose("prints and scans of a press that drifts", (SEED, 1)),
+        "drift-session": Purpose("the session in which a press drifts", (SEED, 0)),
+        "drum-faults": Purpose("where the faults of a simulated drum lie", (SEED, 9)),
+        "exhibit-misprint": Purpose("a misprint to be shown; seeded by exhibit-place", (SEED,)),
+        "exhibit-place": Purpose("pages and seeds tried for a misprint to be shown", (SEED, "kind")),
+        "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
+        "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
+        "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
+        "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
+        "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
+        "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
+        "piece-places": Purpose("where small pages are cut from a design", (SEED, "design", 1)),
+        "pilot-print": Purpose("a good print and its scan, to learn variation from", (SEED, "design", 0)),
+        "press-bootstrap": Purpose("which designs resample costs in the press world", (SEED, 6)),
+        "press-bootstrap-ideal": Purpose("which designs resample costs in the ideal world", (SEED, 7)),
+        "press-bootstrap-real": Purpose("which real pages resample their costs", (SEED, 8)),
+        "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
+        "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
+        "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
+        "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
+        "registration-prints": Purpose("a design's session and prints", (SEED, "design", "real", "crops")),
+        "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
+        "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
+        "running-picture": Purpose("a sheet of the live view shown", (SEED, "sheet", 3)),
+        "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),
+        "running-strangers": Purpose("prints of a blank sheet, and of one of no page", (SEED, 8)),
+        "sample-job": Purpose("stock, invoices and charts of the sample job, a child each", (SEED,)),
+        "sample-print": Purpose("misprint and noise of a copy of a page", (SEED, "page", "copy")),
+        "sample-session": Purpose("the session of the copies of a page", (SEED, "page")),
+        "scene-print": Purpose("misprint, print and noise of a copy", (SEED, "scene", "design", "copy", 3)),
+        "scene-session": Purpose("the session of a press day", (SEED, "scene", "first design", 2)),
+        "session": Purpose("the session of a run of prints", (SEED, 0, 1)),
+        "soak-faults": Purpose("when the drum of the soak fails, and how", (SEED, 2)),
+        "soak-forms": Purpose("fields of a form, and the words in them", (SEED, "template", 3)),
+        "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
+        "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
+        "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
+        "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),
+        "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),
+        "table-noise": Purpose("errors of tables measured by so many exposures", (4, "exposures")),
+        "training-print": Purpose("prints of a design that teach a press", (SEED, "design", 12)),
+        "training-ranking": Purpose("trees of the ranking that is taught", (SEED, 13)),
+        "training-session": Purpose("the session of a press day", (SEED, "first design", 11)),
+        "trial-recipes": Purpose("recipes on which a press's tables are judged", (SEED,)),
+        "world-piece": Purpose("where a page is cut, to be printed on both paths", (SEED, "page")),
+        "world-print": Purpose("session and print that both paths share", (SEED, "page", 1)),
+    }
+)
+"""By name, in the order of names."""
+
+
+def stream(seed: int | None, purpose: str, *indices: int) -> np.random.Generator:
+    """The random numbers of one purpose: the same whatever else is drawn, and in whatever order.
+
+    seed: the user's, from 0; None for a purpose whose seed is fixed. indices: those that ``PURPOSES`` names, from 0.
+    ValueError: there is no such purpose, or it does not take these numbers.
+    """
+    return np.random.default_rng(seed_sequence(seed, purpose, *indices))
+
+
+def seed_sequence(seed: int | None, purpose: str, *indices: int) -> list[int]:
+    """The words that seed a stream; arguments and errors as of ``stream``."""
+    if purpose not in PURPOSES:
+        raise ValueError(f"there is no stream {purpose!r}: choose of {', '.join(PURPOSES)}")
+    wanted = PURPOSES[purpose]
+    if wanted.seeded != (seed is not None):
+        needs = "takes a seed" if wanted.seeded else "has a fixed seed: give None"
+        raise ValueError(f"stream {purpose!r} {needs}")
+    if len(indices) != len(wanted.indices):
+        raise ValueError(f"stream {purpose!r} takes {wanted.indices} beside the seed, not {indices}")
+    numbers = [operator.index(number) for number in (indices if seed is None else (seed, *indices))]
+    if any(number < 0 for number in numbers):
+        raise ValueError(f"stream {purpose!r} counts from 0: {numbers}")
+    given = iter(numbers)
+    return [word if isinstance(word, int) else _first(word) + next(given) for word in wanted.layout]
+
+
+def _first(word: str | From) -> int:
+    return word.first if isinstance(word, From) else 0

@@ -1,0 +1,295 @@
+import ast
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from functools import cache
+from itertools import combinations, product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import prooflight
+import prooflight_studies
+from prooflight import rng
+from prooflight.rng import FREE, PURPOSES, stream
+
+ROOMS = [Path(package.__file__).parent for package in (prooflight, prooflight_studies)]
+
+FIRST_DRAWS = {
+    "a4-design": ((1009, 5), 1_919_216_677_537_076_213),
+    "bench-page": ((None,), 4_720_721_261_117_928_063),
+    "bench-scan": ((None,), 2_412_946_043_537_042_528),
+    "bootstrap": ((1009,), 385_325_927_127_435_721),
+    "calibration-chart": ((1009, 100), 356_422_539_479_946_971),
+    "calibration-session": ((1009,), 7_250_106_880_690_549_874),
+    "chart-places": ((1009,), 521_124_781_773_066_565),
+    "demonstration-misprints": ((1009,), 521_124_781_773_066_565),
+    "design": ((1009, 5), 1_919_216_677_537_076_213),
+    "detectability-learning": ((1009, 7), 202_383_043_711_874_871),
+    "detectability-telling": ((1009, 7), 4_106_949_845_356_552_377),
+    "detectability-trials": ((1009, 7, 3), 5_461_860_871_506_629_676),
+    "dither": ((None,), 6_894_470_606_025_717_146),
+    "drift-prints": ((1009,), 7_250_106_880_690_549_874),
+    "drift-session": ((1009,), 521_124_781_773_066_565),
+    "drum-faults": ((1009,), 6_027_154_353_121_568_424),
+    "exhibit-misprint": ((1009,), 521_124_781_773_066_565),
+    "exhibit-place": ((1009, 4), 8_098_925_525_777_243_383),
+    "figure-exposures": ((1009, 1), 7_250_106_880_690_549_874),
+    "figure-misprint": ((1009, 12), 2_705_263_489_609_937_880),
+    "golden-bootstrap": ((1009,), 521_124_781_773_066_565),
+    "ink-noise": ((1009,), 521_124_781_773_066_565),
+    "ink-noise-median": ((1009,), 521_124_781_773_066_565),
+    "misprint-rounding": ((4611686018427388913,), 2_482_527_606_925_646_877),
+    "piece-places": ((1009, 5), 2_929_105_944_176_949_933),
+    "pilot-print": ((1009, 5), 1_919_216_677_537_076_213),
+    "press-bootstrap": ((1009,), 1_626_192_156_226_929_754),
+    "press-bootstrap-ideal": ((1009,), 4_106_949_845_356_552_377),
+    "press-bootstrap-real": ((1009,), 3_007_097_816_909_949_692),
+    "press-part": ((1009, 5), 6_338_634_464_703_728_790),
+    "press-ranking": ((1009,), 6_027_154_353_121_568_424),
+    "print": ((1009, 5), 1_919_216_677_537_076_213),
+    "recipe-folds": ((1009,), 521_124_781_773_066_565),
+    "registration-prints": ((1009, 5, 0, 1), 2_970_649_893_910_912_465),
+    "rich-black": ((1009, 5), 5_255_566_134_246_246_139),
+    "running-faults": ((1009,), 1_919_216_677_537_076_213),
+    "running-picture": ((1009, 5), 5_871_485_997_928_086_414),
+    "running-print": ((1009, 5), 8_343_934_146_202_452_808),
+    "running-strangers": ((1009,), 3_007_097_816_909_949_692),
+    "sample-job": ((1009,), 521_124_781_773_066_565),
+    "sample-print": ((1009, 7, 6), 1_473_924_521_384_055_732),
+    "sample-session": ((1009, 7), 4_106_949_845_356_552_377),
+    "scene-print": ((1009, 3, 5, 6), 341_910_705_389_139_101),
+    "scene-session": ((1009, 3, 5), 8_678_755_432_256_741_750),
+    "session": ((1009,), 315_076_763_328_036_405),
+    "soak-faults": ((1009,), 385_325_927_127_435_721),
+    "soak-forms": ((1009, 5), 5_871_485_997_928_086_414),
+    "specimen": ((1009,), 521_124_781_773_066_565),
+    "strangers": ((1009,), 3_456_658_745_880_576_652),
+    "study-print": ((1009, 5, 6), 2_433_743_879_375_604_383),
+    "study-session": ((1009, 3, 5), 6_813_199_604_076_897_392),
+    "table-colours": ((1009, 7), 4_106_949_845_356_552_377),
+    "table-noise": ((None, 16), 4_687_397_194_457_932_211),
+    "training-print": ((1009, 5), 4_229_908_213_641_097_257),
+    "training-ranking": ((1009,), 555_153_652_241_638_667),
+    "training-session": ((1009, 5), 1_033_414_386_125_622_115),
+    "trial-recipes": ((1009,), 521_124_781_773_066_565),
+    "world-piece": ((1009, 5), 1_919_216_677_537_076_213),
+    "world-print": ((1009, 5), 2_929_105_944_176_949_933),
+}
+"""Seed and indices, and the first of ``integers(2**63)``, which was drawn before there was ``stream``."""
+
+ONE_INDEX = {
+    "a4-design",
+    "calibration-chart",
+    "design",
+    "detectability-telling",
+    "exhibit-place",
+    "figure-exposures",
+    "figure-misprint",
+    "pilot-print",
+    "print",
+    "registration-prints",
+    "sample-print",
+    "sample-session",
+    "table-colours",
+    "table-noise",
+    "world-piece",
+}
+"""Number n of each is ``[seed, n]``: trailing zeros do not count."""
+SEED_ALONE = {
+    "bench-page",
+    "bench-scan",
+    "chart-places",
+    "demonstration-misprints",
+    "dither",
+    "drift-session",
+    "exhibit-misprint",
+    "golden-bootstrap",
+    "ink-noise",
+    "ink-noise-median",
+    "misprint-rounding",
+    "recipe-folds",
+    "sample-job",
+    "specimen",
+    "trial-recipes",
+}
+OF_COPIES = {"detectability-trials", "sample-print", "study-print"}
+"""``[seed, n, k]`` for the k-th of several."""
+KNOWN_SHARED = {
+    "[seed]": ONE_INDEX | SEED_ALONE,
+    "[seed, 1]": ONE_INDEX | {"calibration-session", "drift-prints"},
+    "[seed, 2]": ONE_INDEX | {"bootstrap", "soak-faults"},
+    "[seed, 5]": ONE_INDEX | {"running-faults"},
+    "[seed, 6]": ONE_INDEX | {"press-bootstrap"},
+    "[seed, 7]": ONE_INDEX | {"press-bootstrap-ideal"},
+    "[seed, 8]": ONE_INDEX | {"press-bootstrap-real", "running-strangers"},
+    "[seed, 9]": ONE_INDEX | {"drum-faults", "press-ranking"},
+    "[seed, 13]": ONE_INDEX | {"training-ranking"},
+    "[seed, n, 1]": {
+        "detectability-learning",
+        "piece-places",
+        "registration-prints",
+        "sample-print",
+        "session",
+        "study-print",
+        "world-print",
+    },
+    "[seed, n, 2]": OF_COPIES | {"registration-prints", "running-print"},
+    "[seed, n, 3]": OF_COPIES | {"registration-prints", "running-picture", "soak-forms"},
+    "[seed, n, 4]": OF_COPIES | {"registration-prints", "rich-black"},
+    "[seed, n, 5]": OF_COPIES | {"press-part", "registration-prints"},
+    "[seed, n, 11]": OF_COPIES | {"registration-prints", "training-session"},
+    "[seed, n, 12]": OF_COPIES | {"registration-prints", "training-print"},
+    "[seed, n, k, 2]": {"registration-prints", "scene-session"},
+    "[seed, 0, 0, 0, 1]": {"ink-noise", "sample-job", "study-session"},
+}
+"""Purposes that meet, by where. A purpose whose seed is fixed meets them where the user's seed is that number."""
+
+SPAWNING = {"ink-noise", "sample-job"}
+"""Purposes whose stream has children."""
+
+
+def test_no_stream_has_moved() -> None:
+    assert set(FIRST_DRAWS) == set(PURPOSES)
+    drawn = {
+        name: int(stream(given[0], name, *given[1:]).integers(2**63))
+        for name, (given, _) in FIRST_DRAWS.items()
+    }
+    assert drawn == {name: first for name, (_, first) in FIRST_DRAWS.items()}
+
+
+def test_purposes_stand_in_order_and_cannot_be_changed() -> None:
+    assert list(PURPOSES) == sorted(PURPOSES)
+    with pytest.raises(TypeError):
+        PURPOSES["another"] = PURPOSES["print"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("seed", "purpose", "indices", "why"),
+    [
+        (1, "prints", (1,), "there is no stream 'prints'"),
+        (1, "print", (), r"'print' takes \('sheet',\) beside the seed, not \(\)"),
+        (1, "print", (1, 2), r"'print' takes \('sheet',\) beside the seed, not \(1, 2\)"),
+        (1, "session", (1,), r"'session' takes \(\) beside the seed"),
+        (None, "print", (1,), "'print' takes a seed"),
+        (2011, "dither", (), "'dither' has a fixed seed"),
+        (-1, "print", (1,), "'print' counts from 0"),
+        (1, "study-print", (1, -1), "'study-print' counts from 0"),
+    ],
+)
+def test_what_no_stream_is_for_is_refused(
+    seed: int | None, purpose: str, indices: tuple[int, ...], why: str
+) -> None:
+    with pytest.raises(ValueError, match=why):
+        stream(seed, purpose, *indices)
+
+
+def test_a_seed_that_is_no_whole_number_is_a_wrong_type() -> None:
+    with pytest.raises(TypeError):
+        stream(1.5, "specimen")  # type: ignore[arg-type]
+
+
+def test_streams_of_neighbours_differ() -> None:
+    near = [stream(seed, "study-print", design, copy) for seed, design, copy in product(range(3), repeat=3)]
+    assert len({int(one.integers(2**63)) for one in near}) == len(near)
+
+
+def test_only_known_purposes_share_a_stream() -> None:
+    of_streams = defaultdict(set)
+    for purpose, generator in _small_streams():
+        of_streams[_state(generator)].add(purpose)
+        if purpose in SPAWNING:
+            for child in generator.spawn(3):
+                of_streams[_state(child)].add(purpose)
+    found = {pair for sharing in of_streams.values() for pair in _pairs(sharing)}
+    known = {pair for sharing in KNOWN_SHARED.values() for pair in _pairs(sharing) if not _of_two_seeds(pair)}
+    assert found - known == set()
+    assert known - found == set()
+
+
+def _small_streams() -> Iterator[tuple[str, np.random.Generator]]:
+    """Over every number that is fixed somewhere, and those that come before it where an index counts from 1 or 2."""
+    fixed = {word for each in PURPOSES.values() for word in each.layout[1:] if isinstance(word, int)} - {FREE}
+    numbers = sorted({max(number - before, 0) for number in fixed for before in range(3)})
+    seeds = {3} | {each.layout[0] for each in PURPOSES.values() if not each.seeded}
+    for name, purpose in PURPOSES.items():
+        for seed in seeds if purpose.seeded else [None]:
+            for indices in product(numbers, repeat=len(purpose.indices)):
+                yield name, stream(seed, name, *indices)
+
+
+def _state(generator: np.random.Generator) -> tuple[int, ...]:
+    return tuple(generator.bit_generator.seed_seq.generate_state(4).tolist())
+
+
+def _pairs(purposes: Iterable[str]) -> Iterator[tuple[str, str]]:
+    return combinations(sorted(purposes), 2)
+
+
+def _of_two_seeds(pair: Iterable[str]) -> bool:
+    return len({PURPOSES[name].layout[0] for name in pair if not PURPOSES[name].seeded}) > 1
+
+
+def test_no_generator_begins_elsewhere() -> None:
+    elsewhere = [
+        f"{path.name}:{line} {what}"
+        for path, tree in _modules()
+        if path != Path(rng.__file__)
+        for line, what in _begun(tree)
+    ]
+    assert elsewhere == []
+    assert "default_rng" in {what for _, what in _begun(ast.parse(Path(rng.__file__).read_text()))}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "np.random.default_rng(1)",
+        "numpy.random.SeedSequence([1])",
+        "from numpy.random import default_rng",
+        "from numpy import random",
+        "import numpy.random",
+        "import random",
+        "from random import Random",
+        "np.random.RandomState(1)",
+        "np.random.normal()",
+    ],
+)
+def test_a_generator_that_begins_elsewhere_is_seen(code: str) -> None:
+    assert list(_begun(ast.parse(code)))
+
+
+@cache
+def _modules() -> list[tuple[Path, ast.Module]]:
+    return [(path, ast.parse(path.read_text())) for room in ROOMS for path in sorted(room.rglob("*.py"))]
+
+
+def _begun(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Lines that reach for random numbers by another way than a generator that is passed on."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(value=ast.Attribute(attr="random"), attr=name) if name != "Generator":
+                yield node.lineno, name
+            case ast.Import(names=names):
+                yield from (
+                    (node.lineno, one.name) for one in names if one.name in ("random", "numpy.random")
+                )
+            case ast.ImportFrom(module="random" | "numpy.random"):
+                yield node.lineno, node.module
+            case ast.ImportFrom(module="numpy", names=names):
+                yield from ((node.lineno, one.name) for one in names if one.name == "random")
+
+
+def test_each_purpose_is_drawn_for_and_each_call_names_one() -> None:
+    called = set()
+    for path, tree in _modules():
+        for node in ast.walk(tree):
+            match node:
+                case ast.Call(
+                    func=ast.Name(id="stream"), args=[_, ast.Constant(value=str(purpose)), *indices]
+                ):
+                    assert len(indices) == len(PURPOSES[purpose].indices), f"{path}:{node.lineno}"
+                    called.add(purpose)
+                case ast.Call(func=ast.Name(id="stream")):
+                    pytest.fail(f"{path}:{node.lineno} names no purpose")
+    assert called == set(PURPOSES)

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 
 BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 
-.PHONY: demo test test-bounds check fuzz bench docs format lock clean
+.PHONY: demo test test-bounds check fuzz bench docs site changelog format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -25,7 +25,7 @@ check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/codespell src studies tests validation examples docs README.md CHANGELOG.md
+	$(BIN)/codespell src studies tests validation examples docs changes README.md CONTRIBUTING.md CHANGELOG.md
 
 # A minute of spoilt files for every reader: each must be read, or refused in one line.
 fuzz: $(VENV)/.installed-dev
@@ -36,7 +36,11 @@ bench: $(VENV)/.installed
 
 # The documents name files, functions and commands that exist, and their commands run.
 docs: $(VENV)/.installed-dev
-	$(BIN)/pytest tests/test_docs.py tests/cli/test_camera.py
+	$(BIN)/pytest tests/test_docs.py tests/docs
+
+# The rendered documents: open site/index.html. Runs every file of examples/.
+site: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 format: $(VENV)/.installed-dev
 	$(BIN)/ruff format .
@@ -52,12 +56,23 @@ $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
 	touch $@
 
-# Rewrites both lock files from pyproject.toml; needs uv on the path.
+$(VENV)/.installed-docs: requirements-docs.txt $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.txt
+	touch $@
+
+# Moves the fragments of changes/ into CHANGELOG.md, under the version of pyproject.toml.
+changelog: $(VENV)/.installed-dev
+	$(BIN)/towncrier build --yes
+
+# Rewrites all lock files from pyproject.toml; needs uv on the path.
 lock:
 	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet -o requirements.txt
+		--generate-hashes --no-header --quiet --no-emit-package prooflight -o requirements.txt
 	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --group dev --universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet -c requirements.txt -o requirements-dev.txt
+		--generate-hashes --no-header --quiet --no-emit-package prooflight -c requirements.txt \
+		-o requirements-dev.txt
+	uv pip compile --group docs --universal --python-version 3.11 \
+		--generate-hashes --no-header --quiet -c requirements.txt -c requirements-dev.txt -o requirements-docs.txt
 
 clean:
-	rm -rf $(VENV) $(BOUNDS_CACHE) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo
+	rm -rf $(VENV) $(BOUNDS_CACHE) site .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo

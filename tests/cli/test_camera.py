@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import shutil
-import subprocess
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -440,27 +438,3 @@ def test_nothing_is_half_written(
 ) -> None:
     refused("characterise", *exposures[0], "--like", press, "--out", tmp_path / "out" / "s.toml")
     assert list(tmp_path.iterdir()) == []
-
-
-# --- the how-tos ---
-
-
-@pytest.mark.parametrize("page", ["design-a-camera", "characterise-a-camera"])
-def test_every_command_of_the_how_to_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    presets = Path("src", "prooflight", "press", "presets")
-    shutil.copytree(ROOT / presets, tmp_path / presets)
-    monkeypatch.chdir(tmp_path)
-    text = (ROOT / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```(sh|python)\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) >= 2
-    for language, block in blocks:
-        if language == "python":
-            exec(block, {})
-            continue
-        for line in block.replace("\\\n", " ").splitlines():
-            if line.startswith("prooflight study "):  # takes minutes: here only its options are read
-                assert run([*line.split()[1:], "--help"]) == 0, line
-            elif line.startswith("prooflight "):
-                assert run(line.split()[1:]) == 0, line
-            else:
-                subprocess.run(line, shell=True, check=True)

@@ -1,0 +1,273 @@
+"""Every command of the tutorial and the how-tos runs, in order, in a folder of its page.
+
+A page says in a comment above a block how it is run here, where it would take minutes or must end otherwise than well:
+``<!-- runs: with --designs 24; exit 1 -->`` appends options to each ``prooflight`` command of the block, the last of
+which counts, and names the exit code of its last command. Files of the user are small ones; ``NEEDS`` lists them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pytest
+import tifffile
+from reportlab.lib.units import mm
+from reportlab.pdfgen.canvas import Canvas
+
+from prooflight.inks.built_in import built_in_inks
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.press.press_file import PressFile
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*(DOCS / "tutorial").glob("*.md"), *(DOCS / "how-to").glob("*.md")])
+PRESETS = "src/prooflight/press/presets"
+
+NEEDS: Final[dict[str, tuple[str, ...]]] = {
+    "first-inspection": (f"small {PRESETS}", "prooflight-demo/sample-job.pdf"),
+    "press-file": (f"small {PRESETS}",),
+    "describe-your-inks": ("measured.txt", "recipes.csv"),
+    "calibrate-from-a-chart": ("fine my.press",),
+    "teach-a-press": ("press.toml", "job.pdf"),
+    "design-a-camera": (PRESETS,),
+    "characterise-a-camera": (PRESETS,),
+    "watch": ("job.pdf", "my.press"),
+    "journal": ("job.pdf", "my.press"),
+    "golden": ("job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
+    "index": (),
+}
+"""What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of
+its pixels, eight times as wide."""
+
+
+BLOCK = re.compile(
+    r"(?:<!-- runs: (?P<how>[^>]*) -->\n\n?)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL
+)
+SHOWN = {"toml", "text"}
+"""Languages of blocks that nobody runs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """One fenced block of a page."""
+
+    language: str
+    text: str
+    options: str = ""
+    exit_code: int = 0
+
+    @classmethod
+    def of(cls, found: re.Match[str]) -> Block:
+        options, code = "", 0
+        for part in filter(None, (found["how"] or "").split("; ")):
+            word, _, rest = part.partition(" ")
+            if word == "with":
+                options = rest
+            elif word == "exit":
+                code = int(rest)
+            else:
+                pytest.fail(f"nobody knows how to run {part!r}")
+        return cls(language=found["language"], text=found["text"], options=options, exit_code=code)
+
+    @property
+    def script(self) -> str:
+        """As bash is given it; a comment ends a command, so options go before it."""
+        lines = self.text.replace("\\\n", " ").splitlines()
+        commands = [re.sub(r"\s+#.*", "", line) for line in lines]
+        return "\n".join(
+            f"{line} {self.options}" if line.startswith("prooflight ") else line for line in commands
+        )
+
+
+def blocks(page: Path) -> list[Block]:
+    return [Block.of(found) for found in BLOCK.finditer(page.read_text(encoding="utf-8"))]
+
+
+@pytest.fixture(scope="session")
+def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Callable[[str], Path]:
+    """Files of a user, each made when first asked for."""
+    folder = tmp_path_factory.mktemp("user")
+
+    def made(name: str) -> Path:
+        path = folder / name
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            make(name, path)
+        return path
+
+    def make(name: str, path: Path) -> None:
+        match name:
+            case "press.toml":
+                path.write_text(small(prototype.text, coarser=8))
+            case "my.press":
+                prooflight("press", "build", made("press.toml"), "-o", path, "--designs", 24)
+            case "fine my.press":
+                file = folder / "fine.toml"
+                file.write_text(small(prototype.text, coarser=2))
+                prooflight("press", "build", file, "-o", path, "--detector", "none")
+            case "job.pdf":
+                write_job(path, pages=24)
+            case "prooflight-demo/sample-job.pdf":
+                write_job(path, pages=3)
+            case "scans" | "goldens":
+                seed = {"scans": 1, "goldens": 2}[name]
+                job, press = made("job.pdf"), made("my.press")
+                prooflight("simulate", job, "--press", press, "-o", path, "--seed", seed)
+            case "flatbed":
+                path.mkdir()
+                write_picture(path / "1.tif", spot=False)
+                write_picture(path / "2.tif", spot=True)
+            case "good.tif":
+                write_picture(path, spot=False)
+            case "measured.txt":
+                write_measured(path)
+            case "recipes.csv":
+                path.write_text("C,M,Y,K\n50,40,40,0\n0,0,0,100\n")
+            case _ if name == PRESETS:
+                shutil.copytree(ROOT / PRESETS, path)
+            case _ if name == f"small {PRESETS}":
+                path.mkdir(parents=True)
+                (path / "prototype.toml").write_text(small(prototype.text, coarser=8))
+            case _:
+                pytest.fail(f"nobody knows how to make {name}")
+
+    return made
+
+
+def test_every_page_says_what_it_needs() -> None:
+    assert {page.stem for page in PAGES} == set(NEEDS)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_no_command_escapes(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for block in blocks(page):
+        assert block.language in {"bash", "python"} | SHOWN, block.text
+        if block.language in SHOWN:
+            assert "prooflight " not in block.text
+    unfenced = BLOCK.sub("", text)
+    assert "```" not in unfenced
+    assert "<!-- runs" not in unfenced
+    assert not re.search(r"^\s{3,}(\$ )?prooflight ", unfenced, re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_command_runs(page: Path, user: Callable[[str], Path], tmp_path: Path) -> None:
+    for name in NEEDS[page.stem]:
+        source, target = user(name), tmp_path / name.rpartition(" ")[2]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
+    for block in blocks(page):
+        if block.language in SHOWN:
+            continue
+        command = ["bash", "-euo", "pipefail", "-c", block.script]
+        if block.language == "python":
+            command = [sys.executable, "-c", block.text]
+        done = run(command, tmp_path)
+        assert done.returncode == block.exit_code, f"{block.script}\n{done.stdout}\n{done.stderr}"
+
+
+def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """In a folder, with the ``prooflight`` of this environment and a home of its own."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    home = {"HOME": str(folder / "home"), "XDG_DATA_HOME": "", "XDG_STATE_HOME": ""}
+    environment = {**os.environ, "PATH": path, **home}
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False
+    )
+
+
+def prooflight(*arguments: object) -> None:
+    command = [sys.executable, "-m", "prooflight", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def small(press_file: str, *, coarser: int) -> str:
+    """A press file with fewer and wider pixels, which see the same field in less light.
+
+    Between sheets lie 40 mm: the edge of a sheet is found to a pixel or two.
+    """
+    pixels = re.search(r"^pixels = (\d+)", press_file, re.MULTILINE)
+    pitch = re.search(r"^pixel_pitch_um = ([\d.]+)", press_file, re.MULTILINE)
+    light = re.search(r"^luminance_cd_m2 = ([\d.]+)", press_file, re.MULTILINE)
+    assert pixels is not None
+    assert pitch is not None
+    assert light is not None
+    for found, value in (
+        (pixels, int(pixels[1]) // coarser),
+        (pitch, float(pitch[1]) * coarser),
+        (light, float(light[1]) / coarser**2),
+    ):
+        name = found[0].partition(" =")[0]
+        press_file = re.sub(rf"^{name} = [\d.]+", f"{name} = {value}", press_file, flags=re.MULTILINE)
+    return press_file + "\n[transport]\nlead_in_mm = 20.0\nlead_out_mm = 20.0\n"
+
+
+def write_job(path: Path, *, pages: int) -> None:
+    """Pages of tints and type, 200 x 120 mm, each laid out in another way."""
+    rng = np.random.default_rng(1)
+    canvas = Canvas(str(path), pagesize=(200 * mm, 120 * mm))
+    for _ in range(pages):
+        for _ in range(8):
+            canvas.setFillColorCMYK(*rng.uniform(0, 0.9, 3), 0.0)
+            x, y, width, height = rng.uniform((8, 8, 15, 8), (150, 90, 40, 25))
+            canvas.rect(x * mm, y * mm, width * mm, height * mm, fill=1, stroke=0)
+        canvas.setFillColorCMYK(0, 0, 0, 1)
+        for _ in range(9):
+            canvas.setFont("Helvetica-Bold", rng.uniform(10, 26))
+            x, y = rng.uniform((8, 8), (110, 108))
+            canvas.drawString(x * mm, y * mm, "".join(rng.choice(list("abcdefghij kmn"), 16)))
+        canvas.showPage()
+    canvas.save()
+
+
+def write_picture(path: Path, *, spot: bool) -> None:
+    """A grey page of 60 x 40 mm at 200 dpi as a flatbed sees it."""
+    rng = np.random.default_rng(3)
+    grey = np.full((315, 472), 230.0)
+    for _ in range(60):
+        y, x = rng.integers(20, 280), rng.integers(20, 420)
+        grey[y : y + 12, x : x + 30] = rng.integers(30, 200)
+    if spot:
+        grey[150:162, 200:212] = 20
+    noisy = np.clip(grey + np.random.default_rng(int(spot)).normal(0, 1, grey.shape), 0, 255)
+    tifffile.imwrite(path, noisy.astype(np.uint8), resolution=(200, 200), resolutionunit="INCH")
+
+
+def write_measured(path: Path) -> None:
+    """A chart of 100 patches of the built-in inks, as an instrument exports it."""
+    percent = np.random.default_rng(5).choice([0.0, 25.0, 50.0, 75.0, 100.0], size=(100, 4))
+    percent[0] = 0.0
+    spectra = built_in_inks().reflectance(percent / 100)
+    wave = range(380, 731, 10)
+    fields = ["SAMPLE_ID", "CMYK_C", "CMYK_M", "CMYK_Y", "CMYK_K", *(f"SPECTRAL_NM{nm}" for nm in wave)]
+    rows = [
+        "\t".join([f"P{at}", *(f"{value:.6g}" for value in (*recipe, *spectrum))])
+        for at, (recipe, spectrum) in enumerate(zip(percent, spectra, strict=True), start=1)
+    ]
+    path.write_text(
+        textwrap.dedent("""\
+            CGATS.17
+            NUMBER_OF_FIELDS {fields}
+            BEGIN_DATA_FORMAT
+            {names}
+            END_DATA_FORMAT
+            NUMBER_OF_SETS {sets}
+            BEGIN_DATA
+            {rows}
+            END_DATA
+        """).format(fields=len(fields), names="\t".join(fields), sets=len(rows), rows="\n".join(rows))
+    )

@@ -236,15 +236,15 @@ def fit_of_light(
             80.0,
             {
                 "texture_dn2": 40.0 * BLOCK_PIXELS,
-                "spread": ResidualVariance(edge=0, contrast=2, share=0, dark=0),
+                "residual_variance": ResidualVariance(edge=0, contrast=2, share=0, dark=0),
             },
         ),
         (0.05**2 * 200**2 / 2, {"step_dn": 200.0}),
         (
             0.05**2 * 200**2 / 2 + 4 * 0.1 * 200**2 / 2 / BLOCK_PIXELS,
-            {"step_dn": 200.0, "spread": ResidualVariance(edge=0.1, contrast=0, share=0, dark=0)},
+            {"step_dn": 200.0, "residual_variance": ResidualVariance(edge=0.1, contrast=0, share=0, dark=0)},
         ),
-        (9.0**2, {"spread": ResidualVariance(edge=0, contrast=0, share=9.0 / LIGHT_DN, dark=0)}),
+        (9.0**2, {"residual_variance": ResidualVariance(edge=0, contrast=0, share=9.0 / LIGHT_DN, dark=0)}),
     ],
     ids=["noise", "halftone", "edges of all blocks", "edges of each block", "light"],
 )
@@ -252,7 +252,7 @@ def test_blocks_count_for_a_fifth_each_beside_what_good_prints_do(
     press: Press, variance_dn2: float, given: dict[str, Any]
 ) -> None:
     """The mean of a normal amount, of which each block says so much that is so unsure: the rest is the prior's."""
-    fit = fit_of_light(press, **{"spread": ResidualVariance.none()} | given)
+    fit = fit_of_light(press, **{"residual_variance": ResidualVariance.none()} | given)
     told = 0.2 * BLOCKS * (LIGHT_DN * WHITE) ** 2 / variance_dn2  # 0.5 to 2 times what is known before
     assert 0.4 < told < 2.5
     assert fit.white[0] == pytest.approx(OFF_DN / LIGHT_DN * told / (1 + told), rel=2e-3)

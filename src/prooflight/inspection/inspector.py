@@ -107,9 +107,8 @@ class Inspector:
         done = prepared.known.inspect(scan, seed=seed)
         verdict = self._under_its_light(done.verdict, prepared, scan.dn)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
-        return replace(
-            done, verdict=replace(verdict, milliseconds=milliseconds), planned=self.planned(prepared.page)
-        )
+        planned = PlannedPage(prepared.page, self.detector.station)
+        return replace(done, verdict=replace(verdict, milliseconds=milliseconds), planned=planned)
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, dn: NDArray[np.uint16]) -> Verdict:
         """The verdict, or why there is none."""

@@ -43,9 +43,8 @@ class Shown:
     def show(self) -> None:
         """Show it now: in a notebook as a cell's last value would be, elsewhere in one line of text."""
         notebook = sys.modules.get("IPython")
-        if notebook is not None and hasattr(
-            notebook.get_ipython(), "kernel"
-        ):  # a shell in a terminal has none
+        # A shell in a terminal has no kernel, and shows no pictures.
+        if notebook is not None and hasattr(notebook.get_ipython(), "kernel"):
             notebook.display.display(self)
         else:
             sys.stdout.write(Shown.renderer().sentence(self) + "\n")

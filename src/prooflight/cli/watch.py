@@ -13,12 +13,14 @@ import typer
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
-from prooflight.cli.job import Detector, JobPath, Json, PressArtefact, Profile, Seed
+from prooflight.cli.options import Detector, JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
 from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.journal.journal import Journal, RunFacts, content_digest, default_journal
+from prooflight.journal.journal import Journal, content_digest
+from prooflight.journal.opening import default_journal
+from prooflight.journal.records import RunFacts
 from prooflight.line.book import JobBook
 from prooflight.line.pager import SheetEdge, TriggerCount
 from prooflight.line.recording import Recorder

@@ -9,11 +9,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.golden.detector import GoldenSheet, evened
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
-from prooflight.inspection.inspector import not_inspected
 from prooflight.inspection.job import scan_missing
 from prooflight.pages.files import page_name
-from prooflight.pages.parallel import KILLED
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.scans.pictures import PictureFile, picture_files
 from prooflight.scans.scan import Scan
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.verdict import Verdict
     from prooflight.press.artefact import Press
     from prooflight.scans.pictures import Picture
 
@@ -86,11 +84,6 @@ def golden_pages(
     ]
 
 
-def page_killed(page: GoldenPage) -> Verdict:
-    """The verdict on a page whose inspection the system ended."""
-    return not_inspected(page.name, KILLED)
-
-
 def _of_job(scans: Path, found: Sequence[PictureFile], pages: int) -> list[tuple[str, PictureFile | None]]:
     """Pages of a job with their scans, by name (p0001.tif) if all have such names, else in order."""
     names = [page_name(number) for number in range(1, pages + 1)]
@@ -125,7 +118,7 @@ class GoldenInspector:
         if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:
-            return not_inspected(page.name, page.trouble)
+            return Verdict.skipped(page.name, page.trouble)
         started = time.perf_counter()
         golden, scan = _read(page.golden), page.scan.read()
         sensors = () if self.press is None else self.press.sensors

@@ -122,10 +122,9 @@ class Inspector:
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
         return replace(
-            not_inspected(verdict.page),
+            Verdict.skipped(verdict.page, wrong.reason),
             shift_mm=verdict.shift_mm,
             detector=verdict.detector,
-            reason=wrong.reason,
         )
 
 
@@ -150,8 +149,3 @@ def inspected_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Pres
         what = f"ends after {lines} lines, {lines * press.geometry.line_pitch_mm:.1f} mm"
         raise ScanError(name, what, remedy=f"page {page.number} needs {rows.stop} lines")
     return scan[:, : press.geometry.lines(page.height_mm)]
-
-
-def not_inspected(page_name: str, reason: str = "") -> Verdict:
-    """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
-    return Verdict.skipped(page_name, reason)

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.options import Json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from rich.table import Table
 
     from prooflight.inks.selection import CrossValidation, Score
 
@@ -21,7 +23,6 @@ app = typer.Typer(
 
 ChartPath = Annotated[Path, typer.Argument(metavar="CHART", help="CGATS text or .ti3 with CMYK and spectra.")]
 Model = Annotated[str, typer.Option(help="auto, or the name of an ink model.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
@@ -75,16 +76,10 @@ def predict(
     learned = learn(read_chart(chart), model, progress=_trying(quiet=json))
     reflectance = learned.reflectance(recipes)
     if json:
-        answer = {
-            "wave_nm": spectra.WAVE_NM.tolist(),
-            "reflectance": reflectance.tolist(),
-            "model": learned.name,
-        }
-        show.print_json(answer)
+        show.print_json({"wave_nm": spectra.WAVE_NM, "reflectance": reflectance, "model": learned.name})
         return
-    table = Table(title=f"Predicted by {learned.name}", title_justify="left")
-    for heading in ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm"):
-        table.add_column(heading, justify="right")
+    headings = ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm")
+    table = show.table_of(f"Predicted by {learned.name}", headings)
     bands = [int((wave - spectra.WAVE_NM[0]) / spectra.STEP_NM) for wave in (450, 550, 650)]
     for recipe, spectrum, colour in zip(recipes, reflectance, spectra.lab(reflectance), strict=True):
         cells = [f"{100 * ink:.0f}" for ink in recipe] + [f"{value:.1f}" for value in colour]
@@ -106,13 +101,7 @@ def make(
 
     files = make_chart(out, patches, rng=stream(seed, "chart-places"), ink_limit_percent=ink_limit)
     if json:
-        show.print_json(
-            {
-                "pdf": str(files.pdf),
-                "tiffs": [str(path) for path in files.tiffs],
-                "recipes": str(files.recipes),
-            }
-        )
+        show.print_json({"pdf": files.pdf, "tiffs": files.tiffs, "recipes": files.recipes})
     else:
         show.people.print(
             "Print", show.strong(files.pdf), f"without colour management; its recipes: {files.recipes}"
@@ -124,11 +113,9 @@ def _trying(*, quiet: bool) -> Callable[[str], None]:
 
 
 def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:
-    table = Table(
-        title=f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)", title_justify="left"
-    )
-    for heading in ("model", "median", "95 %", "greatest", "rms reflectance", "patches"):
-        table.add_column(heading, justify="left" if heading == "model" else "right")
+    title = f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)"
+    headings = ("model", "median", "95 %", "greatest", "rms reflectance", "patches")
+    table = show.table_of(title, headings, words=("model",))
     for name, of_model in scores.items():
         table.add_row(
             show.strong(name) if name == trial.model else name,

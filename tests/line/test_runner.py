@@ -14,11 +14,11 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
-from prooflight.line.pager import Fault, MissingPage, SeenPage
 from prooflight.line.queues import Waiting
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetResult
+from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Phase, Times
 from prooflight.scans.lines import LineBlock

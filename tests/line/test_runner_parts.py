@@ -19,9 +19,9 @@ from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, follo
 from prooflight.line.monitor.evidence import COLUMN_MM, columns, columns_mm, run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.outcomes import outcome
-from prooflight.line.pager import SeenPage
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.settings import Settings
+from prooflight.line.sheets.records import SeenPage
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Tally
 from prooflight.line.watching import threads_a_sheet

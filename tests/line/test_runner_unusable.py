@@ -15,11 +15,11 @@ from prooflight.errors import JobError, ScanError
 from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.notices import Notice
 from prooflight.line.outcomes import Outcome, RunWatch
-from prooflight.line.pager import Fault, SeenPage
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetResult
+from prooflight.line.sheets.records import Fault, SeenPage
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Phase
 from prooflight.scans.lines import LineBlock

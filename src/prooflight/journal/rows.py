@@ -10,13 +10,7 @@ from sqlalchemy import case, func, insert, select, true, update
 
 from prooflight.journal.columns import ASKED_ALONE, EndColumns, PageColumns, RunColumns
 from prooflight.journal.records import PageRecord, RunEnd, RunFacts, RunRow
-from prooflight.journal.schema import (
-    json_text,
-    plain,
-    stored_packs,
-    stored_pages,
-    stored_runs,
-)
+from prooflight.journal.schema import json_text, plain, stored_packs, stored_pages, stored_runs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

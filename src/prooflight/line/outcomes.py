@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.journal import PageRecord
+from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.pages.files import page_name
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from prooflight.line.following import Adapting
     from prooflight.line.monitor.run import Announcement, RunMonitor
-    from prooflight.line.pager import Fault, MissingPage, SeenPage
+    from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
 SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
 """Faults of a sheet whose scan says nothing of the run."""

@@ -25,9 +25,9 @@ from prooflight.inspection.reasons import reason_of
 from prooflight.line.book import KnownThumbnails
 from prooflight.line.notices import Notice, Silence, Unusable
 from prooflight.line.outcomes import InOrder, Outcome, kinds_of, missing_page, outcome, skipped, unknown_sheet
-from prooflight.line.pager import MissingPage, SeenPage
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
+from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.line.status import Phase, Status, Tally
 from prooflight.pages.files import page_name
 from prooflight.pages.process import touch
@@ -281,7 +281,9 @@ class Running:
         self._prefetcher.expect(page.job_page)
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
-        sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
+        sheet = Sheet(
+            number=number, job_page=page.job_page, seen=page, arrived_s=arrived_s, deadline_s=deadline_s
+        )
         if self._dropping.is_set():
             self._pass(sheet, STOPPED)
         else:
@@ -339,9 +341,8 @@ class Running:
         """The verdict on one sheet; whatever goes wrong with it does not stop the run."""
         begun_s = self._clock()
         self.tally.took("queue", begun_s - sheet.arrived_s)
-        assert sheet.seen.job_page is not None
         try:
-            inspector, ready, used = self._prefetcher.get(sheet.seen.job_page)
+            inspector, ready, used = self._prefetcher.get(sheet.job_page)
             result = inspector.inspect(
                 ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
             )
@@ -349,7 +350,7 @@ class Running:
             done = self._outcome(sheet, result, used, decided_s)
         except Exception as error:
             why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
-            return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
+            return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
         self.tally.took("inspect", decided_s - begun_s)
         self.tally.took("verdict", decided_s - sheet.arrived_s)
         return done
@@ -369,8 +370,7 @@ class Running:
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:
-        assert sheet.seen.job_page is not None
-        self._done.put(skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
+        self._done.put(skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page)))
 
     def _mind(self) -> None:
         while not self._ended.wait(MIND_S):
@@ -406,14 +406,12 @@ class Running:
             self.tally.count("late")
         self.tally.count("announcements", by=len(told.announcements))
         adapting = self._watch.adapting
-        if adapting is not None:
-            press = adapting.renewed(self._press, record.sheet)
-            if press is not None:
-                self._inspector = inspector = self._inspector.following(press)
-                used = adapting.used.copy()
-                self._prefetcher.renew(
-                    self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
-                )
+        if adapting is not None and (press := adapting.renewed(self._press, record.sheet)) is not None:
+            self._inspector = inspector = self._inspector.following(press)
+            used = adapting.used.copy()
+            self._prefetcher.renew(
+                self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
+            )
         self._tell(told)
 
     # --- parts ---

@@ -47,6 +47,7 @@ HOPELESS: Final = -300.0
 class Fit:
     """A scan laid on a page."""
 
+    page: Thumbnail
     likeness: float
     """Correlation of their detail, 1 for the very same. [-]"""
     light: NDArray[np.float32]
@@ -71,11 +72,9 @@ def inside(page: Thumbnail, geometry: ScanGeometry) -> tuple[int, int, int, int]
     )
 
 
-def lay(
-    seen: NDArray[np.float32], page: Thumbnail, box: tuple[int, int, int, int], *, longer: float = 0.0
-) -> Fit:
+def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, longer: float = 0.0) -> Fit:
     """Lay a scan's light (rows, columns) on a page. longer: how much longer the sheet is than the page. [rows]"""
-    rows = len(page.light)
+    rows, box = len(page.light), inside(page, geometry)
     expected = page.light.astype(np.float32) / np.float32(STEPS)
     seen = seen[:rows] if len(seen) >= rows else np.pad(seen, ((0, rows - len(seen)), (0, 0)), mode="edge")
     expected_detail = detail(expected)
@@ -86,6 +85,7 @@ def lay(
     level = float((light[inner] * expected[inner]).sum() / max((expected[inner] ** 2).sum(), 1e-9))
     light /= np.float32(np.clip(level, 0.8, 1.25))
     return Fit(
+        page=page,
         likeness=_likeness(detail(light)[inner], expected_detail[inner]),
         light=light,
         box=box,
@@ -110,24 +110,25 @@ def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool
     return bool(_rms(sheet) < BLANK)
 
 
-def evidence(fit: Fit, here: Thumbnail, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
-    """Log P(scan | there) - log P(scan | here), ``fit`` being on either; -inf if they differ in size.
+def evidence(fit: Fit, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
+    """Log P(scan | there) - log P(scan | the page that it is laid on); -inf if they differ in size.
 
     taped (rows,): where a tape hides the print.
     """
+    here = fit.page
     if here.light.shape != there.light.shape or here.width_mm != there.width_mm:
         return -np.inf
     return float(log_ratio(fit.light, here.light, there.light, fit.box, taped, FLOOR, BLUR, INK, HOPELESS))
 
 
-def taped_rows(fit: Fit, page: Thumbnail) -> NDArray[np.bool_]:
+def taped_rows(fit: Fit) -> NDArray[np.bool_]:
     """Rows that are one even tone from edge to edge, darker than paper, where the page is not (rows,)."""
     top, bottom, left, right = fit.box
     seen = fit.light[top:bottom, left:right]
-    expected = page.light[top:bottom, left:right].astype(np.float32) / np.float32(STEPS)
+    expected = fit.page.light[top:bottom, left:right].astype(np.float32) / np.float32(STEPS)
     other = np.sqrt(np.mean((seen - expected) ** 2, axis=1)) > TAPE_STEP
     even = (seen.std(axis=1) < TAPE_EVEN) & (seen.mean(axis=1) < TAPE_LIGHTEST)
-    rows = np.zeros(len(page.light), np.bool_)
+    rows = np.zeros(len(fit.page.light), np.bool_)
     rows[top:bottom] = other & even
     return rows
 

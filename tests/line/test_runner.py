@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,10 +113,7 @@ class SheetInspector:
 
     def prepare(self, page: Any) -> Any:
         self.prepared.append(page)
-        return page
-
-    def thumbnail(self, ready: Any) -> Thumbnail:
-        return SMALL
+        return SimpleNamespace(page=page, thumbnail=SMALL)
 
     def warm_up(self, ready: Any) -> None:
         pass
@@ -128,7 +126,7 @@ class SheetInspector:
 
     def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
         self.first(name)
-        return SheetResult(verdict=Verdict(page=f"design {ready}", verdict="good", action="accept"))
+        return SheetResult(verdict=Verdict(page=f"design {ready.page}", verdict="good", action="accept"))
 
 
 def watched(
@@ -148,7 +146,7 @@ def watched(
         source=source or Source(script),
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
         book=book or Book(len(script)),
-        inspector=inspector or SheetInspector(),
+        inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script)),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,

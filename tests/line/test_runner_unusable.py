@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,10 +110,7 @@ class SheetInspector:
     """Says good of every sheet."""
 
     def prepare(self, page: Any) -> Any:
-        return page
-
-    def thumbnail(self, ready: Any) -> Thumbnail:
-        return SMALL
+        return SimpleNamespace(page=page, thumbnail=SMALL)
 
     def warm_up(self, ready: Any) -> None:
         pass
@@ -124,7 +122,7 @@ class SheetInspector:
         return ready
 
     def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
-        return SheetResult(verdict=Verdict(page=f"p{ready + 1:04d}", verdict="good", action="accept"))
+        return SheetResult(verdict=Verdict(page=f"p{ready.page + 1:04d}", verdict="good", action="accept"))
 
 
 def seen(page: int | None, **facts: Any) -> SeenPage:
@@ -166,7 +164,7 @@ def run_of(
         source=source or Source(book.sheets),
         pager=lambda known: Pager(known, odd or {}),  # type: ignore[arg-type,return-value]
         book=book,
-        inspector=inspector or SheetInspector(),
+        inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(monitor=monitor, adapting=None, sheets=book.sheets),
         settings=Settings(source_waits=True, **settings),
         **{"tell": told.append, "notice": noticed.append, "clock": clock} | given,
@@ -225,7 +223,7 @@ def test_a_fault_of_our_own_in_a_design_costs_its_sheets_alone(caplog: pytest.Lo
         def prepare(self, page: Any) -> Any:
             if page == 1:
                 raise IndexError("7 is out of bounds")
-            return page
+            return super().prepare(page)
 
     run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]
@@ -315,7 +313,7 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
     class Odd(SheetInspector):
         def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Any:
-            return None if ready == 1 else super().inspect(ready, scan, name=name, seed=seed)
+            return None if ready.page == 1 else super().inspect(ready, scan, name=name, seed=seed)
 
     run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]

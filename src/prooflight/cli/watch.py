@@ -135,10 +135,16 @@ def watch(
         source,
         press=loaded,
         job=job_source,
-        pages=pages,
-        sheets=count,
         framed=framed,
-        wishes=DrumWishes(world=world, misprint=misprint, every=every, fault_every=fault_every, seed=seed),
+        wishes=DrumWishes(
+            pages=pages,
+            sheets=count,
+            world=world,
+            misprint=misprint,
+            every=every,
+            fault_every=fault_every,
+            seed=seed,
+        ),
         shown=lambda scans, total: (
             scans if json else show.progress(scans, total=total, what="printing for the drum")
         ),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 from prooflight.detectors.golden.detector import GoldenSheet, evened
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
+from prooflight.inspection.inspector import refuse_other_camera
 from prooflight.inspection.job import scan_missing
 from prooflight.pages.files import page_name
 from prooflight.pages.raster import MM_PER_INCH
@@ -122,8 +123,9 @@ class GoldenInspector:
         started = time.perf_counter()
         golden, scan = _read(page.golden), page.scan.read()
         sensors = () if self.press is None else self.press.sensors
-        for picture, file in ((golden, page.golden), (scan, page.scan)):
-            self._of_camera(picture, file)
+        if self.press is not None:
+            for picture, file in ((golden, page.golden), (scan, page.scan)):
+                refuse_other_camera(file.path, picture.light, self.press)
         sheet = GoldenSheet(
             page=page.name,
             golden=page.golden.path.name,
@@ -148,18 +150,6 @@ class GoldenInspector:
                 golden.path, "states no resolution, so that nothing has a place in mm", remedy=remedy
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
-
-    def _of_camera(self, picture: Picture, file: PictureFile) -> None:
-        """ScanError if it is of another camera than the press's."""
-        if self.press is None:
-            return
-        sensors, pixels = len(self.press.sensors), self.press.geometry.pixels
-        channels, _, columns = picture.light.shape
-        if channels != sensors or columns != pixels:
-            what = f"is of {channels} sensors x {columns} pixels"
-            raise ScanError(
-                file.path, what, remedy=f"press {self.press.name} has {sensors} sensors x {pixels} pixels"
-            )
 
 
 @lru_cache(maxsize=2)

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 SCHEMA = 6
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
-TABLES = ("mean_dn", "variance_dn2")
+TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
 CORRECTION = ("near", "far", "farther")
 INK_ARRAYS = "inks."
 DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
@@ -157,7 +157,7 @@ class Press(Shown):
                 arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in trained.arrays().items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
-            for name in (*TABLES, "column_offset_dn", "column_gain"):
+            for name in TABLES:
                 arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
             arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
             arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
@@ -200,9 +200,7 @@ class Press(Shown):
                 across=arrays[of_sensor + "footprint_across"],
                 along=arrays[of_sensor + "footprint_along"],
             )
-            tables: dict[str, Any] = {
-                name: arrays[of_sensor + name] for name in (*TABLES, "column_offset_dn", "column_gain")
-            }
+            tables: dict[str, Any] = {name: arrays[of_sensor + name] for name in TABLES}
             correction = LensCorrection(
                 **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
             )

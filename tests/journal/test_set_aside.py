@@ -75,7 +75,6 @@ def test_a_camera_count_that_no_row_can_hold_costs_one_page(
 
 status: dict[str, Any] = {
     "queue_depth": 0,
-    "being_inspected": 0,
     "ahead": 0,
     "journalled": 0,
     "elapsed_s": 1.0,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.line.runs import NOTHING, PATIENCE_S, Book, SheetInspector
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
 from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.notices import Notice
@@ -19,41 +18,14 @@ from prooflight.line.outcomes import Outcome, RunWatch
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
-from prooflight.line.sheet_inspector import SheetResult
 from prooflight.line.sheets.records import Fault, SeenPage
-from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Phase
 from prooflight.scans.lines import LineBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PATIENCE_S = 20.0
-"""Only a test that fails waits so long."""
-NOTHING = np.zeros((1, 1, 1), np.uint16)
-SMALL = Thumbnail(
-    light=np.zeros((1, 1), np.uint8), width_mm=1, height_mm=1, signature=np.zeros(1, np.float32)
-)
 TORN = JobError("p0003.tif", "the TIFF is truncated", remedy="copy it again")
-
-
-@dataclass
-class Book:
-    """Sheets, each of a design of its own; some cannot be read."""
-
-    sheets: int
-    torn: dict[int, Exception] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return self.sheets
-
-    def design(self, sheet: int) -> int:
-        return sheet
-
-    def page(self, sheet: int) -> Any:
-        if sheet in self.torn:
-            raise self.torn[sheet]
-        return sheet
 
 
 @dataclass
@@ -104,25 +76,6 @@ class Pager:
 
     def flush(self) -> list[SeenPage]:
         return []
-
-
-class SheetInspector:
-    """Says good of every sheet."""
-
-    def prepare(self, page: Any) -> Any:
-        return SimpleNamespace(page=page, thumbnail=SMALL)
-
-    def warm_up(self, ready: Any) -> None:
-        pass
-
-    def following(self, press: Any) -> SheetInspector:
-        return self
-
-    def renewed(self, ready: Any) -> Any:
-        return ready
-
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
-        return SheetResult(verdict=Verdict(page=f"p{ready.page + 1:04d}", verdict="good", action="accept"))
 
 
 def seen(page: int | None, **facts: Any) -> SeenPage:

@@ -11,7 +11,7 @@ from prooflight.cli import show
 from prooflight.cli.options import Json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rich.table import Table
 
@@ -38,14 +38,12 @@ def score(
     from prooflight.inks.selection import AUTO, choose, cross_validate
 
     measured = read_chart(chart)
-    scores: dict[str, Score] = {}
     if model == AUTO:
         choice = choose(measured, folds=folds, progress=_trying(quiet=json))
-        trial, scores, why = choice.best, dict(choice.scores), choice.why
+        trial, scores, why = choice.best, choice.scores, choice.why
     else:
         trial = cross_validate(measured, model, folds=folds)
-        why = f"{model}: as asked"
-    scores = scores or {trial.model: trial.score}
+        scores, why = {trial.model: trial.score}, f"{model}: as asked"
     if report is not None:
         from prooflight.reporting.chart_report import write_chart_report
 
@@ -112,7 +110,7 @@ def _trying(*, quiet: bool) -> Callable[[str], None]:
     return lambda name: None if quiet else show.step(f"trying {name}")
 
 
-def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:
+def _score_table(scores: Mapping[str, Score], trial: CrossValidation) -> Table:
     title = f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)"
     headings = ("model", "median", "95 %", "greatest", "rms reflectance", "patches")
     table = show.table_of(title, headings, words=("model",))

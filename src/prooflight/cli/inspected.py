@@ -12,7 +12,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError
 from prooflight.inspection.job import first_reason
 from prooflight.inspection.reasons import reason_of
-from prooflight.reporting.wording import count
+from prooflight.reporting.wording import count, not_inspected
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -45,10 +45,8 @@ class Inspected(Generic[Item]):
             raise self.fault
         unseen = [verdict for verdict in verdicts if verdict.verdict == "not-inspected"]
         if unseen:
-            were = "was" if len(unseen) == 1 else "were"
-            first = "" if len(unseen) == 1 else "the first "
-            what = f"{len(unseen):,} of {count(len(verdicts), 'page')} {were} not inspected"
-            faults.told(f"{what} ({first}{unseen[0].page}: {unseen[0].reason})")
+            what = f"{len(unseen):,} of {count(len(verdicts), 'page')}"
+            faults.told(not_inspected(what, len(unseen), f"{unseen[0].page}: {unseen[0].reason}"))
         misprints = sum(verdict.verdict == "misprint" for verdict in verdicts)
         return of_run(misprints=misprints, complete=not unseen)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -62,23 +61,15 @@ def demo(
         sizes, name = opened.page_sizes_mm, opened.name
     press = demonstration.demo_press(sizes, seed=seed, progress=say)
     artefact = out / f"{press.name}.press"
-    digest = press.save(artefact)
+    press.save(artefact)
     source = JobSource(path=job, dpi=press.dpi, profile=profile)
     sheets = demonstration.plan(len(sizes), pages, seed=seed)
     work = demonstration.PrintAndInspect(job=source, press=press, seed=seed, titles=titles)
     started = time.perf_counter()
     entries = list(_shown(in_order(work, sheets), len(sheets), "printing and inspecting", quiet=json))
     pages_per_s = len(entries) / (time.perf_counter() - started)
-    summary = RunSummary(
-        job=name,
-        press=press.name,
-        press_digest=digest,
-        promise=Inspector.of(press, "chi-square").promise,
-        world="ideal",
-        seed=seed,
-        date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        pages_per_s=pages_per_s,
-    )
+    inspector = Inspector.of(press, "chi-square")
+    summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world="ideal", seed=seed)
     report = out / "report.html"
     say("writing the report")
     write_report(report, entries, summary)
@@ -264,32 +255,21 @@ def _reported(
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.inspected import inspected
-    from prooflight.inspection.job import Tried, name_of
+    from prooflight.inspection.job import name_of
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
 
-    started, tried = time.perf_counter(), Tried(work, name_of)
+    started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        in_order(
-            PicturedPage(work), pairs, killed=lambda pair: unpictured_entry(pair[0], tried.killed(pair))
-        ),
+        in_order(pictured, pairs, killed=pictured.killed),
         attrgetter("verdict"),
         names=[name_of(pair) for pair in pairs],
         unseen=lambda place, verdict: unpictured_entry(pairs[place][0], verdict),
         json=json,
     )
     report.mkdir(parents=True, exist_ok=True)
-    press = work.inspector.press
-    summary = RunSummary(
-        job=job,
-        press=press.name,
-        press_digest=press.digest,
-        promise=work.inspector.promise,
-        world=None,
-        seed=None,
-        date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        pages_per_s=len(pairs) / (time.perf_counter() - started),
-    )
+    pages_per_s = len(pairs) / (time.perf_counter() - started)
+    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s)
     write_report(report / "report.html", done.items, summary)
     return done
 

@@ -273,9 +273,8 @@ class Pager:
 
     def _room_before(self, sheet: Sheet) -> int:
         """For how many sheets there was room before this one."""
-        if self._before is None or not self._before.free or isinstance(self._start, TriggerCount):
-            return 0
-        return self._rhythm.room(sheet.start - self._before.end, self._lines_of(sheet))
+        gap = self._gap_before(sheet)
+        return 0 if gap is None or isinstance(self._start, TriggerCount) else self._rhythm.room(*gap)
 
     def _late(self, sheet: Sheet) -> float:
         """How many lines late a sheet came; 0: in time, or nobody can tell."""
@@ -283,13 +282,16 @@ class Pager:
             count = self._store.count_at(sheet.start - self._lead_in)
             off = float(count - self._start.nearest(count))
             return off if abs(off) * self._geometry.line_pitch_mm > SLIP_MM else 0.0
-        if self._before is None or not self._before.free:
-            return 0.0
-        return self._rhythm.beat(sheet.start - self._before.end, self._lines_of(sheet))
+        gap = self._gap_before(sheet)
+        return 0.0 if gap is None else self._rhythm.beat(*gap)
 
-    def _lines_of(self, sheet: Sheet) -> float:
+    def _gap_before(self, sheet: Sheet) -> tuple[float, float] | None:
+        """Lines of the gap before a sheet, and of the sheet; None: no gap was seen."""
+        if self._before is None or not self._before.free:
+            return None
         page = self._page_of_length(sheet)
-        return sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm
+        lines = sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm
+        return sheet.start - self._before.end, lines
 
     def _faults_until(self, position: int) -> list[Fault]:
         faults = []

@@ -44,6 +44,7 @@ SCHEMA = 6
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
+NUMBERS = ("name", "dark_variance_dn2", "backing_dn", "backing_variance_dn2", "top_code_dn")
 CORRECTION = ("near", "far", "farther")
 INK_ARRAYS = "inks."
 DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
@@ -163,16 +164,8 @@ class Press(Shown):
             arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
             for name in CORRECTION:
                 arrays[f"sensor{index}.correction_{name}"] = getattr(sensor.correction, name)
-            sensors.append(
-                {
-                    "name": sensor.name,
-                    "footprint_reach_mm": sensor.footprint.reach_mm,
-                    "dark_variance_dn2": sensor.dark_variance_dn2,
-                    "backing_dn": sensor.backing_dn,
-                    "backing_variance_dn2": sensor.backing_variance_dn2,
-                    "top_code_dn": sensor.top_code_dn,
-                }
-            )
+            numbers = {name: getattr(sensor, name) for name in NUMBERS}
+            sensors.append(numbers | {"footprint_reach_mm": sensor.footprint.reach_mm})
         document = {
             "name": self.name,
             "geometry": asdict(self.geometry),

@@ -54,12 +54,12 @@ def write_chart_report(
     chart: Chart,
     trial: CrossValidation,
     *,
-    scores: Mapping[str, Score] | None = None,
-    why: str = "",
+    scores: Mapping[str, Score],
+    why: str,
 ) -> None:
     """Write the report of one cross-validation, self-contained, whole or not at all.
 
-    ``scores`` lists models to compare, ``why`` is the sentence on top; without them the trial stands alone.
+    ``scores`` lists models to compare, ``why`` is the sentence on top.
     """
     recipes = chart.recipes()
     difference = delta_e00(lab(trial.predicted), lab(recipes.reflectance))
@@ -67,14 +67,14 @@ def write_chart_report(
     scatter = chart.scatter()
     html = template("chart_report").render(
         title=f"Ink model {trial.model}",
-        why=why or f"{trial.model}: as asked.",
+        why=why,
         patches=len(chart),
         recipes=len(recipes.cmyk),
         folds=trial.folds,
         repeats=""
         if scatter is None
         else f" Repeated patches lie {scatter.median_delta_e00:.2f} from their mean (median).",
-        scores=_score_rows(scores or {trial.model: trial.score}, trial.model),
+        scores=_score_rows(scores, trial.model),
         histogram=_embedded(histogram(difference[recipes.of_patch])),
         spectra=_embedded(_spectra_figure(recipes, trial.predicted, difference)),
         worst=_embedded(

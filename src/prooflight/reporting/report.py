@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from prooflight import __version__
 from prooflight.cmyk import NAME_OF_INK
@@ -13,6 +14,7 @@ from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
 from prooflight.pages.files import page_name
+from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
 from prooflight.reporting.html import data_uri, template
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -71,6 +74,28 @@ class RunSummary:
     seed: int | None
     date: str
     pages_per_s: float
+
+    @classmethod
+    def today(
+        cls,
+        inspector: Inspector,
+        *,
+        job: str,
+        pages_per_s: float,
+        world: str | None = None,
+        seed: int | None = None,
+    ) -> Self:
+        """Of a job that was inspected today."""
+        return cls(
+            job=job,
+            press=inspector.press.name,
+            press_digest=inspector.press.digest,
+            promise=inspector.promise,
+            world=world,
+            seed=seed,
+            date=datetime.now(UTC).strftime("%Y-%m-%d"),
+            pages_per_s=pages_per_s,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +186,10 @@ class PicturedPage:
             return page_entry(page, self._result(page, scan), self.work.inspector.press)
         except UNUSABLE as error:
             return unpictured_entry(number, unusable(page_name(number), error))
+
+    def killed(self, pair: Pair) -> PageEntry:
+        """Of a page whose inspection the system ended."""
+        return unpictured_entry(pair[0], Verdict.skipped(page_name(pair[0]), KILLED))
 
     def _result(self, page: Page, scan: RecordedScan | None) -> Inspection | Verdict:
         name = page_name(page.number)

@@ -139,11 +139,6 @@ def _parts(box: tuple[int, int, int, int]) -> list[tuple[int, int]]:
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _halves(box: tuple[int, int, int, int]) -> list[tuple[int, int]]:
-    middle = (box[2] + box[3]) // 2
-    return [(box[2], middle), (middle, box[3])]
-
-
 def _displacements(
     seen: NDArray[np.float32],
     expected: NDArray[np.float32],
@@ -155,13 +150,13 @@ def _displacements(
     Down is followed from band to band: the way of most likeness, changes costing some (Viterbi). A band of vertical
     rules, or of nothing, so lies where its neighbours do, and is left out. reach: rows up and down.
     """
-    parts, up = _parts(box), reach[0]
+    parts, up, middle = _parts(box), reach[0], (box[2] + box[3]) // 2
     padded = np.pad(seen, (reach, (REACH, REACH)))
     maps = np.stack(
         [
             [
                 _likeness_map(expected[top:bottom, left:right], padded, top, left, sum(reach))
-                for left, right in _halves(box)
+                for left, right in ((box[2], middle), (middle, box[3]))
             ]
             for top, bottom in parts
         ]
@@ -215,14 +210,12 @@ def _way(of_bands: NDArray[np.float32]) -> list[int]:
 
 
 def _vertex_at(values: NDArray[np.float32], place: int) -> float:
-    """Place of the maximum near ``place``, from it."""
-    return _vertex(values[place - 1 : place + 2]) if 0 < place < values.size - 1 else 0.0
-
-
-def _vertex(three: NDArray[np.float32]) -> float:
-    """Place of the maximum of a parabola through three values, from the middle one."""
-    bend = 2 * float(three[1]) - float(three[0]) - float(three[2])
-    return float(np.clip((float(three[2]) - float(three[0])) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
+    """Place of the maximum of a parabola through the values about ``place``, from it."""
+    if not 0 < place < values.size - 1:
+        return 0.0
+    before, here, after = values[place - 1 : place + 2].tolist()
+    bend = 2 * here - before - after
+    return float(np.clip((after - before) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
 
 
 def _moved(

@@ -19,7 +19,8 @@ from prooflight.cli.show import people
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import kept_evidence
-from prooflight.journal.journal import Journal, PageRecord, RunEnd, RunFacts
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunEnd, RunFacts
 from prooflight.rng import stream
 from prooflight.simulation.scans import scan_page
 

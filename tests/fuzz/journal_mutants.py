@@ -22,14 +22,9 @@ import numpy as np
 from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.journal import packs
 from prooflight.journal.exporting import page_facts, run_facts, write_csv
-from prooflight.journal.journal import (
-    Journal,
-    JournalError,
-    PageRecord,
-    Retention,
-    RunEnd,
-    RunFacts,
-)
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, Retention, RunEnd, RunFacts
+from prooflight.journal.schema import JournalError
 from prooflight.journal.unclaimed import unclaimed_folder
 
 if TYPE_CHECKING:

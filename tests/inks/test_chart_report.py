@@ -43,7 +43,10 @@ def test_the_report_is_one_file_with_its_figures(built_in_chart: Chart, tmp_path
 
 def test_what_a_file_says_does_not_become_markup(built_in_chart: Chart, tmp_path: Path) -> None:
     trial = cross_validate(built_in_chart, "log-linear", folds=3)
-    write_chart_report(tmp_path / "r.html", built_in_chart, trial, why="<script>alert(1)</script>")
+    scores = {trial.model: trial.score}
+    write_chart_report(
+        tmp_path / "r.html", built_in_chart, trial, scores=scores, why="<script>alert(1)</script>"
+    )
     assert "<script>" not in (tmp_path / "r.html").read_text()
 
 

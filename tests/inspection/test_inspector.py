@@ -11,9 +11,9 @@ import pytest
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.paper.detector import PaperDetector
-from prooflight.detectors.verdict import Decision
+from prooflight.detectors.verdict import Decision, Verdict
 from prooflight.errors import RequestError, ScanError
-from prooflight.inspection.inspector import Inspector, not_inspected
+from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.registry import BUILT_IN, detector
 from prooflight.rng import stream
 from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, scan_page
@@ -253,7 +253,7 @@ def test_verdicts_go_into_json(press: Press, page: Page) -> None:
 
 
 def test_a_page_without_a_scan_is_passed_on_and_said_so() -> None:
-    verdict = not_inspected("p0009")
+    verdict = Verdict.skipped("p0009")
     assert (verdict.page, verdict.verdict, verdict.action) == ("p0009", "not-inspected", "accept")
     json.dumps(asdict(verdict), allow_nan=False)
 

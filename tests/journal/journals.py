@@ -11,7 +11,7 @@ from sqlalchemy import event
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal import packs
-from prooflight.journal.journal import PageRecord, RunFacts
+from prooflight.journal.records import PageRecord, RunFacts
 
 if TYPE_CHECKING:
     from prooflight.journal.journal import Journal

@@ -25,7 +25,8 @@ from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import decided_again, kept_evidence
 from prooflight.journal import packs
-from prooflight.journal.journal import Journal, JournalError
+from prooflight.journal.journal import Journal
+from prooflight.journal.schema import JournalError
 from prooflight.rng import stream
 from prooflight.simulation.scans import scan_page
 

@@ -14,7 +14,9 @@ from sqlalchemy.exc import OperationalError
 from tests.journal.journals import facts, files_of, record
 
 from prooflight.journal import packs, rows
-from prooflight.journal.journal import Journal, JournalError, Retention, RunEnd, Tidied
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import Retention, RunEnd, Tidied
+from prooflight.journal.schema import JournalError
 from prooflight.journal.unclaimed import unclaimed_folder
 
 if TYPE_CHECKING:

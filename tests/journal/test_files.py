@@ -15,7 +15,8 @@ import pytest
 from tests.journal.journals import facts, record
 
 from prooflight.journal import lock
-from prooflight.journal.journal import Journal, JournalError
+from prooflight.journal.journal import Journal
+from prooflight.journal.schema import JournalError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,16 +17,11 @@ from tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.journal import lock, packs
-from prooflight.journal.journal import (
-    Journal,
-    JournalError,
-    PageRecord,
-    Retention,
-    RunEnd,
-    content_digest,
-    default_journal,
-)
+from prooflight.journal.journal import Journal, content_digest
+from prooflight.journal.opening import default_journal
 from prooflight.journal.queue import JournalQueue
+from prooflight.journal.records import PageRecord, Retention, RunEnd
+from prooflight.journal.schema import JournalError
 from prooflight.journal.unclaimed import unclaimed_folder
 
 DAY_S = 86_400.0

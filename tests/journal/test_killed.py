@@ -22,7 +22,8 @@ import numpy as np
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal import packs
-from prooflight.journal.journal import Journal, PageRecord, RunFacts
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.journal.unclaimed import unclaimed_folder
 
 KILLS = 20

@@ -14,7 +14,8 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import Figure, decided_again, kept_evidence, replayed
-from prooflight.journal.journal import Journal, PageRecord, RunFacts
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page

@@ -16,7 +16,9 @@ from tests.journal.journals import facts, files_of, limit, record
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.journal import packs, rows
 from prooflight.journal.aside import aside_file
-from prooflight.journal.journal import Journal, JournalError, PageRecord, RunEnd
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunEnd
+from prooflight.journal.schema import JournalError
 from prooflight.line import recording
 from prooflight.line.recording import Recorder
 from prooflight.line.status import Phase, Tally
@@ -73,7 +75,6 @@ def test_a_camera_count_that_no_row_can_hold_costs_one_page(
 
 status: dict[str, Any] = {
     "queue_depth": 0,
-    "being_inspected": 0,
     "ahead": 0,
     "journalled": 0,
     "elapsed_s": 1.0,

@@ -11,7 +11,7 @@ from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.monitor.run import Announcement, PageEvidence, RunMonitor
 from prooflight.line.outcomes import SPOILT, RunWatch, missing_page, outcome, skipped, unknown_sheet
-from prooflight.line.pager import Fault, MissingPage, SeenPage
+from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
 NOTHING = np.zeros((1, 1, 1), np.uint16)
 GOOD = Verdict(page="p0004", verdict="good", action="accept")

@@ -9,14 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prooflight.errors import ScanError
-from prooflight.line.pager import (
-    MissingPage,
-    Pager,
-    SeenPage,
-    TriggerCount,
-    thumbnail_of,
-)
+from prooflight.line.pager import Pager, TriggerCount
+from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.line.sheets.store import LineStore
+from prooflight.line.sheets.thumbnails import thumbnail_of
 from prooflight.pages.raster import turned
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
@@ -31,7 +27,9 @@ from prooflight_studies.soak.repeated_job import RepeatedJob
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from prooflight.line.pager import Fault, PageStart, Thumbnail
+    from prooflight.line.pager import PageStart
+    from prooflight.line.sheets.records import Fault
+    from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 

@@ -8,30 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.line.runs import NOTHING, PATIENCE_S, Book, SheetInspector
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
-from prooflight.line.pager import Fault, MissingPage, SeenPage
 from prooflight.line.queues import Waiting
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetResult
-from prooflight.line.sheets.thumbnails import Thumbnail
+from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 from prooflight.line.status import Phase, Times
 from prooflight.scans.lines import LineBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-PATIENCE_S = 20.0
-"""Only a test that fails waits so long."""
-NOTHING = np.zeros((1, 1, 1), np.uint16)
-SMALL = Thumbnail(
-    light=np.zeros((1, 1), np.uint8), width_mm=1, height_mm=1, signature=np.zeros(1, np.float32)
-)
 
 
 def seen(page: int | None, time_s: float = 0.0, *kinds: Any) -> SeenPage:
@@ -45,23 +38,6 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now_s
-
-
-@dataclass
-class Book:
-    """Sheets of designs that repeat."""
-
-    sheets: int
-    designs: int = 10**9
-
-    def __len__(self) -> int:
-        return self.sheets
-
-    def design(self, sheet: int) -> int:
-        return sheet % self.designs
-
-    def page(self, sheet: int) -> Any:
-        return self.design(sheet)
 
 
 @dataclass
@@ -103,34 +79,6 @@ class Pager:
         return []
 
 
-@dataclass
-class SheetInspector:
-    """Says good of every sheet; ``first`` is called before, with the sheet's name."""
-
-    first: Callable[[str], None] = lambda _name: None
-    prepared: list[Any] = field(default_factory=list)
-
-    def prepare(self, page: Any) -> Any:
-        self.prepared.append(page)
-        return page
-
-    def thumbnail(self, ready: Any) -> Thumbnail:
-        return SMALL
-
-    def warm_up(self, ready: Any) -> None:
-        pass
-
-    def following(self, press: Any) -> SheetInspector:
-        return self
-
-    def renewed(self, ready: Any) -> Any:
-        return ready
-
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
-        self.first(name)
-        return SheetResult(verdict=Verdict(page=f"design {ready}", verdict="good", action="accept"))
-
-
 def watched(
     script: list[SeenPage | MissingPage],
     *,
@@ -148,7 +96,7 @@ def watched(
         source=source or Source(script),
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
         book=book or Book(len(script)),
-        inspector=inspector or SheetInspector(),
+        inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script)),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,
@@ -310,13 +258,8 @@ def test_a_sheet_that_breaks_the_judge_is_passed_on(error: Exception) -> None:
 
 
 def test_a_page_that_cannot_be_read_costs_its_sheets_only() -> None:
-    class Torn(Book):
-        def page(self, sheet: int) -> Any:
-            if sheet == 2:
-                raise JobError("job.pdf", "page 3 is damaged", remedy="send it again")
-            return sheet
-
-    _, told = run([seen(page) for page in range(4)], book=Torn(4))
+    torn = {2: JobError("job.pdf", "page 3 is damaged", remedy="send it again")}
+    _, told = run([seen(page) for page in range(4)], book=Book(4, torn))
     assert [one.record.verdict.verdict for one in told] == ["good", "good", "not-inspected", "good"]
     assert "damaged" in told[2].record.verdict.reason
 

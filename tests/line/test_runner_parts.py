@@ -19,9 +19,9 @@ from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, follo
 from prooflight.line.monitor.evidence import COLUMN_MM, columns, columns_mm, run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.outcomes import outcome
-from prooflight.line.pager import SeenPage
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.settings import Settings
+from prooflight.line.sheets.records import SeenPage
 from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Tally
 from prooflight.line.watching import threads_a_sheet
@@ -223,7 +223,7 @@ def test_thumbnails_stay_the_same_object() -> None:
     known.know(2, one)
     known.know(2, other)
     assert known[2] is one
-    assert list(known[1:4]) == [None, one, None]
+    assert [known[sheet] for sheet in range(1, 4)] == [None, one, None]
     with pytest.raises(IndexError):
         known[4]
 
@@ -320,7 +320,7 @@ def test_live_view_shows_an_alarm_and_where() -> None:
     region = Region(x_mm=80, y_mm=0, width_mm=6, height_mm=297, score=9.0, kind="streak")
     alarm = Verdict(page="p0004", verdict="misprint", action="stop", kind="streak", regions=(region,))
     recent.add(outcome(3, seen, alarm, evidence=PageEvidence(values={"gain-cyan": 0.03})))
-    status = Tally().snapshot(queue_depth=2, being_inspected=1, ahead=4, journalled=3, elapsed_s=1.0)
+    status = Tally().snapshot(queue_depth=2, ahead=4, journalled=3, elapsed_s=1.0)
     console = Console(record=True, width=120, file=io.StringIO())
     console.print(live_view(status, recent, title="job on press", deadline_s=0.5))
     text = console.export_text()

@@ -8,51 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.line.runs import NOTHING, PATIENCE_S, Book, SheetInspector
 
 from prooflight.detectors.cost import RunningCosts
-from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
 from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.notices import Notice
 from prooflight.line.outcomes import Outcome, RunWatch
-from prooflight.line.pager import Fault, SeenPage
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
-from prooflight.line.sheet_inspector import SheetResult
-from prooflight.line.sheets.thumbnails import Thumbnail
+from prooflight.line.sheets.records import Fault, SeenPage
 from prooflight.line.status import Phase
 from prooflight.scans.lines import LineBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PATIENCE_S = 20.0
-"""Only a test that fails waits so long."""
-NOTHING = np.zeros((1, 1, 1), np.uint16)
-SMALL = Thumbnail(
-    light=np.zeros((1, 1), np.uint8), width_mm=1, height_mm=1, signature=np.zeros(1, np.float32)
-)
 TORN = JobError("p0003.tif", "the TIFF is truncated", remedy="copy it again")
-
-
-@dataclass
-class Book:
-    """Sheets, each of a design of its own; some cannot be read."""
-
-    sheets: int
-    torn: dict[int, Exception] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return self.sheets
-
-    def design(self, sheet: int) -> int:
-        return sheet
-
-    def page(self, sheet: int) -> Any:
-        if sheet in self.torn:
-            raise self.torn[sheet]
-        return sheet
 
 
 @dataclass
@@ -105,28 +78,6 @@ class Pager:
         return []
 
 
-class SheetInspector:
-    """Says good of every sheet."""
-
-    def prepare(self, page: Any) -> Any:
-        return page
-
-    def thumbnail(self, ready: Any) -> Thumbnail:
-        return SMALL
-
-    def warm_up(self, ready: Any) -> None:
-        pass
-
-    def following(self, press: Any) -> SheetInspector:
-        return self
-
-    def renewed(self, ready: Any) -> Any:
-        return ready
-
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
-        return SheetResult(verdict=Verdict(page=f"p{ready + 1:04d}", verdict="good", action="accept"))
-
-
 def seen(page: int | None, **facts: Any) -> SeenPage:
     return SeenPage(scan=NOTHING, first_line=0, last_line_time_s=0.0, job_page=page, **facts)
 
@@ -166,7 +117,7 @@ def run_of(
         source=source or Source(book.sheets),
         pager=lambda known: Pager(known, odd or {}),  # type: ignore[arg-type,return-value]
         book=book,
-        inspector=inspector or SheetInspector(),
+        inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(monitor=monitor, adapting=None, sheets=book.sheets),
         settings=Settings(source_waits=True, **settings),
         **{"tell": told.append, "notice": noticed.append, "clock": clock} | given,
@@ -225,7 +176,7 @@ def test_a_fault_of_our_own_in_a_design_costs_its_sheets_alone(caplog: pytest.Lo
         def prepare(self, page: Any) -> Any:
             if page == 1:
                 raise IndexError("7 is out of bounds")
-            return page
+            return super().prepare(page)
 
     run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]
@@ -315,7 +266,7 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
     class Odd(SheetInspector):
         def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Any:
-            return None if ready == 1 else super().inspect(ready, scan, name=name, seed=seed)
+            return None if ready.page == 1 else super().inspect(ready, scan, name=name, seed=seed)
 
     run = run_of(Book(3), inspector=Odd())
     assert run.words() == ["good", "not-inspected", "good"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.journal import PageRecord
+from prooflight.journal.records import PageRecord
 from prooflight.simulation.drum import DrumFault, turns
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.soak.sheets import Passed, drawn_faults, truth

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.options import Json
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from prooflight.commissioning.chart.calibrate import Calibration
 
 
@@ -30,7 +32,7 @@ def calibrate(
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Draw residuals, noise and edges.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Tables from scans of a printed chart: no spectrometer, no data sheet."""
     from prooflight.commissioning.chart.calibrate import calibrate as calibrated
@@ -96,13 +98,9 @@ def _sensors(found: Calibration) -> list[dict[str, Any]]:
 
 def _table(found: Calibration) -> Table:
     aside = sum(not patch.used for patch in found.patches)
-    table = Table(
-        title=f"{len(found.patches)} patches read, {aside} set aside; residuals in a pixel's sigma",
-        title_justify="left",
-    )
+    title = f"{len(found.patches)} patches read, {aside} set aside; residuals in a pixel's sigma"
     headings = ("sensor", "white [DN]", "black [DN]", "sigma [DN]", "residual", "left out")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading == "sensor" else "right")
+    table = show.table_of(title, headings, words=("sensor",))
     for row in _sensors(found):
         table.add_row(
             row["name"],

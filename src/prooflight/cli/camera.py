@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from prooflight.cli import camera_tables, show
+from prooflight.cli.options import Json
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 
@@ -27,7 +27,6 @@ app = typer.Typer(
 )
 
 PressFileArgument = Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the curves.")]
 
 
@@ -51,7 +50,7 @@ def respond(
     text, where = _text_of(reflectance)
     answers = sensing.respond(camera, parse_reflectances(text, where=where))
     if json:
-        show.print_json({"sensors": [camera_tables.response_json(answer) for answer in answers]})
+        show.print_json({"sensors": answers})
         return
     for answer in answers:
         show.people.print(camera_tables.response_table(answer))
@@ -93,12 +92,7 @@ def mtf(
     found = sharpness(camera, chosen, frequency, wave_nm=wave)
     if json:
         show.print_json(
-            {
-                "freq": frequency.tolist(),
-                "lens": found.lens.tolist(),
-                "system": found.across.tolist(),
-                "system_along": found.along.tolist(),
-            }
+            {"freq": frequency, "lens": found.lens, "system": found.across, "system_along": found.along}
         )
         return
     title = f"MTF of sensor {chosen.name} at {wave:g} nm"
@@ -127,7 +121,7 @@ def explore(
     if picture is not None:
         camera_tables.draw_designs(picture, designs)
     if json:
-        show.print_json([asdict(design) for design in designs])
+        show.print_json(designs)
         return
     for table in camera_tables.design_tables(designs):
         show.people.print(table)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
 from rich.text import Text
+
+from prooflight.cli.show import table_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
+    from rich.table import Table
 
     from prooflight.camera.camera import SensorResponse
     from prooflight.camera.sharpness import Sharpness
@@ -20,31 +22,10 @@ if TYPE_CHECKING:
     from prooflight.commissioning.camera.sensor_block import SensorBlock
 
 
-def response_json(answer: SensorResponse) -> dict[str, Any]:
-    """A response as the contract has it: lists over the reflectances."""
-    return {
-        "name": answer.name,
-        "irradiance_photons": answer.irradiance_photons.tolist(),
-        "illuminance_lux": answer.illuminance_lux.tolist(),
-        "electrons": answer.electrons.tolist(),
-        "volts": answer.volts.tolist(),
-        "dn_mean": answer.dn_mean.tolist(),
-        "dn_sigma_temporal": answer.dn_sigma_temporal.tolist(),
-        "dn_sigma_total": answer.dn_sigma_total.tolist(),
-    }
-
-
-def _headed(title: str, headings: Sequence[str]) -> Table:
-    table = Table(title=title, title_justify="left")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    return table
-
-
 def response_table(answer: SensorResponse) -> Table:
     """One line a reflectance."""
     headings = ("patch", "lux", "electrons", "volts", "mean [DN]", "sigma temporal [DN]", "sigma total [DN]")
-    table = _headed(f"Sensor {answer.name}", headings)
+    table = table_of(f"Sensor {answer.name}", headings)
     columns = (answer.illuminance_lux, answer.electrons, answer.volts)
     noise = (answer.dn_mean, answer.dn_sigma_temporal, answer.dn_sigma_total)
     for patch, row in enumerate(zip(*columns, *noise, strict=True), start=1):
@@ -65,9 +46,8 @@ def sharpness_table(
     title: str, frequency: NDArray[np.float64], found: Sharpness, *, magnification: float
 ) -> Table:
     """MTFs against frequency on the sensor (n,) [cycles/mm] and on the page."""
-    table = _headed(
-        title, ("on sensor [cycles/mm]", "on page [cycles/mm]", "lens", "system across", "system along")
-    )
+    headings = ("on sensor [cycles/mm]", "on page [cycles/mm]", "lens", "system across", "system along")
+    table = table_of(title, headings)
     for row in zip(frequency, found.lens, found.across, found.along, strict=True):
         table.add_row(f"{row[0]:g}", f"{row[0] * magnification:.3g}", *(f"{value:.4f}" for value in row[1:]))
     return table
@@ -95,17 +75,17 @@ def design_tables(designs: Sequence[Design]) -> list[Table]:
     """What all sensors of a design share; then each sensor's signal, and its noise and sharpness."""
     fields = [name.removeprefix(name.split(".")[0] + ".") for name in designs[0].vary]
     values = [tuple(str(value) for value in design.vary.values()) for design in designs]
-    common = _headed("Designs", (*fields, "field [mm]", "pixel [mm]", "line [mm]", "A4 pages/s"))
+    common = table_of("Designs", (*fields, "field [mm]", "pixel [mm]", "line [mm]", "A4 pages/s"))
     for row, design in zip(values, designs, strict=True):
         pitches = f"{design.pixel_pitch_mm:.4f}", f"{design.line_pitch_mm:.4f}"
         common.add_row(*row, f"{design.field_mm:.1f}", *pitches, f"{design.a4_pages_per_s:.2f}")
     tables = [common]
     for place, first in enumerate(designs[0].sensors):
-        signal = _headed(
+        signal = table_of(
             f"Sensor {first.name}: signal and temporal signal-to-noise ratio",
             (*fields, "white [DN]", "white", "50 % K", "100 % K"),
         )
-        noise = _headed(
+        noise = table_of(
             f"Sensor {first.name}: temporal sigma [DN], over the CMYK table; MTF at half a cycle a pixel",
             (*fields, "white", "50 % K", "100 % K", "table min", "table max", "MTF across", "along"),
         )
@@ -159,15 +139,15 @@ def block_json(block: SensorBlock) -> dict[str, Any]:
         "full_well_e": block.full_well_e,
         "saturation_e": block.saturation_e,
         "photon_transfer": {
-            "mean_dn": transfer.level_dn.tolist(),
-            "variance_dn2": transfer.variance_dn2.tolist(),
-            "fitted": transfer.used.tolist(),
+            "mean_dn": transfer.level_dn,
+            "variance_dn2": transfer.variance_dn2,
+            "fitted": transfer.used,
             "constant_dn2": transfer.constant_dn2,
         },
-        "columns": {"offset_dn": transfer.offset_dn.tolist(), "gain": transfer.column_gain.tolist()},
+        "columns": {"offset_dn": transfer.offset_dn, "gain": transfer.column_gain},
         "sources": block.sources,
-        "missing": list(block.missing),
-        "notes": list(block.notes),
+        "missing": block.missing,
+        "notes": block.notes,
     }
 
 
@@ -175,11 +155,8 @@ def block_table(block: SensorBlock) -> Table:
     """One line a field, with standard error and origin."""
     from prooflight.commissioning.camera.sensor_block import FIELDS
 
-    table = Table(title=f"Sensor {block.fields['name']}", title_justify="left")
-    table.add_column("field")
-    table.add_column("value", justify="right")
-    table.add_column("+-", justify="right")
-    table.add_column("from")
+    headings = ("field", "value", "+-", "from")
+    table = table_of(f"Sensor {block.fields['name']}", headings, words=("field", "from"))
     for name in FIELDS:
         value = block.fields.get(name)
         shown = "" if value is None else "a curve" if isinstance(value, dict) else str(value)

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.options import Json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+    from rich.table import Table
 
     from prooflight.inks.selection import CrossValidation, Score
 
@@ -21,7 +23,6 @@ app = typer.Typer(
 
 ChartPath = Annotated[Path, typer.Argument(metavar="CHART", help="CGATS text or .ti3 with CMYK and spectra.")]
 Model = Annotated[str, typer.Option(help="auto, or the name of an ink model.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
@@ -37,14 +38,12 @@ def score(
     from prooflight.inks.selection import AUTO, choose, cross_validate
 
     measured = read_chart(chart)
-    scores: dict[str, Score] = {}
     if model == AUTO:
         choice = choose(measured, folds=folds, progress=_trying(quiet=json))
-        trial, scores, why = choice.best, dict(choice.scores), choice.why
+        trial, scores, why = choice.best, choice.scores, choice.why
     else:
         trial = cross_validate(measured, model, folds=folds)
-        why = f"{model}: as asked"
-    scores = scores or {trial.model: trial.score}
+        scores, why = {trial.model: trial.score}, f"{model}: as asked"
     if report is not None:
         from prooflight.reporting.chart_report import write_chart_report
 
@@ -75,16 +74,10 @@ def predict(
     learned = learn(read_chart(chart), model, progress=_trying(quiet=json))
     reflectance = learned.reflectance(recipes)
     if json:
-        answer = {
-            "wave_nm": spectra.WAVE_NM.tolist(),
-            "reflectance": reflectance.tolist(),
-            "model": learned.name,
-        }
-        show.print_json(answer)
+        show.print_json({"wave_nm": spectra.WAVE_NM, "reflectance": reflectance, "model": learned.name})
         return
-    table = Table(title=f"Predicted by {learned.name}", title_justify="left")
-    for heading in ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm"):
-        table.add_column(heading, justify="right")
+    headings = ("C", "M", "Y", "K", "L*", "a*", "b*", "450 nm", "550 nm", "650 nm")
+    table = show.table_of(f"Predicted by {learned.name}", headings)
     bands = [int((wave - spectra.WAVE_NM[0]) / spectra.STEP_NM) for wave in (450, 550, 650)]
     for recipe, spectrum, colour in zip(recipes, reflectance, spectra.lab(reflectance), strict=True):
         cells = [f"{100 * ink:.0f}" for ink in recipe] + [f"{value:.1f}" for value in colour]
@@ -106,13 +99,7 @@ def make(
 
     files = make_chart(out, patches, rng=stream(seed, "chart-places"), ink_limit_percent=ink_limit)
     if json:
-        show.print_json(
-            {
-                "pdf": str(files.pdf),
-                "tiffs": [str(path) for path in files.tiffs],
-                "recipes": str(files.recipes),
-            }
-        )
+        show.print_json({"pdf": files.pdf, "tiffs": files.tiffs, "recipes": files.recipes})
     else:
         show.people.print(
             "Print", show.strong(files.pdf), f"without colour management; its recipes: {files.recipes}"
@@ -123,12 +110,10 @@ def _trying(*, quiet: bool) -> Callable[[str], None]:
     return lambda name: None if quiet else show.step(f"trying {name}")
 
 
-def _score_table(scores: dict[str, Score], trial: CrossValidation) -> Table:
-    table = Table(
-        title=f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)", title_justify="left"
-    )
-    for heading in ("model", "median", "95 %", "greatest", "rms reflectance", "patches"):
-        table.add_column(heading, justify="left" if heading == "model" else "right")
+def _score_table(scores: Mapping[str, Score], trial: CrossValidation) -> Table:
+    title = f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)"
+    headings = ("model", "median", "95 %", "greatest", "rms reflectance", "patches")
+    table = show.table_of(title, headings, words=("model",))
     for name, of_model in scores.items():
         table.add_row(
             show.strong(name) if name == trial.model else name,

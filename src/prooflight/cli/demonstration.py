@@ -10,7 +10,6 @@ from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import opened
-from prooflight.pages.parallel import in_order
 from prooflight.press.press_file import PressFile
 from prooflight.reporting.report import PageEntry, page_entry
 from prooflight.rng import stream
@@ -20,7 +19,7 @@ from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_pag
 from prooflight.simulation.worlds import Gate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
@@ -132,8 +131,3 @@ class PrintAndInspect:
             except RequestError:
                 continue  # this kind shows nothing on this page
         raise AssertionError  # the last request is for a good print, which never fails
-
-
-def run(work: PrintAndInspect, sheets: Sequence[Print]) -> Iterator[PageEntry]:
-    """Print and inspect every sheet, in the order of the run."""
-    return in_order(work, sheets)

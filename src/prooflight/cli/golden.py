@@ -14,15 +14,17 @@ from prooflight.press.artefact import Press
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from prooflight.cli.inspected import Inspected
+    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.job import Job
 
 
 def inspect_golden(
     golden: Path, scans: Path, *, job: Path | None, press: Path | None, profile: Path | None, json: bool
-) -> int:
-    """Show one verdict a scan, or a page of the job; returns the exit code."""
+) -> Inspected[Verdict]:
+    """Show one verdict a scan, or a page of the job."""
     from prooflight.cli.inspected import inspected
-    from prooflight.inspection.golden import GoldenInspector, golden_pages, page_killed
+    from prooflight.inspection.golden import GoldenInspector, golden_pages
     from prooflight.inspection.job import Tried
     from prooflight.pages.parallel import in_order
 
@@ -32,8 +34,9 @@ def inspect_golden(
     sensors = None if loaded is None else len(loaded.sensors)
     pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm, troubles=troubles)
     work = GoldenInspector.of(loaded, *dict.fromkeys(page.golden for page in pages))
+    tried = Tried(work, attrgetter("name"))
     done = inspected(
-        in_order(Tried(work, attrgetter("name")), pages, killed=page_killed),
+        in_order(tried, pages, killed=tried.killed),
         lambda verdict: verdict,
         names=[page.name for page in pages],
         unseen=lambda _place, verdict: verdict,
@@ -41,7 +44,7 @@ def inspect_golden(
     )
     if not json:
         show.judged(done.verdicts, title=f"{scans.name} against {golden.name}")
-    return done.code()
+    return done
 
 
 def _lefts_mm(job: Path, press: Press | None, profile: Path | None, troubles: dict[str, str]) -> list[float]:

@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import of_run
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError
-from prooflight.inspection.inspector import not_inspected
 from prooflight.inspection.job import first_reason
 from prooflight.inspection.reasons import reason_of
-from prooflight.reporting.wording import count
+from prooflight.reporting.wording import count, not_inspected
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from prooflight.detectors.verdict import Verdict
-
 Item = TypeVar("Item")
 
 
@@ -48,10 +45,8 @@ class Inspected(Generic[Item]):
             raise self.fault
         unseen = [verdict for verdict in verdicts if verdict.verdict == "not-inspected"]
         if unseen:
-            were = "was" if len(unseen) == 1 else "were"
-            first = "" if len(unseen) == 1 else "the first "
-            what = f"{len(unseen):,} of {count(len(verdicts), 'page')} {were} not inspected"
-            faults.told(f"{what} ({first}{unseen[0].page}: {unseen[0].reason})")
+            what = f"{len(unseen):,} of {count(len(verdicts), 'page')}"
+            faults.told(not_inspected(what, len(unseen), f"{unseen[0].page}: {unseen[0].reason}"))
         misprints = sum(verdict.verdict == "misprint" for verdict in verdicts)
         return of_run(misprints=misprints, complete=not unseen)
 
@@ -82,7 +77,7 @@ def inspected(
     if stopped is not None:
         why = _why(stopped)
         rest = range(len(done.items), len(names))
-        done.items += [unseen(place, not_inspected(names[place], why)) for place in rest]
+        done.items += [unseen(place, Verdict.skipped(names[place], why)) for place in rest]
         if isinstance(stopped, Exception) and not isinstance(stopped, (ProoflightError, OSError)):
             done.fault = stopped
     if json:

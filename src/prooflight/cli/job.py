@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.options import Detector, JobPath, Json, Pages, PressArtefact, Profile, Seed
 from prooflight.errors import RequestError
-from prooflight.inspection.registry import names
 from prooflight.pages.job import JobSource, parse_pages
 from prooflight.press.artefact import Press
 from prooflight.reporting.wording import count
@@ -23,23 +22,6 @@ if TYPE_CHECKING:
     from prooflight.cli.inspected import Inspected
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.reporting.report import PageEntry
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Profile = Annotated[
-    Path | None, typer.Option(metavar="ICC", help="CMYK profile for colours that are not CMYK.")
-]
-PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
-Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
-JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
-Detector = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="ours; bayes and chi-square: the paper's learned and statistical ones; packages may register others. "
-        f"Known here: {', '.join(names())}. Default: ours if the press was taught it, else chi-square.",
-    ),
-]
-Seed = Annotated[int, typer.Option(help="Of everything random.", min=0, max=2**32 - 1)]
 
 
 def register(app: typer.Typer) -> None:
@@ -61,7 +43,8 @@ def demo(
     """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
     from prooflight.cli import demonstration as demonstration
     from prooflight.inspection.inspector import Inspector
-    from prooflight.reporting.report import RunSummary, write_report
+    from prooflight.pages.parallel import in_order
+    from prooflight.reporting.report import RunSummary, counts, write_report
 
     say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
@@ -78,29 +61,26 @@ def demo(
         sizes, name = opened.page_sizes_mm, opened.name
     press = demonstration.demo_press(sizes, seed=seed, progress=say)
     artefact = out / f"{press.name}.press"
-    digest = press.save(artefact)
+    press.save(artefact)
     source = JobSource(path=job, dpi=press.dpi, profile=profile)
     sheets = demonstration.plan(len(sizes), pages, seed=seed)
     work = demonstration.PrintAndInspect(job=source, press=press, seed=seed, titles=titles)
     started = time.perf_counter()
-    entries = list(
-        _shown(demonstration.run(work, sheets), len(sheets), "printing and inspecting", quiet=json)
-    )
+    entries = list(_shown(in_order(work, sheets), len(sheets), "printing and inspecting", quiet=json))
     pages_per_s = len(entries) / (time.perf_counter() - started)
-    summary = RunSummary(
-        job=name,
-        press=press.name,
-        press_digest=digest,
-        promise=Inspector.of(press, "chi-square").promise,
-        world="ideal",
-        seed=seed,
-        date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        pages_per_s=pages_per_s,
-    )
+    inspector = Inspector.of(press, "chi-square")
+    summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world="ideal", seed=seed)
     report = out / "report.html"
     say("writing the report")
     write_report(report, entries, summary)
-    totals = _totals(entries) | {"pages_per_s": round(pages_per_s, 3)}
+    of_run = counts(entries)
+    totals: dict[str, float] = {
+        "pages": of_run.pages,
+        "misprints": of_run.misprints,
+        "caught": of_run.caught,
+        "false_alarms": of_run.false_alarms,
+        "pages_per_s": round(pages_per_s, 3),
+    }
     if json:
         show.print_json(totals)
         return
@@ -218,8 +198,17 @@ def inspect(
 
     Exits 1 if there is a misprint, 3 if a page was not inspected.
     """
+    done: Inspected[Any]
     if golden is not None:
-        _inspect_golden(golden, job, scans, press, detector, report, profile, json=json)
+        from prooflight.cli.golden import inspect_golden
+
+        for option, given in (("--detector", detector), ("--report", report)):
+            if given is not None:
+                remedy = "leave it out: both need the job's raster"
+                raise RequestError(option, "does not go with --golden", remedy=remedy)
+        of_job = (None, job) if scans is None else (job, scans)
+        done = inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json)
+        _leave(done)
         return
     if scans is None or press is None:
         missing = "SCANS" if scans is None else "--press"
@@ -228,7 +217,7 @@ def inspect(
         )
     from prooflight.cli.inspected import inspected
     from prooflight.inspection.inspector import Inspector
-    from prooflight.inspection.job import InspectPage, Tried, name_of, pair_killed, paired
+    from prooflight.inspection.job import InspectPage, Tried, name_of, paired
     from prooflight.pages.parallel import in_order
 
     loaded = Press.load(press)
@@ -238,8 +227,9 @@ def inspect(
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
     work = InspectPage(job=source, inspector=inspector, scans=scans)
     if report is None:
-        done: Inspected[Any] = inspected(
-            in_order(Tried(work, name_of), pairs, killed=pair_killed),
+        tried = Tried(work, name_of)
+        done = inspected(
+            in_order(tried, pairs, killed=tried.killed),
             lambda seen: seen,
             names=[name_of(pair) for pair in pairs],
             unseen=lambda _place, verdict: verdict,
@@ -251,6 +241,11 @@ def inspect(
         show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
+    _leave(done)
+
+
+def _leave(done: Inspected[Any]) -> None:
+    """Say what was not inspected, and end with the run's exit code."""
     if code := done.code():
         raise typer.Exit(code)
 
@@ -260,69 +255,24 @@ def _reported(
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.inspected import inspected
-    from prooflight.inspection.job import name_of, pair_killed
+    from prooflight.inspection.job import name_of
     from prooflight.pages.parallel import in_order
-    from prooflight.reporting.job import PicturedPage
-    from prooflight.reporting.report import RunSummary, unpictured_entry, write_report
+    from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
 
-    started = time.perf_counter()
+    started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        in_order(PicturedPage(work), pairs, killed=lambda pair: unpictured_entry(pair[0], pair_killed(pair))),
+        in_order(pictured, pairs, killed=pictured.killed),
         attrgetter("verdict"),
         names=[name_of(pair) for pair in pairs],
         unseen=lambda place, verdict: unpictured_entry(pairs[place][0], verdict),
         json=json,
     )
     report.mkdir(parents=True, exist_ok=True)
-    press = work.inspector.press
-    summary = RunSummary(
-        job=job,
-        press=press.name,
-        press_digest=press.digest,
-        promise=work.inspector.promise,
-        world=None,
-        seed=None,
-        date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        pages_per_s=len(pairs) / (time.perf_counter() - started),
-    )
+    pages_per_s = len(pairs) / (time.perf_counter() - started)
+    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s)
     write_report(report / "report.html", done.items, summary)
     return done
 
 
-def _inspect_golden(
-    golden: Path,
-    job: Path,
-    scans: Path | None,
-    press: Path | None,
-    detector: str | None,
-    report: Path | None,
-    profile: Path | None,
-    *,
-    json: bool,
-) -> None:
-    from prooflight.cli.golden import inspect_golden
-
-    if detector is not None or report is not None:
-        option = "--detector" if detector is not None else "--report"
-        raise RequestError(
-            option, "does not go with --golden", remedy="leave it out: both need the job's raster"
-        )
-    of_job = (None, job) if scans is None else (job, scans)
-    if code := inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json):
-        raise typer.Exit(code)
-
-
 def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:
     return iter(items) if quiet else show.progress(items, total=total, what=what)
-
-
-def _totals(entries: list[PageEntry]) -> dict[str, int]:
-    from prooflight.reporting.report import counts
-
-    of_run = counts(entries)
-    return {
-        "pages": of_run.pages,
-        "misprints": of_run.misprints,
-        "caught": of_run.caught,
-        "false_alarms": of_run.false_alarms,
-    }

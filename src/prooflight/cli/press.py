@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.options import Json
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
@@ -23,7 +23,7 @@ TEACHING = {"none": 0, "quick": QUICK, "full": FULL}
 COMPOSED_SEED = 70_000
 """Of the designs that teach, apart from those of studies."""
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
 
 
 @app.command()
@@ -70,7 +70,7 @@ def build(
     seconds = round(time.perf_counter() - started, 2)
     if json:
         facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": promises(press)}
-        show.print_json(facts | {"tables": [asdict(a) for a in accuracy]})
+        show.print_json(facts | {"tables": accuracy})
         return
     show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
     for entry in accuracy:
@@ -99,7 +99,7 @@ def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) 
 
 @app.command()
 def learn(
-    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
+    artefact: Artefact,
     job: Annotated[Path, typer.Argument(metavar="JOB", help="What was printed.")],
     scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Scans of its pages, as for `inspect`.")],
     good: Annotated[
@@ -166,7 +166,7 @@ def learn(
 
 @app.command("show")
 def show_press(
-    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
+    artefact: Artefact,
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Write tables, columns and footprint as a picture.")
     ] = None,
@@ -187,10 +187,7 @@ def show_press(
     for key, value in facts.items():
         table.add_row(key.replace("_", " "), _in_lines(value))
     show.people.print(table)
-    of_sensors = Table(title="Sensors", title_justify="left")
-    of_sensors.add_column("")
-    for sensor in sensors:
-        of_sensors.add_column(sensor["name"], justify="right")
+    of_sensors = show.table_of("Sensors", ("", *(sensor["name"] for sensor in sensors)), words=("",))
     for key in list(sensors[0])[1:]:
         of_sensors.add_row(key.replace("_", " "), *(str(sensor[key]) for sensor in sensors))
     show.people.print(of_sensors)

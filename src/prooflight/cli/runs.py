@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,19 +13,23 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.cli import show
+from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
+from prooflight.cli.options import Json
 from prooflight.errors import PressError, RequestError, visible
 from prooflight.files.atomic import whole_file
 from prooflight.journal.exporting import page_facts, run_facts, write_csv
-from prooflight.journal.journal import Journal, Retention, default_journal
+from prooflight.journal.journal import Journal
+from prooflight.journal.opening import default_journal
+from prooflight.journal.records import Retention
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
     from typing import TextIO
 
-    from prooflight.journal.journal import JournalError, PageRecord, RunRow
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.schema import JournalError
 
 DAMAGED_SHOWN = 5
 """So many damaged rows are named; the rest are counted."""
@@ -55,7 +58,6 @@ JournalUrl = Annotated[
     typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
 ]
 RunNumber = Annotated[str, typer.Argument(metavar="ID", help="Number of a run, or `last`.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def register(program: typer.Typer) -> None:
@@ -199,9 +201,9 @@ def replay(
             {"run": found.id, "sheet": sheet, "page": page.verdict.page, "same": same, "figures": rows}
         )
     else:
-        table = Table(title=f"Sheet {sheet} of run {found.id}, {page.verdict.page}", title_justify="left")
-        for heading in ("", "recorded", "again", ""):
-            table.add_column(heading)
+        headings = ("", "recorded", "again", "")
+        title = f"Sheet {sheet} of run {found.id}, {page.verdict.page}"
+        table = show.table_of(title, headings, words=headings)
         for figure in figures:
             word = Text("same", style="green") if figure.same else Text("differs", style="bold red")
             table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), word)
@@ -231,7 +233,6 @@ def tidy(
         tidied = opened.tidy(retention, now_s=time.time())
         left, size = opened.runs(damaged=lambda _: None), opened.megabytes
         trouble, aside = opened.health.trouble, opened.unclaimed
-    assert aside is not None
     if json:
         show.print_json(
             {
@@ -254,7 +255,7 @@ def tidy(
             f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
         )
     for line in (*said, *tidied.refused):
-        _tell(line)
+        faults.told(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)
 
@@ -275,21 +276,15 @@ class Damaged:
     def told(self) -> None:
         """Name them and exit, if there are any."""
         for error in self._first:
-            _tell(str(error))
+            faults.told(error)
         if more := self.count - len(self._first):
-            _tell(f"{count(more, 'more row')} cannot be read")
+            faults.told(f"{count(more, 'more row')} cannot be read")
         if self.count:
             raise typer.Exit(UNUSABLE_INPUT)
 
 
-def _tell(line: str) -> None:
-    show.errors.print(f"prooflight: {line}", markup=False, highlight=False, soft_wrap=True)
-
-
-@contextmanager
-def _reading(journal: str | None) -> Iterator[Journal]:
-    with Journal.open(_url(journal), read_only=True) as opened:
-        yield opened
+def _reading(journal: str | None) -> Journal:
+    return Journal.open(_url(journal), read_only=True)
 
 
 def _url(journal: str | None) -> str:
@@ -348,9 +343,8 @@ def _facts_table(run: RunRow) -> Table:
 
 
 def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
-    table = Table(title=title, title_justify="left")
-    for heading in ("sheet", "page", "verdict", "action", "score", "what"):
-        table.add_column(heading, justify="right" if heading in ("sheet", "score") else "left")
+    words = ("page", "verdict", "action", "what")
+    table = show.table_of(title, ("sheet", "page", "verdict", "action", "score", "what"), words=words)
     for page in pages:
         verdict = page.verdict
         what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]

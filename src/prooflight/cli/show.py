@@ -23,7 +23,7 @@ from prooflight.errors import visible
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from prooflight.detectors.verdict import Verdict
@@ -49,7 +49,7 @@ VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yell
 
 
 def print_json(value: Any) -> None:
-    """One JSON document on one line of standard output; dataclasses become objects."""
+    """One JSON document on one line of standard output; dataclasses become objects, arrays lists, paths text."""
     sys.stdout.write(json.dumps(value, default=_plain) + "\n")
     sys.stdout.flush()
 
@@ -57,7 +57,7 @@ def print_json(value: Any) -> None:
 def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
-    return str(value)
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
@@ -96,12 +96,18 @@ def strong(what: object) -> Text:
     return Text(visible(what), style="bold")
 
 
+def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()) -> Table:
+    """A table for people; columns are of numbers, but those headed by ``words``."""
+    table = Table(title=title, title_justify="left")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in words else "right")
+    return table
+
+
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Verdicts as a table for people."""
-    table = Table(title=title, title_justify="left")
-    for heading, justify in (("page", "left"), ("verdict", "left"), ("action", "left"), ("what", "left")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    table.add_column("where [mm]")
+    words = ("page", "verdict", "action", "what", "where [mm]")
+    table = table_of(title, words, words=words)
     table.add_column("score", justify="right", no_wrap=True)
     table.add_column("ms", justify="right")
     for verdict in verdicts:

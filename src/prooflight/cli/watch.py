@@ -13,12 +13,14 @@ import typer
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
-from prooflight.cli.job import Detector, JobPath, Json, PressArtefact, Profile, Seed
+from prooflight.cli.options import Detector, JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
 from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.journal.journal import Journal, RunFacts, content_digest, default_journal
+from prooflight.journal.journal import Journal, content_digest
+from prooflight.journal.opening import default_journal
+from prooflight.journal.records import RunFacts
 from prooflight.line.book import JobBook
 from prooflight.line.pager import SheetEdge, TriggerCount
 from prooflight.line.recording import Recorder
@@ -133,10 +135,16 @@ def watch(
         source,
         press=loaded,
         job=job_source,
-        pages=pages,
-        sheets=count,
         framed=framed,
-        wishes=DrumWishes(world=world, misprint=misprint, every=every, fault_every=fault_every, seed=seed),
+        wishes=DrumWishes(
+            pages=pages,
+            sheets=count,
+            world=world,
+            misprint=misprint,
+            every=every,
+            fault_every=fault_every,
+            seed=seed,
+        ),
         shown=lambda scans, total: (
             scans if json else show.progress(scans, total=total, what="printing for the drum")
         ),

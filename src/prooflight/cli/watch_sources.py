@@ -28,6 +28,10 @@ SLOWEST, FASTEST = 0.001, 1000.0
 class DrumWishes:
     """What the simulated drum should show."""
 
+    pages: int
+    """Of the job."""
+    sheets: int
+    """That pass in all."""
     world: str
     misprint: str | None
     every: int
@@ -51,8 +55,6 @@ def open_source(
     *,
     press: Press,
     job: JobSource,
-    pages: int,
-    sheets: int,
     framed: bool,
     wishes: DrumWishes,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
@@ -62,7 +64,7 @@ def open_source(
     sensors, pixels = len(press.sensors), press.geometry.pixels
     if kind == "drum":
         rate = _rate(text, rest)
-        drum = _drum(press, job, pages=pages, sheets=sheets, rate=rate, wishes=wishes, shown=shown)
+        drum = _drum(press, job, wishes, rate=rate, shown=shown)
         return Opened(source=drum, waits=rate is None)
     if kind == "replay" and rest:
         from prooflight.scans.recorded import Replay, recorded_scans
@@ -91,11 +93,9 @@ def _rate(text: str, rest: str) -> float | None:
 def _drum(
     press: Press,
     job: JobSource,
-    *,
-    pages: int,
-    sheets: int,
-    rate: float | None,
     wishes: DrumWishes,
+    *,
+    rate: float | None,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
 ) -> LineSource:
     from prooflight.simulation.drum import Drum
@@ -107,29 +107,28 @@ def _drum(
     prints = RingPrint(
         job=job,
         press=press,
-        pages=pages,
+        pages=wishes.pages,
         world=known_world(wishes.world),
         request=request,
         every=wishes.every,
         seed=wishes.seed,
     )
-    count = ring_size(pages, sheets)
+    count = ring_size(wishes.pages, wishes.sheets)
     scans = [one.dn for one in shown(rendered(prints, count), count)]
     blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
-    return Drum(
-        scans, press=press, passing=_passing(sheets, wishes), pages_per_s=rate, blank=blank, foreign=foreign
-    )
+    passing = _passing(wishes)
+    return Drum(scans, press=press, passing=passing, pages_per_s=rate, blank=blank, foreign=foreign)
 
 
-def _passing(sheets: int, wishes: DrumWishes) -> Iterable[Turn]:
+def _passing(wishes: DrumWishes) -> Iterable[Turn]:
     """The sheets as they pass, with faults of all kinds in turn where they are wished for."""
     from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 
     if not wishes.fault_every:
-        return (Turn(page=sheet) for sheet in range(sheets))
+        return (Turn(page=sheet) for sheet in range(wishes.sheets))
     faults = {}
     rng = stream(wishes.seed, "drum-faults")
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-    for turn, start in enumerate(range(wishes.fault_every, sheets - 2, wishes.fault_every)):
+    for turn, start in enumerate(range(wishes.fault_every, wishes.sheets - 2, wishes.fault_every)):
         faults[start] = DrumFault.draw(kinds[turn % len(kinds)], rng)
-    return turns(sheets, faults)
+    return turns(wishes.sheets, faults)

@@ -13,7 +13,7 @@ from rich.live import Live
 from prooflight.cli import faults, show
 from prooflight.journal.exporting import page_facts
 from prooflight.reporting.live import live_view
-from prooflight.reporting.wording import count
+from prooflight.reporting.wording import count, not_inspected
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,11 +89,8 @@ class Watching:
         parts = []
         if status.absent:
             parts.append(f"{status.absent:,} of {count(sheets, 'sheet')} did not come")
-        if status.not_inspected:
-            were = "was" if status.not_inspected == 1 else "were"
-            what = f"{count(status.not_inspected, 'sheet')} {were} not inspected"
-            first = "" if status.not_inspected == 1 else "the first "
-            parts.append(f"{what} ({first}{self.first_passed})" if self.first_passed else what)
+        if unseen := status.not_inspected:
+            parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
         if status.untold:
             parts.append(f"{count(status.untold, 'verdict')} could not be told")
         if unrecorded:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import numpy as np
@@ -171,12 +170,6 @@ def part_of(arrays: Mapping[str, NDArray[Any]], under: str) -> dict[str, NDArray
     return {name.removeprefix(under): array for name, array in arrays.items() if name.startswith(under)}
 
 
-def rising(*, strictly: bool = False, axis: int = -1) -> Rule:
-    """Values must not fall along an axis, or must rise."""
-    return partial(_falls, strictly=strictly, axis=axis)
-
-
-def _falls(array: NDArray[Any], *, strictly: bool, axis: int) -> str:
-    steps = np.diff(array, axis=axis)
-    wrong = (steps <= 0).any() if strictly else (steps < 0).any()
-    return "must rise from value to value" if wrong else ""
+def rising(array: NDArray[Any]) -> str:
+    """A rule: values must not fall along the last axis."""
+    return "must rise from value to value" if (np.diff(array) < 0).any() else ""

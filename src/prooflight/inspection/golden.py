@@ -9,11 +9,11 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.golden.detector import GoldenSheet, evened
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError
-from prooflight.inspection.inspector import not_inspected
+from prooflight.inspection.inspector import refuse_other_camera
 from prooflight.inspection.job import scan_missing
 from prooflight.pages.files import page_name
-from prooflight.pages.parallel import KILLED
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.scans.pictures import PictureFile, picture_files
 from prooflight.scans.scan import Scan
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.verdict import Verdict
     from prooflight.press.artefact import Press
     from prooflight.scans.pictures import Picture
 
@@ -86,11 +85,6 @@ def golden_pages(
     ]
 
 
-def page_killed(page: GoldenPage) -> Verdict:
-    """The verdict on a page whose inspection the system ended."""
-    return not_inspected(page.name, KILLED)
-
-
 def _of_job(scans: Path, found: Sequence[PictureFile], pages: int) -> list[tuple[str, PictureFile | None]]:
     """Pages of a job with their scans, by name (p0001.tif) if all have such names, else in order."""
     names = [page_name(number) for number in range(1, pages + 1)]
@@ -125,12 +119,13 @@ class GoldenInspector:
         if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:
-            return not_inspected(page.name, page.trouble)
+            return Verdict.skipped(page.name, page.trouble)
         started = time.perf_counter()
         golden, scan = _read(page.golden), page.scan.read()
         sensors = () if self.press is None else self.press.sensors
-        for picture, file in ((golden, page.golden), (scan, page.scan)):
-            self._of_camera(picture, file)
+        if self.press is not None:
+            for picture, file in ((golden, page.golden), (scan, page.scan)):
+                refuse_other_camera(file.path, picture.light, self.press)
         sheet = GoldenSheet(
             page=page.name,
             golden=page.golden.path.name,
@@ -155,18 +150,6 @@ class GoldenInspector:
                 golden.path, "states no resolution, so that nothing has a place in mm", remedy=remedy
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
-
-    def _of_camera(self, picture: Picture, file: PictureFile) -> None:
-        """ScanError if it is of another camera than the press's."""
-        if self.press is None:
-            return
-        sensors, pixels = len(self.press.sensors), self.press.geometry.pixels
-        channels, _, columns = picture.light.shape
-        if channels != sensors or columns != pixels:
-            what = f"is of {channels} sensors x {columns} pixels"
-            raise ScanError(
-                file.path, what, remedy=f"press {self.press.name} has {sensors} sensors x {pixels} pixels"
-            )
 
 
 @lru_cache(maxsize=2)

@@ -121,10 +121,9 @@ class Inspector:
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
         return replace(
-            not_inspected(verdict.page),
+            Verdict.skipped(verdict.page, wrong.reason),
             shift_mm=verdict.shift_mm,
             detector=verdict.detector,
-            reason=wrong.reason,
         )
 
 
@@ -133,24 +132,25 @@ def _sound(press: Press) -> None:
     press.check()
 
 
+def refuse_other_camera(where: object, scan: NDArray[np.generic], press: Press) -> None:
+    """ScanError: a scan (sensors, lines, pixels) is not of this press's camera."""
+    (sensors, _, pixels), known = scan.shape, press.geometry.pixels
+    if sensors != len(press.sensors) or pixels != known:
+        what = f"is of {sensors} sensors x {pixels} pixels"
+        remedy = f"press {press.name} has {len(press.sensors)} sensors x {known} pixels"
+        raise ScanError(where, what, remedy=remedy)
+
+
 def inspected_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
     """The lines of a scan (sensors, lines, pixels) that are looked at: no more than scans of such a page have.
 
     It may have fewer if it holds the page in its place; what it lacks is unknown to all that follows. ScanError: it is
     not of this press's camera, or ends before its page does.
     """
-    sensors, lines, pixels = scan.shape
-    if sensors != len(press.sensors) or pixels != press.geometry.pixels:
-        what = f"is of {sensors} sensors x {pixels} pixels"
-        remedy = f"press {press.name} has {len(press.sensors)} sensors x {press.geometry.pixels} pixels"
-        raise ScanError(name, what, remedy=remedy)
+    refuse_other_camera(name, scan, press)
+    lines = scan.shape[1]
     rows, _ = press.geometry.on_page(page.width_mm, page.height_mm)
     if lines < rows.stop:
         what = f"ends after {lines} lines, {lines * press.geometry.line_pitch_mm:.1f} mm"
         raise ScanError(name, what, remedy=f"page {page.number} needs {rows.stop} lines")
     return scan[:, : press.geometry.lines(page.height_mm)]
-
-
-def not_inspected(page_name: str, reason: str = "") -> Verdict:
-    """The verdict of a page that nobody looked at: it is passed on, and said so, and why."""
-    return Verdict.skipped(page_name, reason)

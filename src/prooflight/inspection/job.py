@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import numpy as np
 
+from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
-from prooflight.inspection.inspector import Inspector, not_inspected
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from prooflight.detectors.base import Inspection
-    from prooflight.detectors.verdict import Verdict
+    from prooflight.inspection.inspector import Inspector
     from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -37,6 +37,8 @@ LONGEST = 4
 DIGEST_DIGITS = 16
 """Of a scan's SHA-256: enough to tell a press's scans apart."""
 MISSING: Final = "its scan is missing"
+UNUSABLE: Final = (ProoflightError, OSError, MemoryError)
+"""What is raised where a page or its scan cannot be used."""
 NAMED: Final = 5
 """Of pages or scans that an error is about; the rest is counted."""
 
@@ -109,14 +111,19 @@ def name_of(pair: Pair) -> str:
 def scan_missing(name: str, scans: Path | None) -> Verdict:
     """The verdict on a page without a scan; scans: the folder or file in which it was looked for."""
     if scans is None:
-        return not_inspected(name, MISSING)
+        return Verdict.skipped(name, MISSING)
     where = f"looked for {name}.tif in {scans}" if scans.is_dir() else f"{scans} ends before it"
-    return not_inspected(name, f"{MISSING} ({where})")
+    return Verdict.skipped(name, f"{MISSING} ({where})")
 
 
 def lacks_scan(verdict: Verdict) -> bool:
     """Whether nobody looked at a page because it has no scan."""
     return verdict.verdict == "not-inspected" and (not verdict.reason or verdict.reason.startswith(MISSING))
+
+
+def unusable(name: str, error: Exception) -> Verdict:
+    """The verdict on a page that cannot be used, or whose scan cannot."""
+    return Verdict.skipped(name, reason_of(error, of=name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +137,12 @@ class Tried(Generic[Item]):
         """The verdict on one page."""
         try:
             return self.work(item)
-        except (ProoflightError, OSError, MemoryError) as error:
-            return not_inspected(self.name(item), reason_of(error, of=self.name(item)))
+        except UNUSABLE as error:
+            return unusable(self.name(item), error)
 
-
-def pair_killed(pair: Pair) -> Verdict:
-    """The verdict on a page whose inspection the system ended."""
-    return not_inspected(name_of(pair), KILLED)
+    def killed(self, item: Item) -> Verdict:
+        """The verdict on a page whose inspection the system ended."""
+        return Verdict.skipped(self.name(item), KILLED)
 
 
 def first_reason(verdicts: Sequence[Verdict]) -> str:
@@ -157,22 +163,15 @@ class InspectPage:
         """The verdict on one page and its scan; ProoflightError: one of them cannot be used."""
         number, scan = pair
         if scan is None:
-            return self.missing(number)
-        return self._inspection(self.page(number), scan).verdict
-
-    def missing(self, number: int) -> Verdict:
-        """The verdict on a page without a scan."""
-        return scan_missing(page_name(number), self.scans)
+            return scan_missing(page_name(number), self.scans)
+        return self.inspection(self.page(number), scan).verdict
 
     def page(self, number: int) -> Page:
         """The job's page as it lies in the press."""
         return self.inspector.press.geometry.lay(opened(self.job).page(number))
 
-    def inspection(self, number: int, scan: RecordedScan) -> Inspection:
-        """The verdict on one page and all that it rests on, with what pictures need."""
-        return self._inspection(self.page(number), scan)
-
-    def _inspection(self, page: Page, scan: RecordedScan) -> Inspection:
+    def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
+        """The verdict on one page, as ``page`` gives it, and all that it rests on, with what pictures need."""
         return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
 
 

@@ -8,6 +8,8 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.journal.columns import ASKED_ALONE
+from prooflight.journal.records import COUNTED
 from prooflight.journal.schema import json_text
 
 if TYPE_CHECKING:
@@ -17,30 +19,10 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
 
 CSV_COLUMNS: Final = (
-    *(
-        "sheet",
-        "job_page",
-        "page",
-        "verdict",
-        "action",
-        "kind",
-        "probability",
-        "score",
-        "threshold",
-        "p_value",
-    ),
+    *("sheet", "job_page", *ASKED_ALONE),
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
-    *(
-        "shift_x_mm",
-        "shift_y_mm",
-        "late",
-        "milliseconds",
-        "first_line",
-        "time_s",
-        "faults",
-        "notes",
-        "nuisance",
-    ),
+    *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
+    *("first_line", "time_s", "faults", "notes", "nuisance"),
 )
 """x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
 
@@ -58,11 +40,7 @@ def run_facts(run: RunRow) -> dict[str, Any]:
             "started": started,
             "ended": None if end is None else _time(end.ended_s),
             **facts,
-            "pages": run.pages,
-            "misprints": run.misprints,
-            "not_inspected": run.not_inspected,
-            "late": run.late,
-            "faulty": run.faulty,
+            **{name: getattr(run, name) for name in COUNTED},
             "dropped_pages": run.dropped_pages,
             "dropped_evidence": run.dropped_evidence,
             "detail": "" if end is None else end.detail,

@@ -20,34 +20,12 @@ from prooflight.journal import rows
 from prooflight.journal.aside import Refusals, aside_file
 from prooflight.journal.columns import complaint
 from prooflight.journal.lock import WriterLock
-from prooflight.journal.opening import (
-    ANOTHER,
-    default_journal,
-    journal_path,
-    look,
-    open_database,
-    why,
-    writing,
-)
+from prooflight.journal.opening import ANOTHER, journal_path, look, open_database, why, writing
 from prooflight.journal.queue import JournalQueue
 from prooflight.journal.reading import JournalReader
-from prooflight.journal.records import (
-    JournalHealth,
-    PageRecord,
-    Retention,
-    RunEnd,
-    RunFacts,
-    RunRow,
-    Tidied,
-)
+from prooflight.journal.records import JournalHealth, PageRecord, Retention, RunEnd, RunFacts, Tidied
 from prooflight.journal.retention import tidy
-from prooflight.journal.schema import (
-    JournalError,
-    packs_table,
-    pages_table,
-    runs_table,
-    stored_packs,
-)
+from prooflight.journal.schema import JournalError, packs_table, pages_table, runs_table, stored_packs
 from prooflight.journal.unclaimed import Unclaimed, put_aside
 from prooflight.journal.writing import write
 
@@ -56,21 +34,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sqlalchemy import Engine
-
-__all__ = [
-    "Journal",
-    "JournalError",
-    "JournalHealth",
-    "PageRecord",
-    "Retention",
-    "RunEnd",
-    "RunFacts",
-    "RunRow",
-    "Tidied",
-    "Unclaimed",
-    "content_digest",
-    "default_journal",
-]
 
 _log = logging.getLogger(__name__)
 _SAME_RUN = ("job_digest", "press_digest", "detector")
@@ -90,7 +53,7 @@ class Journal(JournalReader):
         self._writing = threading.Lock()
         self._trouble: str | None = None
         self._last_run = 0
-        self.unclaimed: Unclaimed | None = None
+        self.unclaimed = Unclaimed.nothing(path)
         """What opening it for writing put aside."""
 
     @classmethod

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PATIENCE_S: Final = 1.0
 """A reader that looks whether a writer lives holds the lock for an instant."""
-_PLAIN: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+PLAIN: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 """A link is not followed, and a pipe not waited for."""
 
 
@@ -35,7 +35,7 @@ class WriterLock:
         path = _lock_file(journal)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | PLAIN, 0o666)
         except OSError as error:
             what = f"cannot be written ({why(error)}: {path.name})"
             raise JournalError(journal, what, remedy=ANOTHER) from error
@@ -56,7 +56,7 @@ class WriterLock:
 def writer_lives(journal: Path) -> bool:
     """Whether some process writes this journal now."""
     try:
-        handle = os.open(_lock_file(journal), os.O_RDONLY | _PLAIN)
+        handle = os.open(_lock_file(journal), os.O_RDONLY | PLAIN)
     except OSError:
         return False
     try:

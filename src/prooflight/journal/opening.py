@@ -22,12 +22,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool, QueuePool
 
-from prooflight.journal.schema import (
-    SCHEMA,
-    JournalError,
-    all_tables,
-    journal_table,
-)
+from prooflight.journal.schema import SCHEMA, JournalError, all_tables, journal_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.journal.arrays import read_arrays, write_arrays
 from prooflight.journal.columns import PACK_NAME
+from prooflight.journal.lock import PLAIN
 from prooflight.journal.schema import JournalError
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 SUFFIX: Final = ".npz"
 LEVEL: Final = 1
 """Of deflate: noise gains nothing from a higher one."""
-_O_NOFOLLOW: Final = getattr(os, "O_NOFOLLOW", 0)
-_O_NONBLOCK: Final = getattr(os, "O_NONBLOCK", 0)
 
 
 def evidence_folder(database: Path) -> Path:
@@ -90,7 +89,7 @@ def write_pack(path: Path, pages: Mapping[int, Mapping[str, NDArray[Any]]]) -> i
 
 def read_pack(path: Path, sheet: int) -> dict[str, NDArray[Any]]:
     """One sheet's arrays; FileNotFoundError, or ValueError where the pack is damaged."""
-    handle = os.open(path, os.O_RDONLY | _O_NOFOLLOW | _O_NONBLOCK)
+    handle = os.open(path, os.O_RDONLY | PLAIN)
     with os.fdopen(handle, "rb") as file:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             raise ValueError("it is no file")

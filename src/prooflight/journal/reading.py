@@ -120,7 +120,7 @@ class JournalReader:
             damaged(self._bad_row(f"run {number}", error))
 
         with self._asked("runs"), self._engine.begin() as connection:
-            lives = self._written_now()
+            lives = self._lock is not None or writer_lives(self.path)
             return rows.read_runs(connection, run_id, writer_lives=lives, damaged=bad)
 
     def _last_run_id(self) -> int | None:
@@ -161,6 +161,3 @@ class JournalReader:
         except UNREADABLE as error:
             remedy = "if the file is damaged, `sqlite3 FILE .recover` saves what can be saved"
             raise JournalError(self.path, f"{what}: cannot be read ({why(error)})", remedy=remedy) from error
-
-    def _written_now(self) -> bool:
-        return self._lock is not None or writer_lives(self.path)

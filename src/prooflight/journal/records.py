@@ -94,6 +94,10 @@ class RunRow:
     """Pages whose evidence it gave up to keep their rows."""
 
 
+COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty")
+"""Of a ``RunRow``: what its pages come to."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retention:
     """How long a journal keeps what it holds; none of the run that is being written goes but its evidence."""

@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import case, func, insert, select, true, update
 
 from prooflight.journal.columns import ASKED_ALONE, EndColumns, PageColumns, RunColumns
-from prooflight.journal.records import PageRecord, RunEnd, RunFacts, RunRow
-from prooflight.journal.schema import (
-    json_text,
-    plain,
-    stored_packs,
-    stored_pages,
-    stored_runs,
-)
+from prooflight.journal.records import COUNTED, PageRecord, RunEnd, RunFacts, RunRow
+from prooflight.journal.schema import json_text, plain, stored_packs, stored_pages, stored_runs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -26,8 +20,6 @@ if TYPE_CHECKING:
 
     from prooflight.journal.queue import Batch
     from prooflight.journal.records import State
-
-COUNTED = ("pages", "misprints", "not_inspected", "late", "faulty")
 
 
 def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[str, int]]) -> None:

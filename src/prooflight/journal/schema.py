@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import (
     JSON,
@@ -28,6 +28,9 @@ from sqlalchemy import (
 
 from prooflight.errors import InputError
 
+if TYPE_CHECKING:
+    from sqlalchemy.types import TypeEngine
+
 SCHEMA: Final = 1
 MOST_TEXT: Final = 20_000
 """Letters of one text; more is cut."""
@@ -37,26 +40,23 @@ class JournalError(InputError):
     """A journal cannot be used: damaged, of another schema, written by another process, or there is none."""
 
 
+def _filled(kind: type[TypeEngine[Any]], *names: str) -> list[Column[Any]]:
+    """Columns in which every row has a value."""
+    return [Column(name, kind, nullable=False) for name in names]
+
+
 all_tables = MetaData()
 journal_table = Table(
-    "journal",
-    all_tables,
-    Column("schema", Integer, primary_key=True),
-    Column("version", String, nullable=False),
+    "journal", all_tables, Column("schema", Integer, primary_key=True), *_filled(String, "version")
 )
 runs_table = Table(
     "runs",
     all_tables,
     Column("id", Integer, primary_key=True),
-    Column("job", String, nullable=False),
-    Column("job_digest", String, nullable=False),
-    Column("press", String, nullable=False),
-    Column("press_digest", String, nullable=False),
-    Column("detector", String, nullable=False),
-    Column("source", String, nullable=False),
-    Column("started_s", Float, nullable=False),
+    *_filled(String, "job", "job_digest", "press", "press_digest", "detector", "source"),
+    *_filled(Float, "started_s"),
     Column("sheets", Integer),
-    Column("settings", JSON, nullable=False),
+    *_filled(JSON, "settings"),
     Column("ended_s", Float),
     Column("ending", String),
     Column("detail", String),
@@ -70,7 +70,7 @@ packs_table = Table(
     Column("id", Integer, primary_key=True),
     Column("run_id", ForeignKey("runs.id"), nullable=False),
     Column("file", String, nullable=False, unique=True),
-    Column("bytes", Integer, nullable=False),
+    *_filled(Integer, "bytes"),
 )
 pages_table = Table(
     "pages",
@@ -78,23 +78,13 @@ pages_table = Table(
     Column("run_id", ForeignKey("runs.id"), primary_key=True),
     Column("sheet", Integer, primary_key=True),
     Column("job_page", Integer),
-    Column("page", String, nullable=False),
-    Column("verdict", String, nullable=False),
-    Column("action", String, nullable=False),
+    *_filled(String, "page", "verdict", "action"),
     Column("kind", String),
-    Column("probability", Float),
-    Column("score", Float),
-    Column("threshold", Float),
-    Column("p_value", Float),
-    Column("late", Boolean, nullable=False),
-    Column("faulty", Boolean, nullable=False),
-    Column("noted", Boolean, nullable=False),
-    Column("first_line", Integer, nullable=False),
-    Column("time_s", Float, nullable=False),
-    Column("faults", JSON, nullable=False),
-    Column("notes", JSON, nullable=False),
-    Column("nuisance", JSON, nullable=False),
-    Column("whole_verdict", JSON, nullable=False),
+    *(Column(name, Float) for name in ("probability", "score", "threshold", "p_value")),
+    *_filled(Boolean, "late", "faulty", "noted"),
+    *_filled(Integer, "first_line"),
+    *_filled(Float, "time_s"),
+    *_filled(JSON, "faults", "notes", "nuisance", "whole_verdict"),
     Column("pack_id", ForeignKey("packs.id")),
     Index("pages_by_outcome", "run_id", "verdict", "late", "faulty", "noted"),
     Index("pages_by_pack", "pack_id"),

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
 
 from prooflight.journal.packs import evidence_folder, refuse_other
 
@@ -30,6 +30,11 @@ class Unclaimed:
     taken_back: int = 0
     left: int = 0
     """Links and whatever else is no plain file, and files that could not be moved; they lie where they were."""
+
+    @classmethod
+    def nothing(cls, database: Path) -> Self:
+        """Before anything was looked at."""
+        return cls(evidence=evidence_folder(database), aside=unclaimed_folder(database))
 
     @property
     def told(self) -> list[str]:
@@ -56,7 +61,8 @@ def unclaimed_folder(database: Path) -> Path:
 
 def put_aside(database: Path, named: Collection[str]) -> Unclaimed:
     """Move what no row names out of the evidence, and back what one names; JournalError: a link is in the way."""
-    evidence, aside = evidence_folder(database), unclaimed_folder(database)
+    found = Unclaimed.nothing(database)
+    evidence, aside = found.evidence, found.aside
     for folder in (evidence, aside):
         refuse_other(folder, stat.S_ISDIR)
     taken_back = sum(
@@ -70,9 +76,7 @@ def put_aside(database: Path, named: Collection[str]) -> Unclaimed:
             moved, size = moved + 1, size + status.st_size
         else:
             left += 1
-    return Unclaimed(
-        evidence=evidence, aside=aside, moved=moved, moved_bytes=size, taken_back=taken_back, left=left
-    )
+    return replace(found, moved=moved, moved_bytes=size, taken_back=taken_back, left=left)
 
 
 def _below(folder: Path) -> Iterator[tuple[str, os.stat_result]]:

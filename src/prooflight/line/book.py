@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
-from typing import TYPE_CHECKING, Final, overload
+from typing import TYPE_CHECKING, Final
 
 from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
@@ -49,7 +48,7 @@ class JobBook:
         return self.press.geometry.lay(opened(self.job).page(self.design(sheet)))
 
 
-class KnownThumbnails(Sequence["Thumbnail | None"]):
+class KnownThumbnails:
     """Thumbnails of a book's sheets, one a design; None where a design is not ready yet, or was long ago."""
 
     def __init__(self, book: PageBook) -> None:
@@ -60,15 +59,7 @@ class KnownThumbnails(Sequence["Thumbnail | None"]):
     def __len__(self) -> int:
         return len(self._book)
 
-    @overload
-    def __getitem__(self, sheet: int) -> Thumbnail | None: ...
-
-    @overload
-    def __getitem__(self, sheet: slice) -> Sequence[Thumbnail | None]: ...
-
-    def __getitem__(self, sheet: int | slice) -> Thumbnail | Sequence[Thumbnail | None] | None:
-        if isinstance(sheet, slice):
-            return [self[one] for one in range(*sheet.indices(len(self)))]
+    def __getitem__(self, sheet: int) -> Thumbnail | None:
         if not 0 <= sheet < len(self._book):
             raise IndexError(sheet)
         with self._guard:

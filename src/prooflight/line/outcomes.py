@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.journal import PageRecord
+from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.pages.files import page_name
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from prooflight.line.following import Adapting
     from prooflight.line.monitor.run import Announcement, RunMonitor
-    from prooflight.line.pager import Fault, MissingPage, SeenPage
+    from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
 SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
 """Faults of a sheet whose scan says nothing of the run."""
@@ -45,7 +47,7 @@ def outcome(
     late: bool = False,
     latency_s: float | None = None,
     evidence: PageEvidence | None = None,
-    kept: object = None,
+    kept: Mapping[str, NDArray[Any]] | None = None,
 ) -> Outcome:
     """Of a sheet that was inspected."""
     kinds = kinds_of(seen.faults)
@@ -61,7 +63,7 @@ def outcome(
         faults=kinds,
         notes=(LEFT_OUT.format(", ".join(left_out)),) if left_out else (),
         nuisance=dict(told.values),
-        evidence=kept,  # type: ignore[arg-type]
+        evidence=kept,
     )
     return Outcome(record=record, latency_s=latency_s, evidence=told)
 

@@ -20,34 +20,21 @@ import numpy as np
 
 from prooflight.kernels.thumbnails import SHRINK, STEPS
 from prooflight.line.sheets.edges import EDGE_LINES, STRETCH, Sheet, SheetFinder
-from prooflight.line.sheets.fitting import inside, lay
+from prooflight.line.sheets.fitting import lay
 from prooflight.line.sheets.following import Expected, Following
-from prooflight.line.sheets.records import Fault, FaultKind, MissingPage, SeenPage
+from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 from prooflight.line.sheets.rhythm import Rhythm
 from prooflight.line.sheets.sheet_faults import length_fault, splice_fault
 from prooflight.line.sheets.store import LineStore
-from prooflight.line.sheets.thumbnails import Shrinker, Thumbnail, thumbnail_of
+from prooflight.line.sheets.thumbnails import Shrinker, Thumbnail
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.line.sheets.fitting import Fit
     from prooflight.line.sheets.following import Match
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock
-
-__all__ = [
-    "Expected",
-    "Fault",
-    "FaultKind",
-    "MissingPage",
-    "PageStart",
-    "Pager",
-    "SeenPage",
-    "SheetEdge",
-    "Thumbnail",
-    "TriggerCount",
-    "thumbnail_of",
-]
 
 SLIP_MM: Final = 1.2
 """A sheet further than this off its place has slipped: good ones of the press world lie within 0.76 mm of it."""
@@ -174,9 +161,9 @@ class Pager:
         page = self._page_of_length(sheet)
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
-        match = found.match
-        if match.page is not None and page is not None and match.page.height_mm != page.height_mm:
-            found = self._identified(sheet, match.page, skipped)
+        shown = found.match.fit
+        if shown is not None and page is not None and shown.page.height_mm != page.height_mm:
+            found = self._identified(sheet, shown.page, skipped)
         sheet, match = found.sheet, found.match
         count = self._store.count_at(sheet.start)
         faults, gone = self._faults_until(sheet.end + self._lead_out), list[MissingPage]()
@@ -185,8 +172,8 @@ class Pager:
             what = f"the sheet came {abs(off_lines) * self._geometry.line_pitch_mm:.1f} mm"
             detail = f"{what} {'late' if off_lines > 0 else 'early'}"
             faults.append(Fault(kind="slip", first_line=count, detail=detail))
-        if match.job_page is not None and match.fit is not None and match.page is not None:
-            faults += self._of_sheet(found, count)
+        if match.job_page is not None and match.fit is not None:
+            faults += self._of_sheet(found, match.fit, count)
             of_order, gone = self._following.arrived(match.job_page, count)
             faults += of_order
         elif match.taken_for is not None:
@@ -211,7 +198,7 @@ class Pager:
 
     def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
         """A sheet of which only the beginning was read: not enough to tell its page by."""
-        first, scan, _ = self._cut(sheet, page, sheet.start)
+        first, scan, _ = self._cut(sheet, page)
         expected = self._following.frontier if self.to_come else None
         if expected is not None:
             self._following.taken(expected)
@@ -234,7 +221,7 @@ class Pager:
 
     def _identified(self, sheet: Sheet, page: Thumbnail | None, skipped: int) -> _Found:
         """What a sheet shows, cut out as ``page`` would be."""
-        first, scan, light = self._cut(sheet, page, sheet.start)
+        first, scan, light = self._cut(sheet, page)
         longer = self._longer(sheet, page) / SHRINK
         match = self._following.identify(light, longer=longer, skipped=skipped)
         fit, hidden = match.fit, False
@@ -242,21 +229,21 @@ class Pager:
             late = -round(float(fit.drop.mean()) * SHRINK)
             # A print that lies beside its sheet is a misprint; a sheet whose dark end looks like backing is not.
             hidden = abs(late) > SHRINK and (not sheet.free or abs(late + longer * SHRINK) <= SHRINK)
-            if hidden and match.page is not None:
+            if hidden:
                 sheet = replace(sheet, start=sheet.start - late)
-                first, scan, light = self._cut(sheet, match.page, sheet.start)
-                fit = lay(light, match.page, inside(match.page, self._geometry))
+                first, scan, light = self._cut(sheet, fit.page)
+                fit = lay(light, fit.page, self._geometry)
                 match = replace(match, fit=fit, likeness=fit.likeness)
         return _Found(sheet=sheet, first=first, scan=scan, match=match, hidden=hidden)
 
     def _cut(
-        self, sheet: Sheet, page: Thumbnail | None, edge: int
+        self, sheet: Sheet, page: Thumbnail | None
     ) -> tuple[int, NDArray[np.uint16], NDArray[np.float32]]:
-        """First line's position, scan, and its light, of a sheet whose edge lies at a position."""
+        """First line's position, scan, and its light, of a sheet."""
         height_mm = (
             (sheet.end - sheet.start) * self._geometry.line_pitch_mm if page is None else page.height_mm
         )
-        first = edge - self._lead_in
+        first = sheet.start - self._lead_in
         if isinstance(self._start, TriggerCount):
             count = self._store.count_at(first)
             off = self._start.nearest(count) - count
@@ -267,27 +254,16 @@ class Pager:
         scan = self._store.cut(first, self._geometry.lines(height_mm), since=since, until=until)
         return first, scan, self._shrinker.picture(scan)
 
-    def _of_sheet(self, found_sheet: _Found, count: int) -> list[Fault]:
-        """What is wrong with the sheet itself, whose page is known."""
-        sheet, match = found_sheet.sheet, found_sheet.match
-        assert match.fit is not None
-        assert match.page is not None
-        page_lines = round(match.page.height_mm / self._geometry.line_pitch_mm)
-        found = [
-            length_fault(
-                match.fit,
-                longer_lines=0.0 if found_sheet.hidden else self._longer(sheet, match.page),
-                page_lines=page_lines,
-                start_line=count,
-            ),
-            splice_fault(
-                match.fit,
-                match.page,
-                start_line=count,
-                line_pitch_mm=self._geometry.line_pitch_mm,
-            ),
-        ]
-        return [fault for fault in found if fault is not None]
+    def _of_sheet(self, found: _Found, fit: Fit, count: int) -> list[Fault]:
+        """What is wrong with the sheet itself, which lies on its page so."""
+        pitch_mm = self._geometry.line_pitch_mm
+        longer = 0.0 if found.hidden else self._longer(found.sheet, fit.page)
+        page_lines = round(fit.page.height_mm / pitch_mm)
+        faults = (
+            length_fault(fit, longer_lines=longer, page_lines=page_lines, start_line=count),
+            splice_fault(fit, start_line=count, line_pitch_mm=pitch_mm),
+        )
+        return [fault for fault in faults if fault is not None]
 
     def _longer(self, sheet: Sheet, page: Thumbnail | None) -> float:
         """How much longer a sheet is than a page, 0 where its end is not known. [lines]"""
@@ -297,9 +273,8 @@ class Pager:
 
     def _room_before(self, sheet: Sheet) -> int:
         """For how many sheets there was room before this one."""
-        if self._before is None or not self._before.free or isinstance(self._start, TriggerCount):
-            return 0
-        return self._rhythm.room(sheet.start - self._before.end, self._lines_of(sheet))
+        gap = self._gap_before(sheet)
+        return 0 if gap is None or isinstance(self._start, TriggerCount) else self._rhythm.room(*gap)
 
     def _late(self, sheet: Sheet) -> float:
         """How many lines late a sheet came; 0: in time, or nobody can tell."""
@@ -307,13 +282,16 @@ class Pager:
             count = self._store.count_at(sheet.start - self._lead_in)
             off = float(count - self._start.nearest(count))
             return off if abs(off) * self._geometry.line_pitch_mm > SLIP_MM else 0.0
-        if self._before is None or not self._before.free:
-            return 0.0
-        return self._rhythm.beat(sheet.start - self._before.end, self._lines_of(sheet))
+        gap = self._gap_before(sheet)
+        return 0.0 if gap is None else self._rhythm.beat(*gap)
 
-    def _lines_of(self, sheet: Sheet) -> float:
+    def _gap_before(self, sheet: Sheet) -> tuple[float, float] | None:
+        """Lines of the gap before a sheet, and of the sheet; None: no gap was seen."""
+        if self._before is None or not self._before.free:
+            return None
         page = self._page_of_length(sheet)
-        return sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm
+        lines = sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm
+        return sheet.start - self._before.end, lines
 
     def _faults_until(self, position: int) -> list[Fault]:
         faults = []

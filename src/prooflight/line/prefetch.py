@@ -144,9 +144,8 @@ class DesignPrefetcher(Generic[Ready]):
 
     def close(self) -> None:
         """End the threads; what is under way is finished, what is not is dropped."""
-        for pool in (self._pool, self._renewer):
+        for pool in (self._pool, self._renewer, self._reader):
             pool.shutdown(wait=True, cancel_futures=True)
-        self._reader.shutdown(wait=True, cancel_futures=True)
 
     def _asked(self, sheet: int) -> Future[Ready]:
         design = self._book.design(sheet)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.line.pager import SeenPage
+    from prooflight.line.sheets.records import SeenPage
 
 Item = TypeVar("Item")
 
@@ -21,6 +21,8 @@ class Sheet:
 
     number: int
     """Place in the run, from 0."""
+    job_page: int
+    """That it shows."""
     seen: SeenPage
     arrived_s: float
     """When its last line was read, by the watcher's clock."""

@@ -8,12 +8,12 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final, Self
 
-from prooflight.journal.journal import RunEnd
+from prooflight.journal.records import RunEnd
 from prooflight.line.status import Phase
 
 if TYPE_CHECKING:
-    from prooflight.journal.journal import Journal, PageRecord
-    from prooflight.journal.records import Ending
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.records import Ending, PageRecord
     from prooflight.line.status import Status
 
 _log = logging.getLogger(__name__)

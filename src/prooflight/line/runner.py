@@ -25,28 +25,35 @@ from prooflight.inspection.reasons import reason_of
 from prooflight.line.book import KnownThumbnails
 from prooflight.line.notices import Notice, Silence, Unusable
 from prooflight.line.outcomes import InOrder, Outcome, kinds_of, missing_page, outcome, skipped, unknown_sheet
-from prooflight.line.pager import MissingPage, SeenPage
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
-from prooflight.line.status import Phase, Status, Tally
+from prooflight.line.sheets.records import MissingPage, SeenPage
+from prooflight.line.status import VERDICTS, Phase, Status, Tally
 from prooflight.pages.files import page_name
 from prooflight.pages.process import touch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from prooflight.line.outcomes import RunWatch
     from prooflight.line.pager import Pager
     from prooflight.line.prefetch import PageBook
     from prooflight.line.settings import Settings
-    from prooflight.line.sheet_inspector import SheetInspector, SheetResult
-    from prooflight.line.sheets.thumbnails import Thumbnail
+    from prooflight.line.sheet_inspector import Known, SheetInspector, SheetResult
+    from prooflight.line.sheets.following import Expected
+    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock, LineSource
 
+    Made = tuple[SheetInspector, Known, NDArray[np.float64] | None]
+    """A design, who made it ready, and what was followed of the press then."""
+
 _log = logging.getLogger(__name__)
 
-BUSY: Final = "being inspected"
+BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
 """By each thread that inspects."""
 MIND_S: Final = 0.25
@@ -65,9 +72,9 @@ class Running:
         *,
         press: Press,
         source: LineSource,
-        pager: Callable[[Sequence[Thumbnail | None]], Pager],
+        pager: Callable[[Expected], Pager],
         book: PageBook,
-        inspector: SheetInspector[Any],
+        inspector: SheetInspector,
         watch: RunWatch,
         settings: Settings,
         tell: Callable[[Outcome], None] = lambda _outcome: None,
@@ -91,7 +98,7 @@ class Running:
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
-        self._prefetcher: DesignPrefetcher[tuple[SheetInspector[Any], Any, Any]] = DesignPrefetcher(
+        self._prefetcher: DesignPrefetcher[Made] = DesignPrefetcher(
             book,
             self._maker(inspector),
             depth=settings.ahead,
@@ -136,7 +143,6 @@ class Running:
         """The run at this moment."""
         return self.tally.snapshot(
             queue_depth=len(self._waiting),
-            being_inspected=self.tally.counts[BUSY],
             ahead=self._prefetcher.ready,
             journalled=self._durable(),
             elapsed_s=self._clock() - self._started_s,
@@ -218,7 +224,7 @@ class Running:
             for page in pager.flush():
                 self._arrived(page, None, next_page=pager.next_page)
         finally:
-            self.tally.count("to come", by=pager.to_come)
+            self.tally.count("to_come", by=pager.to_come)
             self.tally.count("absent", by=pager.to_come + pager.missing)
         closed = self._stopping.is_set() and isinstance(broken, (ProoflightError, OSError))
         if broken is not None and not closed:  # a source that is closed while it reads may break
@@ -260,8 +266,8 @@ class Running:
                 _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has said it
             return
 
-    def _design_ready(self, design: Hashable, made: tuple[SheetInspector[Any], Any, Any]) -> None:
-        self._thumbnails.know(design, made[0].thumbnail(made[1]))
+    def _design_ready(self, design: Hashable, made: Made) -> None:
+        self._thumbnails.know(design, made[1].thumbnail)
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
@@ -281,7 +287,9 @@ class Running:
         self._prefetcher.expect(page.job_page)
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
-        sheet = Sheet(number=number, seen=page, arrived_s=arrived_s, deadline_s=deadline_s)
+        sheet = Sheet(
+            number=number, job_page=page.job_page, seen=page, arrived_s=arrived_s, deadline_s=deadline_s
+        )
         if self._dropping.is_set():
             self._pass(sheet, STOPPED)
         else:
@@ -339,9 +347,8 @@ class Running:
         """The verdict on one sheet; whatever goes wrong with it does not stop the run."""
         begun_s = self._clock()
         self.tally.took("queue", begun_s - sheet.arrived_s)
-        assert sheet.seen.job_page is not None
         try:
-            inspector, ready, used = self._prefetcher.get(sheet.seen.job_page)
+            inspector, ready, used = self._prefetcher.get(sheet.job_page)
             result = inspector.inspect(
                 ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
             )
@@ -349,14 +356,16 @@ class Running:
             done = self._outcome(sheet, result, used, decided_s)
         except Exception as error:
             why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
-            return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page))
+            return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
         self.tally.took("inspect", decided_s - begun_s)
         self.tally.took("verdict", decided_s - sheet.arrived_s)
         return done
 
-    def _outcome(self, sheet: Sheet, result: SheetResult, used: Any, decided_s: float) -> Outcome:
+    def _outcome(
+        self, sheet: Sheet, result: SheetResult, used: NDArray[np.float64] | None, decided_s: float
+    ) -> Outcome:
         evidence, adapting = result.evidence, self._watch.adapting
-        if adapting is not None:
+        if adapting is not None and used is not None:
             evidence = replace(evidence, values=adapting.whole(evidence.values, used))
         return outcome(
             sheet.number,
@@ -369,8 +378,7 @@ class Running:
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:
-        assert sheet.seen.job_page is not None
-        self._done.put(skipped(sheet.number, sheet.seen, why, name=self._name(sheet.seen.job_page)))
+        self._done.put(skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page)))
 
     def _mind(self) -> None:
         while not self._ended.wait(MIND_S):
@@ -401,19 +409,17 @@ class Running:
         told = self._noting(self._watch.add(turn))
         record = told.record
         if told.came:
-            self.tally.count(record.verdict.verdict)
+            self.tally.count(VERDICTS[record.verdict.verdict])
         if record.late:
             self.tally.count("late")
         self.tally.count("announcements", by=len(told.announcements))
         adapting = self._watch.adapting
-        if adapting is not None:
-            press = adapting.renewed(self._press, record.sheet)
-            if press is not None:
-                self._inspector = inspector = self._inspector.following(press)
-                used = adapting.used.copy()
-                self._prefetcher.renew(
-                    self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
-                )
+        if adapting is not None and (press := adapting.renewed(self._press, record.sheet)) is not None:
+            self._inspector = inspector = self._inspector.following(press)
+            used = adapting.used.copy()
+            self._prefetcher.renew(
+                self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
+            )
         self._tell(told)
 
     # --- parts ---
@@ -425,8 +431,8 @@ class Running:
             return told
         return replace(told, record=replace(told.record, notes=(*told.record.notes, *noted)))
 
-    def _maker(self, inspector: SheetInspector[Any]) -> Callable[[Any], tuple[SheetInspector[Any], Any, Any]]:
-        """Makes designs ready for this judge, and says what the press was taken to do then."""
+    def _maker(self, inspector: SheetInspector) -> Callable[[Page], Made]:
+        """Makes designs ready for this inspector, and says what the press was taken to do then."""
         adapting = self._watch.adapting
         used = None if adapting is None else adapting.used.copy()
         return lambda page: (inspector, inspector.prepare(page), used)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-Ready = TypeVar("Ready")
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
 """Lines and pixels that a page of the warm-up lies off its place."""
@@ -39,58 +38,37 @@ class SheetResult:
     kept: Mapping[str, NDArray[Any]] | None = None
 
 
-class SheetInspector(Protocol[Ready]):
-    """Inspects sheets; called from several threads at once."""
-
-    def prepare(self, page: Page) -> Ready:
-        """All that can be known of a design ahead of its sheets."""
-        ...
-
-    def inspect(self, ready: Ready, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
-        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors."""
-        ...
-
-    def thumbnail(self, ready: Ready) -> Thumbnail:
-        """By which the design's sheets are known."""
-        ...
-
-    def warm_up(self, ready: Ready) -> None:
-        """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory."""
-        ...
-
-    def following(self, press: Press) -> SheetInspector[Ready]:
-        """The same on a press whose light has changed a little."""
-        ...
-
-    def renewed(self, ready: Ready) -> Ready:
-        """A design that the inspector made ready before, once it follows the press as it is now."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Known:
     """A design ready for its sheets."""
 
     prepared: Prepared
     thumbnail: Thumbnail
+    """By which its sheets are known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressSheetInspector:
-    """An ``Inspector`` as an inspector of sheets."""
+class SheetInspector:
+    """Inspects sheets; called from several threads at once."""
 
     inspector: Inspector
     keep: Keep = "none"
     """Of which sheets evidence is kept for the journal."""
 
     def prepare(self, page: Page) -> Known:
-        """See ``SheetInspector``; in this thread alone, for it must not hold up the sheets that come meanwhile."""
+        """All that can be known of a design ahead of its sheets.
+
+        It is made in this thread alone, for it must not hold up the sheets that come meanwhile.
+        """
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
     def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
-        """See ``SheetInspector``; ScanError: the scan does not fit press or page."""
+        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors.
+
+        ScanError: the scan does not fit press or page.
+        """
         prepared, press = ready.prepared, self.inspector.press
         inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
@@ -101,12 +79,11 @@ class PressSheetInspector:
             kept=kept_evidence(inspection, prepared.page, press) if kept else None,
         )
 
-    def thumbnail(self, ready: Known) -> Thumbnail:
-        """See ``SheetInspector``."""
-        return ready.thumbnail
-
     def warm_up(self, ready: Known) -> None:
-        """See ``SheetInspector``; on the scan expected, off its place and in it, with a hole: a misprint takes most."""
+        """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory.
+
+        It is done on the scan expected, off its place and in it, with a hole: a misprint takes most.
+        """
         seen = self.inspector.planned(ready.prepared.page).expected
         expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
@@ -117,11 +94,11 @@ class PressSheetInspector:
         self.prepare(ready.prepared.page)
 
     def following(self, press: Press) -> Self:
-        """See ``SheetInspector``."""
+        """The same on a press whose light has changed a little."""
         return replace(self, inspector=self.inspector.under(press))
 
     def renewed(self, ready: Known) -> Known:
-        """See ``SheetInspector``; next to no work, where the detector can follow the light."""
+        """A design made ready before, under the press as it is now; next to no work where the detector can follow."""
         station = self.inspector.detector.station
         known = ready.prepared.known.under(station)
         if known is None:

@@ -22,6 +22,15 @@ BINS: Final = 700
 RATE_PAGES: Final = 32
 
 
+COUNTED: Final = (
+    *("pages_seen", "good", "misprints", "late", "not_inspected", "missing", "absent", "to_come", "untold"),
+    *("announcements", "being_inspected"),
+)
+"""What of ``Status`` a ``Tally`` counts, by the same names."""
+VERDICTS: Final = {"good": "good", "misprint": "misprints", "not-inspected": "not_inspected"}
+"""As what a verdict is counted."""
+
+
 class Phase(StrEnum):
     """waiting -> preparing -> inspecting -> draining -> stopped; fault: the source or the journal broke off."""
 
@@ -135,7 +144,7 @@ class Tally:
     def arrived(self, time_s: float, faults: list[str]) -> None:
         """A sheet came."""
         with self.guard:
-            self.counts["seen"] += 1
+            self.counts["pages_seen"] += 1
             self.faults.update(faults)
             self.arrivals_s = [*self.arrivals_s[1 - RATE_PAGES :], time_s]
 
@@ -149,31 +158,19 @@ class Tally:
         with self.guard:
             return self.times[stage].quantile_s(0.5)
 
-    def snapshot(
-        self, *, queue_depth: int, being_inspected: int, ahead: int, journalled: int, elapsed_s: float
-    ) -> Status:
+    def snapshot(self, *, queue_depth: int, ahead: int, journalled: int, elapsed_s: float) -> Status:
         """Everything at this moment."""
         with self.guard:
             span_s = self.arrivals_s[-1] - self.arrivals_s[0] if len(self.arrivals_s) > 1 else 0.0
             return Status(
                 phase=self.phase,
                 detail=self.detail,
-                pages_seen=self.counts["seen"],
-                good=self.counts["good"],
-                misprints=self.counts["misprint"],
-                late=self.counts["late"],
-                not_inspected=self.counts["not-inspected"],
-                missing=self.counts["missing"],
-                absent=self.counts["absent"],
-                to_come=self.counts["to come"],
-                untold=self.counts["untold"],
                 faults=dict(self.faults),
-                announcements=self.counts["announcements"],
                 queue_depth=queue_depth,
-                being_inspected=being_inspected,
                 ahead=ahead,
                 journalled=journalled,
                 pages_per_s=(len(self.arrivals_s) - 1) / span_s if span_s > 0 else 0.0,
                 elapsed_s=elapsed_s,
                 stages={name: times.stage() for name, times in self.times.items()},
+                **{name: self.counts[name] for name in COUNTED},
             )

@@ -12,16 +12,14 @@ from prooflight.line.outcomes import RunWatch
 from prooflight.line.pager import Pager, SheetEdge
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
-from prooflight.line.sheet_inspector import PressSheetInspector
+from prooflight.line.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from prooflight.inspection.inspector import Inspector
     from prooflight.line.pager import PageStart
     from prooflight.line.prefetch import PageBook
     from prooflight.line.sheet_inspector import Keep
-    from prooflight.line.sheets.thumbnails import Thumbnail
+    from prooflight.line.sheets.following import Expected
     from prooflight.scans.lines import LineSource
 
 
@@ -44,7 +42,7 @@ def watched(
     """
     press = inspector.press
 
-    def pager(known: Sequence[Thumbnail | None]) -> Pager:
+    def pager(known: Expected) -> Pager:
         return Pager(press, expected=known, start=start or SheetEdge())
 
     monitor = RunMonitor.begin(
@@ -58,7 +56,7 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        inspector=PressSheetInspector(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
+        inspector=SheetInspector(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
         watch=RunWatch(
             monitor=monitor, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
         ),

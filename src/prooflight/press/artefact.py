@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 SCHEMA = 6
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
-TABLES = ("mean_dn", "variance_dn2")
+TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
+NUMBERS = ("name", "dark_variance_dn2", "backing_dn", "backing_variance_dn2", "top_code_dn")
 CORRECTION = ("near", "far", "farther")
 INK_ARRAYS = "inks."
 DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
@@ -157,22 +158,14 @@ class Press(Shown):
                 arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in trained.arrays().items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
-            for name in (*TABLES, "column_offset_dn", "column_gain"):
+            for name in TABLES:
                 arrays[f"sensor{index}.{name}"] = np.ascontiguousarray(getattr(sensor, name))
             arrays[f"sensor{index}.footprint_across"] = sensor.footprint.across
             arrays[f"sensor{index}.footprint_along"] = sensor.footprint.along
             for name in CORRECTION:
                 arrays[f"sensor{index}.correction_{name}"] = getattr(sensor.correction, name)
-            sensors.append(
-                {
-                    "name": sensor.name,
-                    "footprint_reach_mm": sensor.footprint.reach_mm,
-                    "dark_variance_dn2": sensor.dark_variance_dn2,
-                    "backing_dn": sensor.backing_dn,
-                    "backing_variance_dn2": sensor.backing_variance_dn2,
-                    "top_code_dn": sensor.top_code_dn,
-                }
-            )
+            numbers = {name: getattr(sensor, name) for name in NUMBERS}
+            sensors.append(numbers | {"footprint_reach_mm": sensor.footprint.reach_mm})
         document = {
             "name": self.name,
             "geometry": asdict(self.geometry),
@@ -200,9 +193,7 @@ class Press(Shown):
                 across=arrays[of_sensor + "footprint_across"],
                 along=arrays[of_sensor + "footprint_along"],
             )
-            tables: dict[str, Any] = {
-                name: arrays[of_sensor + name] for name in (*TABLES, "column_offset_dn", "column_gain")
-            }
+            tables: dict[str, Any] = {name: arrays[of_sensor + name] for name in TABLES}
             correction = LensCorrection(
                 **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
             )

@@ -75,12 +75,7 @@ class PressFile:
     @classmethod
     def prototype(cls) -> Self:
         """The paper's rig with the built-in inks."""
-        text = (
-            resources.files("prooflight.press")
-            .joinpath("presets", "prototype.toml")
-            .read_text(encoding="utf-8")
-        )
-        return cls(Path("prototype.toml"), text)
+        return cls.preset("prototype.toml")
 
     @property
     def name(self) -> str:

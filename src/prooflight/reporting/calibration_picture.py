@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -13,6 +12,7 @@ from matplotlib.patches import Rectangle
 
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
+from prooflight.reporting.press_pictures import draw_footprint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,7 +36,6 @@ def draw_calibration(path: Path, found: Calibration) -> None:
         dpi=110,
         layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12),
     )
-    FigureCanvasAgg(figure)
     patches = len(found.patches)
     figure.suptitle(
         f"Press {found.press.name}:  {patches} patches in {len(scans)} scan{'s' * (len(scans) > 1)}, "
@@ -57,7 +56,7 @@ def draw_calibration(path: Path, found: Calibration) -> None:
     panels = [lower.add_subplot(1, 3, place + 1) for place in range(3)]
     _fitted(panels[0], found)
     _noise(panels[1], found)
-    _spread(panels[2], found)
+    draw_footprint(panels[2], found.press)
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
     with whole_file(path) as unfinished:
@@ -122,26 +121,3 @@ def _noise(axes: Axes, found: Calibration) -> None:
         ylim=(0, None),
     )
     axes.legend(frameon=False, fontsize=8, loc="lower right")
-
-
-def _spread(axes: Axes, found: Calibration) -> None:
-    pitch = 1000 * found.press.geometry.pixel_pitch_mm
-    for index, sensor in enumerate(found.press.sensors):
-        reach = 1000 * sensor.footprint.reach_mm
-        colour = COLOURS[index % len(COLOURS)]
-        for cumulative, dash, way in (
-            (sensor.footprint.across, "-", "across"),
-            (sensor.footprint.along, "--", "along"),
-        ):
-            edges = np.linspace(-reach, reach, cumulative.size)
-            density = np.diff(cumulative) / np.diff(edges) * 1000
-            named = f"{sensor.name}, {way}"
-            axes.plot((edges[:-1] + edges[1:]) / 2, density, dash, color=colour, linewidth=1.5, label=named)
-    axes.axvspan(-pitch / 2, pitch / 2, color="#000000", alpha=0.06, linewidth=0)
-    axes.set(
-        title="What one pixel sees (grey: its pitch)",
-        xlabel="from its centre [µm]",
-        ylabel="line spread [1/mm]",
-        xlim=(-2.5 * pitch, 2.5 * pitch),
-    )
-    axes.legend(frameon=False, fontsize=7)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from prooflight.files.atomic import whole_file
@@ -110,7 +109,6 @@ def draw_photon_transfer(
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(6.4 if count == 1 else 4.6 * count, 4.2), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     axes_of = [figure.add_subplot(1, count, place + 1) for place in range(count)]
     for axes in axes_of:
         axes.spines[["top", "right"]].set_visible(False)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from jinja2 import Environment
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from prooflight.files.atomic import whole_file
+from prooflight.reporting.html import data_uri, template
 from prooflight.spectra import WAVE_NM, delta_e00, lab, xyz
 
 if TYPE_CHECKING:
@@ -50,64 +48,33 @@ _SRGB: Final = np.array(
     ]
 )
 
-_PAGE: Final = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
-<style>
-body { font: 15px/1.5 sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
-table { border-collapse: collapse; } td, th { padding: .2rem .7rem; text-align: right; border-bottom: 1px solid #ddd; }
-td:first-child, th:first-child { text-align: left; } tr.chosen { font-weight: bold; background: #f3f6fa; }
-img { max-width: 100%; } .swatch { display: inline-block; width: 1.6rem; height: 1rem; vertical-align: middle; }
-p.note { color: #555; }
-</style></head><body>
-<h1>{{ title }}</h1>
-<p>{{ why }}</p>
-<p class="note">{{ patches }} patches of {{ recipes }} recipes; every patch is predicted by a model that has not seen
-its recipe ({{ folds }} folds). Colour differences are CIEDE2000 under D50 for the 2-degree observer.{{ repeats }}</p>
-<h2>Models</h2>
-<table><tr><th>model</th><th>median</th><th>95 %</th><th>largest</th><th>rms reflectance</th></tr>
-{% for row in scores %}<tr{% if row.chosen %} class="chosen"{% endif %}><td>{{ row.name }}</td><td>{{ row.median }}</td>
-<td>{{ row.p95 }}</td><td>{{ row.max }}</td><td>{{ row.rms }}</td></tr>
-{% endfor %}</table>
-<h2>How large the differences are</h2><img alt="histogram of colour differences" src="{{ histogram }}">
-<h2>Predicted and measured spectra</h2><img alt="spectra of solids and overprints" src="{{ spectra }}">
-<h2>The worst patches</h2><img alt="spectra of the worst patches" src="{{ worst }}">
-<table><tr><th>recipe C M Y K, %</th><th>measured</th><th>predicted</th><th>CIEDE2000</th></tr>
-{% for row in worst_rows %}<tr><td>{{ row.recipe }}</td>
-<td><span class="swatch" style="background: {{ row.measured }}"></span></td>
-<td><span class="swatch" style="background: {{ row.predicted }}"></span></td><td>{{ row.difference }}</td></tr>
-{% endfor %}</table>
-</body></html>
-"""
-
 
 def write_chart_report(
     path: Path,
     chart: Chart,
     trial: CrossValidation,
     *,
-    scores: Mapping[str, Score] | None = None,
-    why: str = "",
+    scores: Mapping[str, Score],
+    why: str,
 ) -> None:
     """Write the report of one cross-validation, self-contained, whole or not at all.
 
-    ``scores`` lists models to compare, ``why`` is the sentence on top; without them the trial stands alone.
+    ``scores`` lists models to compare, ``why`` is the sentence on top.
     """
     recipes = chart.recipes()
     difference = delta_e00(lab(trial.predicted), lab(recipes.reflectance))
     worst = np.argsort(-difference, kind="stable")[:_WORST]
     scatter = chart.scatter()
-    page = Environment(autoescape=True).from_string(_PAGE)
-    html = page.render(
+    html = template("chart_report").render(
         title=f"Ink model {trial.model}",
-        why=why or f"{trial.model}: as asked.",
+        why=why,
         patches=len(chart),
         recipes=len(recipes.cmyk),
         folds=trial.folds,
         repeats=""
         if scatter is None
         else f" Repeated patches lie {scatter.median_delta_e00:.2f} from their mean (median).",
-        scores=_score_rows(scores or {trial.model: trial.score}, trial.model),
+        scores=_score_rows(scores, trial.model),
         histogram=_embedded(histogram(difference[recipes.of_patch])),
         spectra=_embedded(_spectra_figure(recipes, trial.predicted, difference)),
         worst=_embedded(
@@ -131,7 +98,7 @@ def write_chart_report(
 
 def histogram(difference: NDArray[np.float64]) -> Figure:
     """Share of patches by colour difference (n,), on a logarithmic axis, with median and 95 % marked."""
-    figure = _figure(9.0, 3.2)
+    figure = Figure(figsize=(9.0, 3.2), dpi=110, layout="constrained")
     axes = figure.add_subplot()
     low = max(float(np.percentile(difference, 0.5)), 1e-3)
     bins = np.geomspace(low, max(float(difference.max()), 2 * low) * 1.01, 41)
@@ -174,7 +141,7 @@ def _small_multiples(
 ) -> Figure:
     """One small pair of axes for each recipe: measured as dots, predicted as a line."""
     lines = -(-len(shown) // _COLUMNS)
-    figure = _figure(9.0, 2.1 * lines + 0.3)
+    figure = Figure(figsize=(9.0, 2.1 * lines + 0.3), dpi=110, layout="constrained")
     for place, (label, row) in enumerate(shown.items(), start=1):
         axes = figure.add_subplot(lines, _COLUMNS, place)
         _spectrum(axes, recipes.reflectance[row], predicted[row])
@@ -226,13 +193,7 @@ def _css(reflectance: NDArray[np.float64]) -> str:
     return f"rgb({red}, {green}, {blue})"
 
 
-def _figure(width_inch: float, height_inch: float) -> Figure:
-    figure = Figure(figsize=(width_inch, height_inch), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def _embedded(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return data_uri(buffer.getvalue(), "png")

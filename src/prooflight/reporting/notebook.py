@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import io
-from functools import cache, singledispatch
+from functools import singledispatch
 from typing import TYPE_CHECKING, Any, Final
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image, ImageDraw, ImageFont
 
 from prooflight.detectors.base import Inspection
@@ -17,11 +15,10 @@ from prooflight.errors import sentence as one_line
 from prooflight.inspection.registry import promises
 from prooflight.press.artefact import Press
 from prooflight.reporting import pictures, wording
+from prooflight.reporting.html import data_uri, template
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from jinja2 import Template
 
     from prooflight.detectors.base import PlannedPage
     from prooflight.detectors.verdict import Region
@@ -66,37 +63,33 @@ def picture(inspection: Inspection) -> Image.Image:
     return _side_by_side(panels, frame, inspection.regions)
 
 
-def html(result: Any) -> str:
-    """A result as HTML."""
-    return _html(result)
-
-
 def sentence(result: Any) -> str:
     """A result in one line."""
     return one_line(_sentence(result))
 
 
 @singledispatch
-def _html(result: object) -> str:
+def html(result: Any) -> str:
+    """A result as HTML."""
     raise TypeError(type(result).__name__)
 
 
-@_html.register
+@html.register
 def _(result: Inspection) -> str:
     image = None if result.planned is None else _data(picture(result))
-    return _template("verdict").render(
+    return template("notebook_verdict").render(
         verdict=result.verdict, said=sentence(result), image=image, note=SCALE_NOTE
     )
 
 
-@_html.register
+@html.register
 def _(result: Verdict) -> str:
-    return _template("verdict").render(verdict=result, said=sentence(result), image=None, note="")
+    return template("notebook_verdict").render(verdict=result, said=sentence(result), image=None, note="")
 
 
-@_html.register
+@html.register
 def _(result: Press) -> str:
-    return _template("press").render(press=result, said=sentence(result), promises=promises(result))
+    return template("notebook_press").render(press=result, said=sentence(result), promises=promises(result))
 
 
 @singledispatch
@@ -174,17 +167,4 @@ def _mark(
 def _data(image: Image.Image) -> str:
     file = io.BytesIO()
     image.save(file, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
-
-
-@cache
-def _template(name: str) -> Template:
-    environment = Environment(
-        loader=PackageLoader("prooflight.reporting", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {"wording": wording}
-    return environment.get_template(f"notebook_{name}.html.j2")
+    return data_uri(file.getvalue(), "png")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
@@ -47,7 +45,6 @@ def draw_press(path: Path, press: Press) -> None:
         dpi=110,
         layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1),
     )
-    FigureCanvasAgg(figure)
     inks = press.ink_facts.get("name", "unknown")
     pitch_um = press.geometry.pixel_pitch_mm * 1000
     heading = f"{press.geometry.pixels} pixels of {pitch_um:.1f} µm on paper, inks {inks}"
@@ -59,7 +56,7 @@ def draw_press(path: Path, press: Press) -> None:
     noise, gain, offset, footprint = panels[-4:]
     _noise(noise, press)
     _columns(gain, offset, press)
-    _footprint(footprint, press)
+    draw_footprint(footprint, press)
     for axes in panels[1:]:
         axes.spines[["top", "right"]].set_visible(False)
     with whole_file(path) as unfinished:
@@ -147,17 +144,21 @@ def _columns(gain: Axes, offset: Axes, press: Press) -> None:
                 line.set_linewidth(2)
 
 
-def _footprint(axes: Axes, press: Press) -> None:
+def draw_footprint(axes: Axes, press: Press) -> None:
+    """What one pixel of each sensor sees, either way: the density of its line spread."""
+    several = len(press.sensors) > 1
     for index, sensor in enumerate(press.sensors):
         reach = 1000 * sensor.footprint.reach_mm
-        named = f", {sensor.name}" if len(press.sensors) > 1 else ""
+        named = f", {sensor.name}" if several else ""
         colour = COLOURS[index % len(COLOURS)]
         for cumulative, dash, way in (
             (sensor.footprint.across, "-", "across"),
             (sensor.footprint.along, "--", "along the travel"),
         ):
-            place, spread = _spread(cumulative, reach)
-            axes.plot(place, spread, dash, color=colour, linewidth=1.6, label=way + named)
+            edges = np.linspace(-reach, reach, cumulative.size)
+            density = np.diff(cumulative) / np.diff(edges) * 1000
+            middle = (edges[:-1] + edges[1:]) / 2
+            axes.plot(middle, density, dash, color=colour, linewidth=1.6, label=way + named)
     pixel = 1000 * press.geometry.pixel_pitch_mm
     axes.axvspan(-pixel / 2, pixel / 2, color="#000000", alpha=0.06, linewidth=0)
     axes.set(
@@ -166,14 +167,5 @@ def _footprint(axes: Axes, press: Press) -> None:
         ylabel="line spread [1/mm]",
         xlim=(-2.2 * pixel, 2.2 * pixel),
     )
-    several = len(press.sensors) > 1
     axes.set_ylim(0, axes.get_ylim()[1] * (1.0 + 0.14 * several * len(press.sensors)))
     axes.legend(frameon=False, fontsize=7 if several else 8, loc="upper right", ncols=1 + several)
-
-
-def _spread(
-    cumulative: NDArray[np.float64], reach_um: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places [µm] and density [1/mm] of a cumulative line-spread function over -reach .. reach."""
-    edges = np.linspace(-reach_um, reach_um, cumulative.size)
-    return (edges[:-1] + edges[1:]) / 2, np.diff(cumulative) / np.diff(edges) * 1000

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from datetime import UTC, datetime
+from functools import partial
+from typing import TYPE_CHECKING, Self
 
 from prooflight import __version__
 from prooflight.cmyk import NAME_OF_INK
 from prooflight.detectors.base import Inspection
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
-from prooflight.inspection.inspector import not_inspected
-from prooflight.inspection.job import lacks_scan
+from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
+from prooflight.pages.files import page_name
+from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
+from prooflight.reporting.html import data_uri, template
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from jinja2 import Template
-
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.job import InspectPage, Pair
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
+    from prooflight.scans.recorded import RecordedScan
     from prooflight.simulation.misprints.kinds import Misprint
 
 PAGE_PICTURE_PX = 320
@@ -41,16 +42,16 @@ class PageEntry:
     number: int
     """Place in the job, from 1."""
     name: str
-    title: str
-    """What the page is, for people; may be empty."""
-    size_mm: tuple[float, float]
-    """Width and height as the page lay in the press."""
     verdict: Verdict
-    picture: bytes | None
+    title: str = ""
+    """What the page is, for people; may be empty."""
+    size_mm: tuple[float, float] = (0.0, 0.0)
+    """Width and height as the page lay in the press."""
+    picture: bytes | None = None
     """WebP, as a person would see the page; None: the page cannot be used."""
-    alarm: AlarmPictures | None
+    alarm: AlarmPictures | None = None
     """None: nothing to look at, or no scan."""
-    truth: Misprint | None
+    truth: Misprint | None = None
     """What was done to the page on purpose; None: nothing, or not known."""
 
     @property
@@ -73,6 +74,28 @@ class RunSummary:
     seed: int | None
     date: str
     pages_per_s: float
+
+    @classmethod
+    def today(
+        cls,
+        inspector: Inspector,
+        *,
+        job: str,
+        pages_per_s: float,
+        world: str | None = None,
+        seed: int | None = None,
+    ) -> Self:
+        """Of a job that was inspected today."""
+        return cls(
+            job=job,
+            press=inspector.press.name,
+            press_digest=inspector.press.digest,
+            promise=inspector.promise,
+            world=world,
+            seed=seed,
+            date=datetime.now(UTC).strftime("%Y-%m-%d"),
+            pages_per_s=pages_per_s,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +154,7 @@ def page_entry(
         place = _enlarged(verdict, truth)
         alarm = pictures.alarm_pictures(page, result, press, place=place) if shown else None
     else:
-        verdict, alarm = result or not_inspected(page.name), None
+        verdict, alarm = result or Verdict.skipped(page.name), None
     return PageEntry(
         number=page.number,
         name=page.name,
@@ -146,16 +169,36 @@ def page_entry(
 
 def unpictured_entry(number: int, verdict: Verdict) -> PageEntry:
     """Of a page that cannot be used itself, so that nobody knows what it would look like."""
-    return PageEntry(
-        number=number,
-        name=verdict.page,
-        title="",
-        size_mm=(0.0, 0.0),
-        verdict=verdict,
-        picture=None,
-        alarm=None,
-        truth=None,
-    )
+    return PageEntry(number=number, name=verdict.page, verdict=verdict)
+
+
+@dataclass(frozen=True, slots=True)
+class PicturedPage:
+    """``Tried`` that gives a report's entry rather than the bare verdict."""
+
+    work: InspectPage
+
+    def __call__(self, pair: Pair) -> PageEntry:
+        """Inspect and picture one page; a page without a scan, or with one that cannot be used, is pictured as well."""
+        number, scan = pair
+        try:
+            page = self.work.page(number)
+            return page_entry(page, self._result(page, scan), self.work.inspector.press)
+        except UNUSABLE as error:
+            return unpictured_entry(number, unusable(page_name(number), error))
+
+    def killed(self, pair: Pair) -> PageEntry:
+        """Of a page whose inspection the system ended."""
+        return unpictured_entry(pair[0], Verdict.skipped(page_name(pair[0]), KILLED))
+
+    def _result(self, page: Page, scan: RecordedScan | None) -> Inspection | Verdict:
+        name = page_name(page.number)
+        if scan is None:
+            return scan_missing(name, self.work.scans)
+        try:
+            return self.work.inspection(page, scan)
+        except UNUSABLE as error:
+            return unusable(name, error)
 
 
 def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
@@ -173,7 +216,7 @@ def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) 
     count = counts(entries)
     known = summary.world is not None
     numbered = list(enumerate(entries, start=1))
-    text = _template().render(
+    text = template("report").render(
         summary=summary,
         count=count,
         known=known,
@@ -186,6 +229,11 @@ def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) 
         missed=[(place, entry) for place, entry in numbered if entry.truth and not entry.alarmed],
         scale=[(100 * i / (len(pictures.SCALE) - 1), colour) for i, (_, colour) in enumerate(pictures.SCALE)],
         version=__version__,
+        data=partial(data_uri, kind="webp"),
+        place=_place,
+        name_of_ink=NAME_OF_INK,
+        screen_pixels=_screen_pixels,
+        saturation=pictures.SATURATION,
     )
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
@@ -225,10 +273,6 @@ def _screen_pixels(zoom: Zoom) -> int:
     return 3 if 3 * zoom.columns <= ZOOM_SCREEN_PX else 2
 
 
-def _data(picture: bytes) -> str:
-    return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
-
-
 def _place(box: tuple[float, float, float, float], frame: Frame) -> str:
     """Where x, y, width, height [mm] of the page lie in a picture of frame, as CSS; what lies outside is cut off."""
     x, y, width, height = box
@@ -236,23 +280,3 @@ def _place(box: tuple[float, float, float, float], frame: Frame) -> str:
     top, bottom = ((v - frame.y_mm) / frame.height_mm for v in (y, y + height))
     left, right, top, bottom = (min(max(v, 0.0), 1.0) for v in (left, right, top, bottom))
     return f"left:{left:.2%};top:{top:.2%};width:{max(right - left, 0):.2%};height:{max(bottom - top, 0):.2%}"
-
-
-@cache
-def _template() -> Template:
-    environment = Environment(
-        loader=PackageLoader("prooflight.reporting", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {
-        "data": _data,
-        "place": _place,
-        "wording": wording,
-        "name_of_ink": NAME_OF_INK,
-        "screen_pixels": _screen_pixels,
-        "saturation": pictures.SATURATION,
-    }
-    return environment.get_template("report.html.j2")

@@ -136,6 +136,18 @@ def count(number: int, thing: str) -> str:
     return f"{number:,} {thing}" + ("" if number == 1 else "s")
 
 
+def not_inspected(of_what: str, number: int, first: str) -> str:
+    """That so many were not inspected, and of the first why.
+
+    >>> not_inspected("2 of 9 pages", 2, "p0003: its scan is missing")
+    '2 of 9 pages were not inspected (the first p0003: its scan is missing)'
+    >>> not_inspected("1 sheet", 1, "")
+    '1 sheet was not inspected'
+    """
+    said, which = ("was", "") if number == 1 else ("were", "the first ")
+    return f"{of_what} {said} not inspected" + (f" ({which}{first})" if first else "")
+
+
 def millimetres(value: float) -> str:
     """To a tenth, without a sign on nothing.
 

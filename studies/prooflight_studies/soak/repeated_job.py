@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.line.pager import Thumbnail
+    from prooflight.line.sheets.thumbnails import Thumbnail
 
 
 class RepeatedJob:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.line.pager import thumbnail_of
+from prooflight.line.sheets.thumbnails import thumbnail_of
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import design_page
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.line.pager import Thumbnail
+    from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.drum import Turn

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.journal.journal import Journal, RunFacts
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import RunFacts
 from prooflight.line.outcomes import missing_page, skipped
-from prooflight.line.pager import MissingPage, Pager, SeenPage
+from prooflight.line.pager import Pager
+from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
 from prooflight.simulation.drum import AMOUNTS, LINE_FAULTS, ORDER_FAULTS, Drum, turns
@@ -27,8 +29,8 @@ from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from prooflight.journal.journal import PageRecord
-    from prooflight.line.pager import Thumbnail
+    from prooflight.journal.records import PageRecord
+    from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.press.artefact import Press
     from prooflight.simulation.drum import DrumFault, Turn
     from prooflight_studies.soak.sheets import Passed, SoakRing

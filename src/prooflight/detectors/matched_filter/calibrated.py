@@ -149,8 +149,8 @@ class CalibratedFacts(Block):
 
 
 TABLE: Final = {
-    "simulated": Kept(dtype="float64", shape=("designs",), rule=rising()),
-    "real": Kept(dtype="float64", shape=("pages",), rule=rising(), empty=True),
+    "simulated": Kept(dtype="float64", shape=("designs",), rule=rising),
+    "real": Kept(dtype="float64", shape=("pages",), rule=rising, empty=True),
 }
 
 

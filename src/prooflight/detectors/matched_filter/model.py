@@ -392,7 +392,7 @@ TABLE: Final = {
     "centre": Kept(dtype="float64", shape=(2, PAGE_FEATURES), rule=_wrong_centre),
     "baseline": Kept(dtype="float64", shape=(1 + PAGE_FEATURES, "statistics")),
     "sd": Kept(dtype="float64", shape=("statistics",), above=0),
-    "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising()),
+    "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising),
     "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
     "scatter.boxes": Kept(dtype="float64", shape=(len(MODES), len(SIZES), 3), low=0),
     "scatter.streaks": Kept(dtype="float64", shape=(LINE_MODES, len(WIDTHS), len(SPANS), 3), low=0),

@@ -208,7 +208,7 @@ def _no_distribution(logarithms: NDArray[np.floating]) -> str:
 
 
 TABLE: Final = {
-    "edges": Kept(dtype="float64", shape=("statistics", "edges"), rule=rising()),
+    "edges": Kept(dtype="float64", shape=("statistics", "edges"), rule=rising),
     "log_likelihood": Kept(
         dtype="float64", shape=("types", "statistics", "bins"), high=0, rule=_no_distribution
     ),

@@ -33,26 +33,26 @@ PAGES: Final = 100_000
 """Rates of false alarms are stated for so many pages."""
 
 
-def run_length(threshold: float, *, allowance: float = ALLOWANCE, clip: float = CLIP) -> float:
+def run_length(threshold: float, *, clip: float = CLIP) -> float:
     """Mean number of pages to a false alarm of one one-sided sum of scores N(0, 1), from 0. [pages]
 
     The sum is a Markov chain on ``STATES`` intervals of 0..threshold (Brook and Evans 1972).
     """
     width = 2 * threshold / (2 * STATES - 1)  # state 0 is 0 itself: its interval is half as wide
     at = np.arange(STATES) * width
-    upper = at[None, :] + width / 2 - at[:, None] + allowance
+    upper = at[None, :] + width / 2 - at[:, None] + ALLOWANCE
     reached = np.where(upper >= clip, 1.0, np.where(upper < -clip, 0.0, special.ndtr(upper)))
     stays = np.diff(reached, axis=1, prepend=0.0)
     return float(np.linalg.solve(np.eye(STATES) - stays, np.ones(STATES))[0])
 
 
 @cache
-def threshold_for(pages: float, *, allowance: float = ALLOWANCE, clip: float = CLIP) -> float:
+def threshold_for(pages: float) -> float:
     """The threshold whose run length is so many pages; run lengths grow with it exponentially. [sd]"""
-    highest = np.log(pages) / (2 * allowance) + 3
+    highest = np.log(pages) / (2 * ALLOWANCE) + 3
 
     def off(threshold: float) -> float:
-        return float(np.log(run_length(threshold, allowance=allowance, clip=clip) / pages))
+        return float(np.log(run_length(threshold) / pages))
 
     return float(optimize.brentq(off, 0.1, highest, xtol=1e-5))
 

@@ -47,6 +47,7 @@ HOPELESS: Final = -300.0
 class Fit:
     """A scan laid on a page."""
 
+    page: Thumbnail
     likeness: float
     """Correlation of their detail, 1 for the very same. [-]"""
     light: NDArray[np.float32]
@@ -71,11 +72,9 @@ def inside(page: Thumbnail, geometry: ScanGeometry) -> tuple[int, int, int, int]
     )
 
 
-def lay(
-    seen: NDArray[np.float32], page: Thumbnail, box: tuple[int, int, int, int], *, longer: float = 0.0
-) -> Fit:
+def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, longer: float = 0.0) -> Fit:
     """Lay a scan's light (rows, columns) on a page. longer: how much longer the sheet is than the page. [rows]"""
-    rows = len(page.light)
+    rows, box = len(page.light), inside(page, geometry)
     expected = page.light.astype(np.float32) / np.float32(STEPS)
     seen = seen[:rows] if len(seen) >= rows else np.pad(seen, ((0, rows - len(seen)), (0, 0)), mode="edge")
     expected_detail = detail(expected)
@@ -86,6 +85,7 @@ def lay(
     level = float((light[inner] * expected[inner]).sum() / max((expected[inner] ** 2).sum(), 1e-9))
     light /= np.float32(np.clip(level, 0.8, 1.25))
     return Fit(
+        page=page,
         likeness=_likeness(detail(light)[inner], expected_detail[inner]),
         light=light,
         box=box,
@@ -110,24 +110,25 @@ def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool
     return bool(_rms(sheet) < BLANK)
 
 
-def evidence(fit: Fit, here: Thumbnail, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
-    """Log P(scan | there) - log P(scan | here), ``fit`` being on either; -inf if they differ in size.
+def evidence(fit: Fit, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
+    """Log P(scan | there) - log P(scan | the page that it is laid on); -inf if they differ in size.
 
     taped (rows,): where a tape hides the print.
     """
+    here = fit.page
     if here.light.shape != there.light.shape or here.width_mm != there.width_mm:
         return -np.inf
     return float(log_ratio(fit.light, here.light, there.light, fit.box, taped, FLOOR, BLUR, INK, HOPELESS))
 
 
-def taped_rows(fit: Fit, page: Thumbnail) -> NDArray[np.bool_]:
+def taped_rows(fit: Fit) -> NDArray[np.bool_]:
     """Rows that are one even tone from edge to edge, darker than paper, where the page is not (rows,)."""
     top, bottom, left, right = fit.box
     seen = fit.light[top:bottom, left:right]
-    expected = page.light[top:bottom, left:right].astype(np.float32) / np.float32(STEPS)
+    expected = fit.page.light[top:bottom, left:right].astype(np.float32) / np.float32(STEPS)
     other = np.sqrt(np.mean((seen - expected) ** 2, axis=1)) > TAPE_STEP
     even = (seen.std(axis=1) < TAPE_EVEN) & (seen.mean(axis=1) < TAPE_LIGHTEST)
-    rows = np.zeros(len(page.light), np.bool_)
+    rows = np.zeros(len(fit.page.light), np.bool_)
     rows[top:bottom] = other & even
     return rows
 
@@ -136,11 +137,6 @@ def _parts(box: tuple[int, int, int, int]) -> list[tuple[int, int]]:
     count = max((box[1] - box[0]) // BAND_ROWS, 1)
     edges = np.linspace(box[0], box[1], count + 1).astype(int)
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-
-
-def _halves(box: tuple[int, int, int, int]) -> list[tuple[int, int]]:
-    middle = (box[2] + box[3]) // 2
-    return [(box[2], middle), (middle, box[3])]
 
 
 def _displacements(
@@ -154,13 +150,13 @@ def _displacements(
     Down is followed from band to band: the way of most likeness, changes costing some (Viterbi). A band of vertical
     rules, or of nothing, so lies where its neighbours do, and is left out. reach: rows up and down.
     """
-    parts, up = _parts(box), reach[0]
+    parts, up, middle = _parts(box), reach[0], (box[2] + box[3]) // 2
     padded = np.pad(seen, (reach, (REACH, REACH)))
     maps = np.stack(
         [
             [
                 _likeness_map(expected[top:bottom, left:right], padded, top, left, sum(reach))
-                for left, right in _halves(box)
+                for left, right in ((box[2], middle), (middle, box[3]))
             ]
             for top, bottom in parts
         ]
@@ -214,14 +210,12 @@ def _way(of_bands: NDArray[np.float32]) -> list[int]:
 
 
 def _vertex_at(values: NDArray[np.float32], place: int) -> float:
-    """Place of the maximum near ``place``, from it."""
-    return _vertex(values[place - 1 : place + 2]) if 0 < place < values.size - 1 else 0.0
-
-
-def _vertex(three: NDArray[np.float32]) -> float:
-    """Place of the maximum of a parabola through three values, from the middle one."""
-    bend = 2 * float(three[1]) - float(three[0]) - float(three[2])
-    return float(np.clip((float(three[2]) - float(three[0])) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
+    """Place of the maximum of a parabola through the values about ``place``, from it."""
+    if not 0 < place < values.size - 1:
+        return 0.0
+    before, here, after = values[place - 1 : place + 2].tolist()
+    bend = 2 * here - before - after
+    return float(np.clip((after - before) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
 
 
 def _moved(

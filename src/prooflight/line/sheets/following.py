@@ -47,7 +47,7 @@ class Match:
     """The page in whose place it came, where nothing is known of that page's look."""
     blank: bool = False
     fit: Fit | None = None
-    page: Thumbnail | None = None
+    """The scan laid on the page that it shows."""
     likeness: float = 0.0
     """The greatest found, of the page it shows or not. [-]"""
 
@@ -110,46 +110,42 @@ class Following:
         if best.likeness < ALIKE:
             wide = self._designs(self._wide(light), skipped)
             best = max(best, self._liken(light, wide, longer), key=lambda match: match.likeness)
-        if best.likeness < ALIKE or best.fit is None or best.page is None:
+        if best.likeness < ALIKE or best.fit is None:
             return Match(job_page=None, likeness=best.likeness)
-        return self._weighed(light, best, best.fit, best.page, near, longer)
+        return self._weighed(light, best, best.fit, near, longer)
 
     def _weighed(
         self,
         light: NDArray[np.float32],
         best: Match,
         fit: Fit,
-        like: Thumbnail,
         near: list[tuple[int, Thumbnail, float]],
         longer: float,
     ) -> Match:
-        """The page that the evidence is for, of those near; ``best``, with its fit and page, is one that it is like."""
-        chosen: tuple[int, Thumbnail] | None = None
+        """The page that the evidence is for, of those near; ``best``, with its fit, is one that it is like."""
+        chosen: tuple[int, Thumbnail, float] | None = None
         most = 0.0
-        taped = taped_rows(fit, like)
+        taped = taped_rows(fit)
         own = min((cost for job_page, _, cost in near if job_page == best.job_page), default=0.0)
         for job_page, page, cost in near:
-            if page is like:
+            if page is fit.page:
                 continue
-            said = evidence(fit, like, page, taped)
+            said = evidence(fit, page, taped)
             if said > MARGIN and said - cost + own > most:
-                chosen, most = (job_page, page), said - cost + own
+                chosen, most = (job_page, page, cost), said - cost + own
         if chosen is None:
             return best
-        job_page, page = chosen
-        fit = lay(light, page, inside(page, self.geometry), longer=longer)
-        if fit.likeness < ALIKE:
-            return best
-        return Match(job_page=job_page, page=page, fit=fit, likeness=fit.likeness)
+        other = self._liken(light, [chosen], longer)
+        return best if other.likeness < ALIKE else other
 
     def _liken(
         self, light: NDArray[np.float32], pages: Iterable[tuple[int, Thumbnail, float]], longer: float
     ) -> Match:
         best = Match(job_page=None)
         for job_page, page, _ in pages:
-            fit = lay(light, page, inside(page, self.geometry), longer=longer)
+            fit = lay(light, page, self.geometry, longer=longer)
             if fit.likeness > best.likeness:
-                best = Match(job_page=job_page, page=page, fit=fit, likeness=fit.likeness)
+                best = Match(job_page=job_page, fit=fit, likeness=fit.likeness)
         return best
 
     def _is_blank(self, page: Thumbnail) -> bool:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.line.sheets.fitting import Fit
-    from prooflight.line.sheets.thumbnails import Thumbnail
 
 LENGTH_SHARE, LENGTH_LINES = 0.0008, 2.5
 """A good sheet's length errs by less: 0.03 % of scale in the press world, warp, and its edges to a line each."""
@@ -42,9 +41,9 @@ def length_fault(fit: Fit, *, longer_lines: float, page_lines: int, start_line: 
     return Fault(kind="extra-lines" if longer else "lost-lines", first_line=where, detail=what)
 
 
-def splice_fault(fit: Fit, page: Thumbnail, *, start_line: int, line_pitch_mm: float) -> Fault | None:
+def splice_fault(fit: Fit, *, start_line: int, line_pitch_mm: float) -> Fault | None:
     """A tape that lies across the whole sheet; None: there is none."""
-    rows = _longest(taped_rows(fit, page))
+    rows = _longest(taped_rows(fit))
     height_mm = (rows[1] - rows[0]) * SHRINK * line_pitch_mm
     if not TAPE_MM[0] <= height_mm <= TAPE_MM[1]:
         return None

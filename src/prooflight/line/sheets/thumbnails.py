@@ -80,12 +80,6 @@ def signature(light: NDArray[np.float32]) -> NDArray[np.float32]:
     return (whole / max(float(np.linalg.norm(whole)), 1e-9)).astype(np.float32)
 
 
-def thumbnail(light: NDArray[np.float32], *, width_mm: float, height_mm: float) -> Thumbnail:
-    """Of a page whose scan is, without noise, ``light`` (rows, columns) [white]."""
-    stepped = np.clip(np.rint(light * STEPS), 0, 255).astype(np.uint8)
-    return Thumbnail(light=stepped, width_mm=width_mm, height_mm=height_mm, signature=signature(light))
-
-
 def thumbnail_of(page: Page, prediction: Prediction, press: Press) -> Thumbnail:
     """Of a page as it lies in the press, from its prediction in its place."""
     expected, shrinker = prediction.expected_dn, Shrinker(press)
@@ -94,4 +88,9 @@ def thumbnail_of(page: Page, prediction: Prediction, press: Press) -> Thumbnail:
         rows = light[row : row + ROWS_AT_ONCE]
         lines = expected[:, SHRINK * row : SHRINK * (row + len(rows))]
         rows[:] = shrinker.rows(np.rint(np.maximum(lines, 0)).astype(np.uint16))
-    return thumbnail(light, width_mm=page.width_mm, height_mm=page.height_mm)
+    return Thumbnail(
+        light=np.clip(np.rint(light * STEPS), 0, 255).astype(np.uint8),
+        width_mm=page.width_mm,
+        height_mm=page.height_mm,
+        signature=signature(light),
+    )

@@ -1,0 +1,33 @@
+"""Pages for people: templates that lie beside this module, and pictures inside a page."""
+
+from __future__ import annotations
+
+import base64
+from functools import cache
+from typing import TYPE_CHECKING
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from prooflight.reporting import wording
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+
+@cache
+def template(name: str) -> Template:
+    """The template ``name``.html.j2, which knows ``wording``."""
+    environment = Environment(
+        loader=PackageLoader("prooflight.reporting", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["wording"] = wording
+    return environment.get_template(f"{name}.html.j2")
+
+
+def data_uri(picture: bytes, kind: str) -> str:
+    """A picture (png, webp) as the address of an image that holds itself."""
+    return f"data:image/{kind};base64," + base64.b64encode(picture).decode("ascii")

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
@@ -60,6 +61,13 @@ FLAT: Final = 0.25
 """Places of which edges make up no more than so much of the variance are flat."""
 LEAST_POWER: Final = 1e-3
 """Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
+SCATTER_SHAPES: Final = {
+    "boxes": (len(MODES), len(SIZES)),
+    "streaks": (LINE_MODES, len(WIDTHS), len(SPANS)),
+    "bands": (len(MODES),),
+    "ghosts": (INKS, len(GHOST_BOXES_MM)),
+}
+"""Of the arrays of ``Scatter``, but for their last axis."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -153,17 +161,8 @@ class Scatter:
     def white(cls) -> Scatter:
         """Nothing but noise."""
         one = np.array([1.0, 1.0, 0.0])
-        shapes = [
-            (len(MODES), len(SIZES)),
-            (LINE_MODES, len(WIDTHS), len(SPANS)),
-            (len(MODES),),
-            (4, len(GHOST_BOXES_MM)),
-        ]
         return cls(
-            **{
-                name: np.broadcast_to(one, (*shape, 3)).copy()
-                for name, shape in zip(("boxes", "streaks", "bands", "ghosts"), shapes, strict=True)
-            }
+            **{name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in SCATTER_SHAPES.items()}
         )
 
 
@@ -238,15 +237,11 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
 def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
     """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
     own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1))
-    return _levelled(own, power, round(2 * PERIODS_MM[1] / sums.tile_mm) | 1), power, edges
-
-
-def _levelled(own: NDArray[np.float32], power: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
-    """N' without the mean amount over ``wide`` places about it."""
+    wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
-    return np.asarray(own - push / (sure + 1e-6) * power, np.float32)
+    return np.asarray(own - push / (sure + 1e-6) * power, np.float32), power, edges
 
 
 def periodogram(

@@ -57,7 +57,7 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
-        analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
+        analysis = analyse(known, scan)
         statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
     good, bad = (compressed(values_of(one)) for one in statistics)
     assert keys_of(statistics[0]) == keys_of(statistics[1])

@@ -158,15 +158,7 @@ class PressDay:
 
     def analysed(self, known: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
         """A scan looked at as this press's are."""
-        press = self.day.press
-        return analyse(
-            known,
-            scan,
-            sensors=press.sensors,
-            geometry=press.geometry,
-            prior=self.prior,
-            residual_variance=self.residual_variance,
-        )
+        return analyse(known, scan, residual_variance=self.residual_variance)
 
     def statistics(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter

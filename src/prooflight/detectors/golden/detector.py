@@ -162,14 +162,9 @@ class GoldenSheet(PreparedOnly):
         left, top, right, bottom = mark.grown(MARGIN_PIXELS)
         pitch_x_mm, pitch_y_mm = self.pitch_mm
         width_mm, height_mm = (right - left) * pitch_x_mm, (bottom - top) * pitch_y_mm
-        return Region(
-            x_mm=round(left * pitch_x_mm - self.left_mm, 2),
-            y_mm=round(top * pitch_y_mm - self.lead_in_mm, 2),
-            width_mm=round(width_mm, 2),
-            height_mm=round(height_mm, 2),
-            score=round(mark.volume, 1),
-            kind=_kind(width_mm, height_mm, lighter=mark.lighter),
-        )
+        box_mm = left * pitch_x_mm - self.left_mm, top * pitch_y_mm - self.lead_in_mm, width_mm, height_mm
+        kind = _kind(width_mm, height_mm, lighter=mark.lighter)
+        return Region.rounded(box_mm, score=mark.volume, kind=kind)
 
 
 def decision_of(volume: float, *, another: bool) -> Decision:

@@ -23,13 +23,11 @@ from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
-    from prooflight.prediction.predict import Prediction
-    from prooflight.prediction.tables import SensorModel
+    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
     from prooflight.scans.geometry import ScanGeometry
 
 TILE_MM: Final = 0.5
@@ -92,25 +90,23 @@ class Sums:
 
 
 def summed(
+    scan: PlacedScan,
     left: NDArray[np.float32],
     weight: NDArray[np.float32],
     of_edges: NDArray[np.float32],
-    seen: Prediction,
-    modes: Modes,
-    where: PixelMap,
     *,
-    sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     page_width_mm: float,
 ) -> Sums:
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
+    modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
     tiles = np.empty((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
     columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     offset = np.stack([sensor.column_offset_dn for sensor in sensors])
-    light = seen.expected_dn - offset[:, None]
+    light = scan.seen.expected_dn - offset[:, None]
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
     for index in range(len(sensors)):

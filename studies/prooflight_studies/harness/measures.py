@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.detectors.paper.bayes import SHARE_SIGMAS
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
-from prooflight.detectors.paper.windows import SHARE_SIGMAS
 from prooflight_studies.harness.baselines import BASELINES, all_scores
 from prooflight_studies.harness.error_map import normalised_error, window_means
 

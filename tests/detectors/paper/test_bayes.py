@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
 
-from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight_studies.harness.error_map import window_means, window_unit
 
 LABELS = np.array(["correct", "global", "local"])

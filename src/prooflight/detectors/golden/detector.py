@@ -149,7 +149,7 @@ class GoldenSheet(PreparedOnly):
             verdict=verdict,
             placement=Placement(shift_mm=verdict.shift_mm or (0.0, 0.0)),
             area=area,
-            measured_dn=scan.dn[(slice(None), *area)],
+            measured_dn=scan.dn[:, *area],
             block_z=np.asarray(blocks, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
             kept={

@@ -118,7 +118,7 @@ class MatchedFilterPage(PreparedOnly):
             verdict=verdict,
             placement=placement,
             area=area,
-            measured_dn=scan.dn[(slice(None), *area)],
+            measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
             expect=lambda: cut(station.predict(page, placement), area),
             kept={"wrong_page": np.array(another), "values": values, "portrait": page_features},

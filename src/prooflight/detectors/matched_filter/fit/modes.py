@@ -19,8 +19,7 @@ from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import predict_light
-from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
-from prooflight.prediction.tables import SensorModel, node_fractions
+from prooflight.prediction.tables import EVERY, SLOPE_NODES, SensorModel, mean_slopes, node_fractions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

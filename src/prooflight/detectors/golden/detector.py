@@ -103,13 +103,12 @@ class GoldenSheet(PreparedOnly):
         for light, name in ((expected, self.golden), (seen, scan.name)):
             if not np.isfinite(light).all():
                 why = f"{name} holds values that are not finite numbers"
-                return self._inspection(Verdict.skipped(self.page, why, detector=NAME), scan, expected)
-        return self._inspection(*self._compared(expected, seen, scan))
-
-    def _compared(
-        self, expected: NDArray[np.float32], seen: NDArray[np.float32], scan: Scan
-    ) -> tuple[Verdict, Scan, NDArray[np.float32], GoldenDifference]:
+                verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
+                return self._inspection(verdict, scan, expected, excess)
         difference = compare(expected, seen)
+        return self._inspection(self._verdict(difference), scan, expected, difference.excess)
+
+    def _verdict(self, difference: GoldenDifference) -> Verdict:
         places, where = marks(difference), difference.place
         across, along = (
             round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
@@ -118,7 +117,7 @@ class GoldenSheet(PreparedOnly):
         another = not where.found or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
-        verdict = Verdict.from_decision(
+        return Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
             kind=kind,
@@ -127,18 +126,12 @@ class GoldenSheet(PreparedOnly):
             detector=NAME,
             reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
         )
-        return verdict, scan, expected, difference
 
     def _inspection(
-        self,
-        verdict: Verdict,
-        scan: Scan,
-        expected: NDArray[np.float32],
-        difference: GoldenDifference | None = None,
+        self, verdict: Verdict, scan: Scan, expected: NDArray[np.float32], excess: NDArray[np.float32]
     ) -> Inspection:
-        lines, pixels = expected.shape[1:]
+        lines, pixels = excess.shape
         area = (slice(0, lines), slice(0, pixels))
-        excess = np.zeros((lines, pixels), np.float32) if difference is None else difference.excess
         golden = _uneven(expected, self.sensors)
         blocks = cv2.resize(
             excess,

@@ -17,7 +17,7 @@ from prooflight.detectors.paper.print_state import print_state
 from prooflight.detectors.paper.regions import BlockGrid, Findings, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
-from prooflight.kernels.blocks import block_inks
+from prooflight.kernels.comparison.page_sums import block_inks
 from prooflight.prediction.predict import cut
 
 if TYPE_CHECKING:

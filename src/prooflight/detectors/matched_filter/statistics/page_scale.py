@@ -10,8 +10,8 @@ from scipy import ndimage
 
 from prooflight.detectors.matched_filter.statistics.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
 from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS
+from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.page_scale import boxes_against_own, each_against_own
-from prooflight.kernels.statistics.swapped_planes import swap_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -124,24 +124,6 @@ class BayesianNetwork:
         """Probability of a misprint given statistics (..., n). (...)"""
         return np.asarray(special.expit(self.log_ratio(statistics) + special.logit(self.misprint_rate)))
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Its arrays by name; with ``facts`` all that ``from_parts`` needs."""
-        return {name: np.ascontiguousarray(getattr(self, name)) for name in ARRAYS}
-
-    def facts(self) -> dict[str, Any]:
-        """The rest of it, fit for JSON."""
-        return {"types": list(self.types), "misprint_rate": self.misprint_rate, "binning": self.binning}
-
-    @classmethod
-    def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
-        """The network again that ``arrays`` and ``facts`` came from."""
-        return cls(
-            types=tuple(facts["types"]),
-            misprint_rate=float(facts["misprint_rate"]),
-            binning=facts["binning"],
-            **{name: arrays[name] for name in ARRAYS},
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BayesDetector:
@@ -184,11 +166,18 @@ class BayesDetector:
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """What an artefact keeps as tensors."""
-        return self.network.arrays() | {"unit": np.ascontiguousarray(self.unit, np.float64)}
+        tables = {name: np.ascontiguousarray(getattr(self.network, name)) for name in ARRAYS}
+        return tables | {"unit": np.ascontiguousarray(self.unit, np.float64)}
 
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
-        return self.network.facts() | {"threshold": self.threshold, "reading": self.reading}
+        return {
+            "types": list(self.network.types),
+            "misprint_rate": self.network.misprint_rate,
+            "binning": self.network.binning,
+            "threshold": self.threshold,
+            "reading": self.reading,
+        }
 
     @staticmethod
     def check(
@@ -207,7 +196,12 @@ class BayesDetector:
     def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
         """The detector again that ``arrays`` and ``facts`` came from, which ``check`` has passed."""
         return cls(
-            network=BayesianNetwork.from_parts(arrays, facts),
+            network=BayesianNetwork(
+                types=tuple(facts["types"]),
+                misprint_rate=float(facts["misprint_rate"]),
+                binning=facts["binning"],
+                **{name: arrays[name] for name in ARRAYS},
+            ),
             threshold=float(facts["threshold"]),
             unit=arrays["unit"],
             reading=facts["reading"],

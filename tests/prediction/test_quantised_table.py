@@ -13,7 +13,6 @@ from numba import njit
 
 from prooflight.kernels.prediction import filtering as filtering_kernels
 from prooflight.kernels.prediction import look_up as look_up_kernels
-from prooflight.kernels.prediction.lines import look_up_row
 from prooflight.kernels.prediction.look_up import (
     NODES,
     eight_at_once,
@@ -22,6 +21,7 @@ from prooflight.kernels.prediction.look_up import (
     masks_of,
 )
 from prooflight.prediction.quantised_table import CELL_BITS, QuantisedTable, cells_bits, quantised_table
+from prooflight_studies.harness.exact_tables import exactly_looked_up
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -99,8 +99,8 @@ def test_stays_with_the_tables_it_stands_for(press: Press) -> None:
     packed = random_words(20_000)
     packed[:2] = 0, 0xFFFFFFFF
     cmyk = packed.view(np.uint8).reshape(-1, 4)
-    mean, variance, light = np.empty((3, packed.size), np.float32)
-    look_up_row(cmyk, model.interleaved(), mean, variance)
+    light = np.empty(packed.size, np.float32)
+    mean, variance = exactly_looked_up(cmyk, model)
     look_up_light(packed, quantised_table(model.mean_dn), np.float32(0), light)
     error = (light - mean) / np.sqrt(variance)
     assert abs(light[0] - model.white_dn) < 1e-3
@@ -112,8 +112,8 @@ def test_solid_inks_are_the_tables_own(press: Press) -> None:
     """Rounding of codes: half of one is 2 sqrt(3000) sqrt(3000) / 65534 DN."""
     model = press.sensors[0]
     solid = np.array(list(product((0, 255), repeat=4)), np.uint8)
-    mean, variance, light = np.empty((3, len(solid)), np.float32)
-    look_up_row(solid, model.interleaved(), mean, variance)
+    light = np.empty(len(solid), np.float32)
+    mean, _ = exactly_looked_up(solid, model)
     look_up_light(solid.view(np.uint32).ravel(), quantised_table(model.mean_dn), np.float32(0), light)
     np.testing.assert_allclose(light, mean, atol=0.15)
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
-from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
-from prooflight.prediction.tables import node_fractions
+from prooflight.prediction.tables import EVERY, SLOPE_NODES, mean_slopes, node_fractions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

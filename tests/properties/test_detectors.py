@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics
 from prooflight.detectors.paper.chi_square import ChiSquare
 from prooflight.detectors.paper.evidence import Evidence, gather
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight_studies.harness.baselines import VariationModel, all_scores
 
 if TYPE_CHECKING:

@@ -159,15 +159,7 @@ def test_a_look_without_fringes_is_what_it_was(
     looks = []
     for how in ({}, {"fringes": False}, {"fringes": True}):
         known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, **how)
-        looks.append(
-            analyse(
-                known,
-                scan,
-                sensors=press.sensors,
-                geometry=press.geometry,
-                residual_variance=residual_variance,
-            )
-        )
+        looks.append(analyse(known, scan, residual_variance=residual_variance))
     plain, off, on = looks
     np.testing.assert_array_equal(off.sums.tiles, plain.sums.tiles)
     np.testing.assert_array_equal(off.fit.pulls, plain.fit.pulls)
@@ -184,6 +176,6 @@ def test_fringes_followed_leave_less(two_sensor_press: Press) -> None:
     most = []
     for fringes in (False, True):
         known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=fringes)
-        analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
+        analysis = analyse(known, scan)
         most.append(float(np.abs(analysis.fit.pulls).max()))
     assert most[1] < 0.7 * most[0]

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 from tests.fuzz.press_mutants import bytes_spoilt
 
+from prooflight.detectors.paper.bayes import window_statistics
 from prooflight.detectors.paper.evidence import INTERVALS
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight.prediction.predict import predict
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS

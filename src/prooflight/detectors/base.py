@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
 from prooflight.errors import RequestError
-from prooflight.prediction.predict import cut, predict
+from prooflight.prediction.predict import predict
+from prooflight.scans.placement import IN_PLACE
 from prooflight.shown import Shown
 
 if TYPE_CHECKING:
@@ -51,10 +52,10 @@ class Station:
     threads: int | None = None
     """That one page may take; None: one a core."""
 
-    def predict(self, page: Page, placement: Placement | None = None) -> Prediction:
-        """The lines that the camera must see of a page in its place, or where it lies."""
-        where = {} if placement is None else {"placement": placement}
-        return predict(page, sensors=self.sensors, geometry=self.geometry, threads=self.threads, **where)
+    def predict(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:
+        """The lines that the camera must see of a page where it lies."""
+        sensors, geometry = self.sensors, self.geometry
+        return predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=self.threads)
 
 
 class PlannedPage:
@@ -220,12 +221,3 @@ class KeptArrays:
         """Says why the evidence cannot be judged."""
         what = f"{what}, which {self.detector} looks at"
         return RequestError("evidence", what, remedy="only what the run kept can be replayed")
-
-
-def expecting(page: Page, station: Station, placement: Placement, area: Area) -> Callable[[], Prediction]:
-    """For ``Inspection.expect``: the page as it lies is predicted when somebody asks."""
-    return partial(_expected, page, station, placement, area)
-
-
-def _expected(page: Page, station: Station, placement: Placement, area: Area) -> Prediction:
-    return cut(station.predict(page, placement), area)

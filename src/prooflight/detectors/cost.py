@@ -53,4 +53,5 @@ class RunningCosts:
 
     def stopping_pays(self, probability: float) -> bool:
         """Whether stopping costs less than letting pass, at this probability of a misprint."""
-        return probability * self.missed_misprint_cents > (1 - probability) * self.false_alarm_cents
+        cents = self.expected_cents(probability)
+        return cents["stop"] < cents["accept"]

@@ -34,13 +34,12 @@ def conformal_threshold(
     ceil((n + 1)(1 - rate))-th smallest of these (Vovk et al. 2005, chapter 4). ValueError if n designs cannot promise
     that rate.
     """
-    worst = np.full(np.unique(design).size, -np.inf)
-    np.maximum.at(worst, np.unique(design, return_inverse=True)[1], score)
+    worst = GoodScores.of(score, design).worst
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
     if rank > len(worst):
         message = f"{len(worst)} designs cannot promise less than {least_false_alarm_rate(len(worst)):.2g}"
         raise ValueError(message)
-    return float(np.sort(worst)[rank - 1])
+    return float(worst[rank - 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

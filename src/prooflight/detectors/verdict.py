@@ -39,6 +39,12 @@ class Region:
     """How far this place is off, in standard deviations: of an 8 x 8 pixel mean, or of the statistic that found it."""
     kind: str
 
+    @classmethod
+    def rounded(cls, box_mm: tuple[float, float, float, float], *, score: float, kind: str) -> Self:
+        """As people read it: x, y, width and height to 0.01 mm, the score to a tenth."""
+        x, y, width, height = (round(extent, 2) for extent in box_mm)
+        return cls(x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=round(score, 1), kind=kind)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ink:

@@ -169,47 +169,40 @@ class Contract:
     def check(self, seen: tuple[Any, ...]) -> None:
         """ValueError if shapes and numbers, as ``reader`` reads them, do not fit."""
         known: dict[str, int] = dict(self.constants)
-        arrays: list[tuple[Expected, Extents]] = []
+        arrays: list[tuple[str, tuple[str, ...], Extents]] = []
         for one, value in zip(self.expected, seen, strict=True):
-            if one.extents is not None and "[]" in one.path:
-                arrays += [(one, (len(value), *shape)) for shape in value]
-            elif one.extents is not None:
-                arrays.append((one, value))
+            if one.extents is not None:
+                shapes = [(len(value), *shape) for shape in value] if "[]" in one.path else [value]
+                arrays += [(one.path, one.extents, shape) for shape in shapes]
             elif one.path in self.numbers:
                 known[_flat(one.path)] = value
             elif value != ():
                 raise ValueError(
                     f"kernel {self.kernel}: {one.path} is of shape {value} and should be a number"
                 )
-        for one, shape in arrays:
-            self._bind(one, shape, known)
-        for one, shape in arrays:
-            asked = [self._extent(text, known) for text in one.extents or ()]
+        for path, extents, shape in arrays:
+            if len(shape) != len(extents):
+                self._refuse(path, extents, shape, known)
+            for text, extent in zip(extents, shape, strict=True):
+                if text != ANY and text not in self.codes:
+                    known.setdefault(text, extent)  # letters that are seen first here are of these extents
+        for path, extents, shape in arrays:
+            asked = [self._extent(text, known) for text in extents]
             if any(extent not in (None, has) for extent, has in zip(asked, shape, strict=True)):
-                self._refuse(one, shape, known)
+                self._refuse(path, extents, shape, known)
         for condition in self.where:
             if not eval(self.codes[condition], BUILT_IN, known):
                 raise ValueError(f"kernel {self.kernel}: {condition} does not hold; {_told(known)}")
-
-    def _bind(self, one: Expected, shape: Extents, known: dict[str, int]) -> None:
-        """Letters that are seen first here are of these extents."""
-        assert one.extents is not None
-        if len(shape) != len(one.extents):
-            self._refuse(one, shape, known)
-        for text, extent in zip(one.extents, shape, strict=True):
-            if text != ANY and text not in self.codes:
-                known.setdefault(text, extent)
 
     def _extent(self, text: str, known: dict[str, int]) -> int | None:
         if text == ANY:
             return None
         return int(eval(self.codes[text], BUILT_IN, known)) if text in self.codes else known[text]
 
-    def _refuse(self, one: Expected, shape: Extents, known: dict[str, int]) -> None:
-        asked = ", ".join(one.extents or ())
-        told = _told(known)
+    def _refuse(self, path: str, extents: tuple[str, ...], shape: Extents, known: dict[str, int]) -> None:
+        asked, told = ", ".join(extents), _told(known)
         raise ValueError(
-            f"kernel {self.kernel}: {one.path} is of shape {shape} and should be ({asked})"
+            f"kernel {self.kernel}: {path} is of shape {shape} and should be ({asked})"
             + (f"; {told}" if told else "")
         )
 

@@ -35,14 +35,13 @@ def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, thr
     far = far_light(light, correction)
     weights = np.ascontiguousarray(correction.near[NEAR_REACH:, NEAR_REACH:])
     starts = range(0, len(light), LINES_PER_BAND)
-    none = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
     padded = [(_lines(light, start - NEAR_REACH), _lines(light, start + LINES_PER_BAND)) for start in starts]
     tasks = [
         partial(
             correct_lines,
             light,
-            above if above is not None else none,
-            below if below is not None else none,
+            above,
+            below,
             weights,
             far,
             start,
@@ -70,11 +69,9 @@ def _means(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return means
 
 
-def _lines(light: NDArray[np.float32], first: int) -> NDArray[np.float32] | None:
-    """A copy of ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; None where all are."""
-    if first < 0 or first >= len(light):
-        return None
+def _lines(light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
+    """A copy of ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; whole ones lie above it or within."""
     lines = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
-    there = light[first : first + NEAR_REACH]
+    there = light[max(first, 0) : max(first + NEAR_REACH, 0)]
     lines[: len(there)] = there
     return lines

@@ -31,6 +31,8 @@ POINTS_PER_ROW: Final = 256
 STEPS: Final = 5
 SPREAD: Final = 0.03
 """What two good pictures of one page differ by at flat places: gain of ink and lamp. [white]"""
+START_SD: Final = np.array([0.5, 0.5, 0.005, 5e-4, 5e-4, 0.1, 0.1])
+"""Of what a start may be wrong by: pose, level and gain. [mm, radian, -, white, -]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,8 +45,14 @@ class CoarsePage:
     """Conjugate Fourier transform of its edges, across + i along."""
     energy: float
     """Of its edges."""
+    pitch_mm: tuple[float, float]
+    """Of its pixels, across and along."""
+    first_mm: tuple[float, float]
+    """Centre of the first of them, x and y from the page's centre."""
     points: NDArray[np.int64]
     """(points,) flat indices of pixels at edges."""
+    points_mm: NDArray[np.float64]
+    """(2, points) their x and y, from the page's centre."""
     model: NDArray[np.float64]
     """(points, 7) how the signal there changes with the pose's five numbers, and with level and gain."""
 
@@ -81,27 +89,24 @@ def coarse_page(
     flat = strength.ravel()
     count = min(MOST_POINTS, int((flat > LEAST_EDGE**2).sum()))
     points = np.sort(np.argpartition(-flat, count)[:count]) if count else np.zeros(0, np.intp)
-    x_mm, y_mm = _centres_mm(picture.shape, geometry, page_width_mm, page_height_mm)
+    rows, columns = picture.shape
+    x_mm = geometry.centres_x_mm(page_width_mm)[: columns * SHRINK].reshape(-1, SHRINK).mean(axis=1)
+    y_mm = geometry.centres_y_mm(rows * SHRINK).reshape(-1, SHRINK).mean(axis=1)
+    x_mm, y_mm = x_mm - page_width_mm / 2, y_mm - page_height_mm / 2
     x, y = (axis.ravel()[points] for axis in np.meshgrid(x_mm, y_mm))
-    gx = -across.ravel()[points] / (SHRINK * geometry.pixel_pitch_mm)
-    gy = -along.ravel()[points] / (SHRINK * geometry.line_pitch_mm)
+    pitch_mm = SHRINK * geometry.pixel_pitch_mm, SHRINK * geometry.line_pitch_mm
+    gx, gy = (-slope.ravel()[points] / pitch for slope, pitch in zip((across, along), pitch_mm, strict=True))
     model = np.stack([gx, gy, gy * x - gx * y, gx * x, gy * y, np.ones_like(gx), picture.ravel()[points]], 1)
     return CoarsePage(
         picture=picture,
         spectrum=np.conj(fft.fft2(edges)).astype(np.complex64),
         energy=float((np.abs(edges) ** 2).sum()),
+        pitch_mm=pitch_mm,
+        first_mm=(float(x_mm[0]), float(y_mm[0])),
         points=points,
+        points_mm=np.stack([x, y]),
         model=model,
     )
-
-
-def _centres_mm(
-    shape: tuple[int, ...], geometry: ScanGeometry, page_width_mm: float, page_height_mm: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres of coarse columns and rows, measured from the page's centre."""
-    x = geometry.centres_x_mm(page_width_mm)[: shape[1] * SHRINK].reshape(-1, SHRINK).mean(axis=1)
-    y = geometry.centres_y_mm(shape[0] * SHRINK).reshape(-1, SHRINK).mean(axis=1)
-    return x - page_width_mm / 2, y - page_height_mm / 2
 
 
 def _edges(picture: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.complex64]:
@@ -114,33 +119,27 @@ def _edges(picture: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.c
     return framed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Peak:
-    """A shift at which the edges of scan and design agree."""
-
-    x: float
-    y: float
-    """Of the page, too far right and down. [coarse pixels]"""
-    likeness: float
-    """Correlation of edges, 1 for the very same. [-]"""
-
-
 def peaks(
-    page: CoarsePage, scan: NDArray[np.float32], *, reach: tuple[float, float], most: int
-) -> list[Peak]:
-    """The greatest maxima of the correlation of edges within ``reach`` (x, y) coarse pixels, best first."""
+    page: CoarsePage, scan: NDArray[np.float32], *, reach_mm: float, turn: float, most: int
+) -> list[tuple[float, Pose]]:
+    """The greatest maxima of the correlation of edges (1 for the very same) within ``reach_mm``, best first.
+
+    With each the pose of a page that is turned so much, and lies there.
+    """
     edges = _edges(scan, page.picture.shape)
     likeness = fft.ifft2(fft.fft2(edges) * page.spectrum).real
     likeness /= np.sqrt(page.energy * float((np.abs(edges) ** 2).sum())) + 1e-12
-    far_x, far_y = (min(int(np.ceil(far)), PAD - 2) for far in reach)
+    pitch_x, pitch_y = page.pitch_mm
+    far_x, far_y = (min(int(np.ceil(reach_mm / pitch)), PAD - 2) for pitch in (pitch_x, pitch_y))
     near = np.roll(likeness, (far_y + 1, far_x + 1), axis=(0, 1))[: 2 * far_y + 3, : 2 * far_x + 3]
-    found: list[Peak] = []
+    found: list[tuple[float, Pose]] = []
     inner = near[1:-1, 1:-1]
     summit = inner >= cv2.dilate(near, np.ones((3, 3), np.uint8))[1:-1, 1:-1]
     for row, column in sorted(np.argwhere(summit), key=lambda at: -inner[at[0], at[1]])[:most]:
         x = column - far_x + _vertex(near[row + 1, column : column + 3])
         y = row - far_y + _vertex(near[row : row + 3, column + 1])
-        found.append(Peak(x=float(x), y=float(y), likeness=float(inner[row, column])))
+        pose = Pose(x_mm=float(x) * pitch_x, y_mm=float(y) * pitch_y, turn=turn)
+        found.append((float(inner[row, column]), pose))
     return found
 
 
@@ -150,42 +149,27 @@ def _vertex(three: NDArray[np.float32]) -> float:
     return float(np.clip((three[2] - three[0]) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
 
 
-def refined(
-    page: CoarsePage,
-    scan: NDArray[np.float32],
-    start: Pose,
-    *,
-    geometry: ScanGeometry,
-    page_width_mm: float,
-    page_height_mm: float,
-    prior_sd: NDArray[np.float64],
-) -> tuple[Pose, float]:
-    """A pose made to fit edge by edge, and the robust spread that remains. [white]
+def refined(page: CoarsePage, scan: NDArray[np.float32], pose: Pose) -> Pose:
+    """A pose made to fit edge by edge.
 
     Inverse compositional Lucas-Kanade (Baker and Matthews 2004) of pose, level and gain with Cauchy weights; the scan
-    is read between its pixels here, for this is only a search. prior_sd (5,): of what the start may be wrong by.
+    is read between its pixels here, for this is only a search.
     """
-    x_mm, y_mm = _centres_mm(page.picture.shape, geometry, page_width_mm, page_height_mm)
-    x, y = (axis.ravel()[page.points] for axis in np.meshgrid(x_mm, y_mm))
-    expected = page.picture.ravel()[page.points]
-    per_pixel = SHRINK * geometry.pixel_pitch_mm, SHRINK * geometry.line_pitch_mm
-    pose, spread = start, np.inf
     if page.points.size < 8:
-        return pose, spread
-    pull = np.zeros(7)
-    pull[:5] = 1 / prior_sd**2
-    pull[5:] = 1 / 0.1**2
+        return pose
+    (x, y), (first_x, first_y), (pitch_x, pitch_y) = page.points_mm, page.first_mm, page.pitch_mm
+    expected = page.picture.ravel()[page.points]
     for _ in range(STEPS):
         move_x, move_y = pose.displacement_mm(x, y)
-        seen = _read(scan, (x + move_x - x_mm[0]) / per_pixel[0], (y + move_y - y_mm[0]) / per_pixel[1])
+        seen = _read(scan, (x + move_x - first_x) / pitch_x, (y + move_y - first_y) / pitch_y)
         error = seen - expected
         spread = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), SPREAD)
         weight = 1 / (1 + (error / (2 * spread)) ** 2) / spread**2
         weighted = page.model * weight[:, None]
         # Neighbouring coarse pixels err together: count one in four.
-        step = np.linalg.solve(page.model.T @ weighted / 4 + np.diag(pull), weighted.T @ error / 4)
+        step = np.linalg.solve(page.model.T @ weighted / 4 + np.diag(1 / START_SD**2), weighted.T @ error / 4)
         pose = pose.moved(np.asarray(step[:5], np.float64))
-    return pose, spread
+    return pose
 
 
 def _read(

@@ -238,30 +238,13 @@ def _sensor_taps(
     sensor: SensorModel, ratio: NDArray[np.float64], pixel_mm: float, pitch_mm: NDArray[np.float64]
 ) -> SensorTaps:
     footprint = sensor.footprint
-    offsets = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
-    found = []
-    for cumulative, per_pixel, pitch in zip(
-        (footprint.across, footprint.along), ratio, pitch_mm, strict=True
-    ):
-        reach_mm = REACH_PIXELS * pitch
-        low, high = np.interp([-reach_mm, reach_mm], offsets, cumulative)
-        count = int(np.ceil(2 * REACH_PIXELS * per_pixel)) + 1
-        edges = np.arange(count + 1) - REACH_PIXELS * per_pixel
-
-        def weights(
-            phase: NDArray[np.float64],
-            edges: NDArray[np.float64] = edges,
-            cumulative: NDArray[np.float64] = cumulative,
-            bounds: tuple[float, float] = (low, high),
-        ) -> NDArray[np.float64]:
-            at = np.interp((edges - phase[:, None]) * pixel_mm, offsets, cumulative)
-            return np.diff((np.clip(at, *bounds) - bounds[0]) / (bounds[1] - bounds[0]), axis=1)
-
-        phase = (np.arange(PHASES) + 0.5) / PHASES
-        step = 0.05
-        slope = (weights(phase + step) - weights(phase - step)) / (2 * step)
-        found += [weights(phase), -per_pixel * slope]
-    across, across_slope, along, along_slope = (np.ascontiguousarray(array, np.float32) for array in found)
+    offsets_mm = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
+    (across, across_slope), (along, along_slope) = (
+        _taps(cumulative, offsets_mm, per_pixel, pixel_mm, pitch)
+        for cumulative, per_pixel, pitch in zip(
+            (footprint.across, footprint.along), ratio, pitch_mm, strict=True
+        )
+    )
     return SensorTaps(
         across=across,
         across_slope=across_slope,
@@ -270,3 +253,25 @@ def _sensor_taps(
         across_ratio=float(ratio[0]),
         along_ratio=float(ratio[1]),
     )
+
+
+def _taps(
+    cumulative: NDArray[np.float64],
+    offsets_mm: NDArray[np.float64],
+    per_pixel: float,
+    pixel_mm: float,
+    pitch_mm: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Weights of one axis by phase, and their slopes by the page's displacement [1/pixel]; (PHASES, taps) each."""
+    reach_mm = REACH_PIXELS * pitch_mm
+    low, high = np.interp([-reach_mm, reach_mm], offsets_mm, cumulative)
+    edges = np.arange(int(np.ceil(2 * REACH_PIXELS * per_pixel)) + 2) - REACH_PIXELS * per_pixel
+
+    def weights(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+        at = np.interp((edges - phase[:, None]) * pixel_mm, offsets_mm, cumulative)
+        return np.diff((np.clip(at, low, high) - low) / (high - low), axis=1)
+
+    phase, step = (np.arange(PHASES) + 0.5) / PHASES, 0.05
+    slope = (weights(phase + step) - weights(phase - step)) / (2 * step)
+    own, by_move = (np.ascontiguousarray(array, np.float32) for array in (weights(phase), -per_pixel * slope))
+    return own, by_move

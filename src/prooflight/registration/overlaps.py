@@ -38,7 +38,7 @@ class Overlaps:
     packed: NDArray[np.uint32]
     """(patches, height + 2 margin, width + 2 margin) raster under each patch, a word a recipe, cyan lowest."""
     margin: int
-    """Raster pixels by which planes may be displaced."""
+    """Raster pixels about each, one more than planes may be displaced by."""
     origins: NDArray[np.float64]
     """(patches, 2) x, y of the first footprint's beginning within the margin. [raster pixels]"""
     inks: tuple[int, ...]
@@ -53,7 +53,7 @@ class Overlaps:
     @property
     def reach(self) -> int:
         """How far planes may be displaced. [raster pixels]"""
-        return _reach(self.good_mm, self.pixel_mm)
+        return self.margin - 1
 
 
 def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:
@@ -77,7 +77,8 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
         np.array(landmarks.ratio),
         landmarks.taps[0],
     )
-    margin = _reach(good_mm, page.pixel_mm) + 1
+    apart = round(2 * good_mm / page.pixel_mm)  # two planes of one print, to the raster pixel
+    margin = max(math.ceil(apart / 2), 1) + 1
     width, height = width + 2 * margin, height + 2 * margin
     packed = [_cut(page.packed, y - margin, x - margin, height, width) for x, y in corners.tolist()]
     of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
@@ -92,11 +93,6 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
         good_mm=good_mm,
         pixel_mm=page.pixel_mm,
     )
-
-
-def _reach(good_mm: float, pixel_mm: float) -> int:
-    apart = round(2 * good_mm / pixel_mm)  # two planes of one print, to the raster pixel
-    return max(math.ceil(apart / 2), 1)
 
 
 def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:

@@ -16,9 +16,8 @@ from prooflight.kernels.registration.shared_edges import (
     without_light,
 )
 from prooflight.prediction.quantised_table import quantised_table
-from prooflight.registration.landmarks import SIGNAL_NOISE
 from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
-from prooflight.registration.tiles import Workspace
+from prooflight.registration.tiles import Workspace, pixel_noise
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -153,6 +152,7 @@ class Patches:
         """``without_light`` of every patch with the planes there, (patches, 6)."""
         landmarks, overlaps = self.landmarks, self.overlaps
         right, down = np.array(steps).reshape(2, INKS)
+        halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
         sums = np.empty((*self.light.shape[:2], SUMS), np.float32)
         for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
             patches = SensorPatches(
@@ -169,7 +169,7 @@ class Patches:
                 down,
                 quantised_table(sensor.mean_dn),
                 taps,
-                _noise(landmarks, index),
+                pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
                 Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps),
                 not self.left,
                 sums[index],
@@ -190,13 +190,3 @@ def _moves(overlaps: Overlaps, landmarks: Landmarks, placement: Placement, lines
         seen_x, seen_y = placement.seen_mm(at_x, at_y, page_width_mm=width_mm, page_height_mm=height_mm)
         at_x, at_y = at_x + x - seen_x, at_y + y - seen_y
     return np.stack([at_x - x, at_y - y], axis=1) / landmarks.pitch_mm
-
-
-def _noise(landmarks: Landmarks, index: int) -> NDArray[np.float32]:
-    """Variance of a sensor's pixels: without light, by signal, by signal squared, by slope squared."""
-    sensor = landmarks.sensors[index]
-    dark = sensor.dark_variance_dn2
-    per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / sensor.white_dn
-    halftone = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
-    noise = [2 * dark + 1, 2 * per_dn + halftone * sensor.white_dn, SIGNAL_NOISE**2 - halftone, SLOPE_NOISE]
-    return np.array(noise, np.float32)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.kernels.registration.coarse import SHRINK
-from prooflight.registration.coarse import Peak, peaks, refined, shrunk
+from prooflight.registration.coarse import peaks, refined, shrunk
 from prooflight.registration.pose import Pose, slopes
 from prooflight.registration.tiles import measured
 
@@ -38,7 +37,6 @@ UNSURE_PIXELS: Final = (1.2, 0.6)
 """How far off tiles may lie in the two steps on them."""
 TILE_SD_PIXELS: Final = 0.6
 """Of a tile about the pose: warp and register of planes (worlds.toml, 0.3 to 0.6 pixels of the prototype)."""
-COARSE_SD: Final = np.array([0.5, 0.5, 0.005, 5e-4, 5e-4])
 POSE_SD: Final = np.array([3.0, 3.0, 0.02, 1e-3, 1e-3])
 """Of a step of the pose, weakly held: what no edge tells stays where it is. [mm, radian, -]"""
 
@@ -73,16 +71,7 @@ def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int =
             if tried and max(each.agreeing for each in tried) >= SURE:
                 break
             continue
-        pose, _ = refined(
-            landmarks.coarse,
-            coarse,
-            start,
-            geometry=landmarks.geometry,
-            page_width_mm=landmarks.page_width_mm,
-            page_height_mm=landmarks.page_height_mm,
-            prior_sd=COARSE_SD,
-        )
-        tried.append(_tried(landmarks, scan, pose, threads))
+        tried.append(_tried(landmarks, scan, refined(landmarks.coarse, coarse, start), threads))
         if tried[-1].agreeing < SURE:
             # Fine print beats with coarse pixels: refined on them, a pose may end a line of type away.
             tried.append(_tried(landmarks, scan, start, threads))
@@ -110,25 +99,15 @@ def _peaks(
         rows, columns = landmarks.coarse.picture.shape
         matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), float(np.rad2deg(turn)), 1.0)
         coarse = cv2.warpAffine(coarse, matrix, coarse.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
-    reach = reach_mm / (SHRINK * landmarks.pitch_mm)
-    found = peaks(landmarks.coarse, coarse, reach=(float(reach[0]), float(reach[1])), most=MOST_PEAKS)
-    found = [peak for peak in found if peak.likeness >= RIVAL * found[0].likeness] or [
-        Peak(x=0, y=0, likeness=0)
-    ]
-    step_x, step_y = SHRINK * landmarks.pitch_mm
-    return [
-        (peak.likeness, Pose(x_mm=peak.x * float(step_x), y_mm=peak.y * float(step_y), turn=turn))
-        for peak in found
-    ]
+    found = peaks(landmarks.coarse, coarse, reach_mm=reach_mm, turn=turn, most=MOST_PEAKS)
+    return [pair for pair in found if pair[0] >= RIVAL * found[0][0]] or [(0.0, Pose(turn=turn))]
 
 
 def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, threads: int) -> Candidate:
     """The pose after two steps on tiles, and who agrees."""
-    count = landmarks.lines.size
-    tiles = spread(count, FIRST_TILES)
-    if not count:
+    tiles = spread(landmarks.lines.size, FIRST_TILES)
+    if not landmarks.lines.size:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
-    agreeing = np.zeros(count, bool)
     for unsure in UNSURE_PIXELS:
         moves = landmarks.moves(pose, tiles)
         tile_moves = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)

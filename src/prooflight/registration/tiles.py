@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.kernels.registration.measuring import SensorTaps
+    from prooflight.prediction.tables import SensorModel
     from prooflight.registration.landmarks import Landmarks
 
 HALFTONE: Final = 0.07
@@ -113,6 +114,17 @@ def measured(
     )
 
 
+def pixel_noise(sensor: SensorModel, *, halftone2: float, by_slope: float) -> NDArray[np.float32]:
+    """Variance of a sensor's pixels, (4,): without light, by signal, by signal squared, by slope squared.
+
+    halftone2: squared contrast of halftones.
+    """
+    dark, white_dn = sensor.dark_variance_dn2, sensor.white_dn
+    per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / white_dn
+    noise = [2 * dark + 1, 2 * per_dn + halftone2 * white_dn, SIGNAL_NOISE**2 - halftone2, by_slope]
+    return np.array(noise, np.float32)
+
+
 def _measure(
     landmarks: Landmarks,
     scan: NDArray[np.uint16],
@@ -124,17 +136,8 @@ def _measure(
 ) -> None:
     """``measure_tiles`` of one sensor; sums (n, SUMS + 1) is written."""
     sensor, taps = landmarks.sensors[index], landmarks.taps[index]
-    dark = sensor.dark_variance_dn2
-    per_dn = (float(sensor.variance_dn2[0, 0, 0, 0]) - dark) / sensor.white_dn
-    noise = [
-        2 * dark + 1,
-        2 * per_dn + HALFTONE**2 * sensor.white_dn,
-        SIGNAL_NOISE**2 - HALFTONE**2,
-        GRADIENT_NOISE + unsure_pixels**2,
-    ]
-    light = SensorLight(
-        offset=sensor.column_offset_dn, per_gain=1 / sensor.column_gain, noise=np.array(noise, np.float32)
-    )
+    noise = pixel_noise(sensor, halftone2=HALFTONE**2, by_slope=GRADIENT_NOISE + unsure_pixels**2)
+    light = SensorLight(offset=sensor.column_offset_dn, per_gain=1 / sensor.column_gain, noise=noise)
     windows = TileWindows(
         signals=landmarks.windows[index],
         origins=landmarks.origins,

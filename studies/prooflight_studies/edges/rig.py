@@ -14,7 +14,6 @@ from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
-from prooflight.kernels.prediction.lines import look_up_row
 from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.sampling import LensCorrection, transfer
@@ -23,6 +22,7 @@ from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight_studies.exact.exposure import MARGIN_PIXELS, page_electrons, page_taps
+from prooflight_studies.harness.exact_tables import exactly_looked_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -213,13 +213,11 @@ def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def averaged(rig: Rig, page: Page, blocks: int) -> NDArray[np.float32]:
     """Signals of a raster looked up one by one, then averaged over square blocks: (rows, columns) / blocks [DN]."""
-    nodes = rig.press.sensors[0].interleaved()
     rows, columns = (extent // blocks * blocks for extent in page.cmyk.shape[:2])
-    signal, variance = np.empty((2, page.cmyk.shape[1]), np.float32)
     result = np.zeros((rows // blocks, columns // blocks), np.float32)
-    for row in range(rows):
-        look_up_row(page.cmyk[row], nodes, signal, variance)
-        result[row // blocks] += signal[:columns].reshape(-1, blocks).sum(axis=1)
+    signal, _ = exactly_looked_up(page.cmyk[:rows].reshape(-1, 4), rig.press.sensors[0])
+    for row, line in enumerate(signal.reshape(rows, -1)):
+        result[row // blocks] += line[:columns].reshape(-1, blocks).sum(axis=1)
     result /= blocks * blocks
     return result
 

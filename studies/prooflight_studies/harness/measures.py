@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.detectors.paper.bayes import SHARE_SIGMAS
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
-from prooflight.detectors.paper.windows import SHARE_SIGMAS
 from prooflight_studies.harness.baselines import BASELINES, all_scores
 from prooflight_studies.harness.error_map import normalised_error, window_means
 
@@ -50,7 +50,7 @@ MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, FIRST_SHARE = range(5)
 def window_numbers(z: NDArray[np.float32]) -> NDArray[np.float32]:
     """All readings of the paper's three statistics of z (sensors, lines, pixels): (sensors, cuts, numbers).
 
-    ``detectors.paper.windows.window_statistics`` says what they mean; here all are taken in one go.
+    ``detectors.paper.bayes.window_statistics`` says what they mean; here all are taken in one go.
     """
     found = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
     place = (-2, -1)

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.paper.bayes import Binning
-    from prooflight.detectors.paper.windows import Reading
+    from prooflight.detectors.paper.bayes import Binning, Reading
     from prooflight_studies.harness.result_cache import Rows
 
 TUNING_ALPHA: Final = 1.0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.paper.windows import SHARE_SIGMAS
+from prooflight.detectors.paper.bayes import SHARE_SIGMAS
 from prooflight.reporting.camera_pictures import COLOURS
 from prooflight_studies.harness.operating import area_under_roc, least_cost, roc
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.paper.bayes import CORRECT, BayesianNetwork
+from prooflight.detectors.paper.bayes import CORRECT, BayesianNetwork, window_statistics
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight.pages.job import open_job
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay

@@ -78,7 +78,7 @@ class CreepRun:
             ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
-                analysis = analyse(ready, scan, sensors=sensors, geometry=geometry)
+                analysis = analyse(ready, scan)
                 if not analysis.found.found or known_shares(analysis.fit)[ink] < WELL_KNOWN:
                     continue
             found.append((page, ready))
@@ -142,7 +142,7 @@ class CreepRun:
 
     def _evidence(self, sheet: int, scan: NDArray[np.uint16]) -> PageEvidence:
         press, ready = self.press, self.ready[sheet % len(self.ready)]
-        analysis = analyse(ready, scan, sensors=press.sensors, geometry=press.geometry)
+        analysis = analyse(ready, scan)
         if not analysis.found.found:
             return PageEvidence()
         left_mm = press.geometry.left_mm(ready.page.width_mm) + analysis.found.placement.shift_mm[0]

@@ -41,7 +41,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     own, followed = prepared(), prepared(fringes=True)
 
     def seen(known: PreparedPage) -> ScanAnalysis:
-        return analyse(known, scan, sensors=sensors, geometry=geometry)
+        return analyse(known, scan)
 
     def statistics(analysis: ScanAnalysis) -> object:
         return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter)

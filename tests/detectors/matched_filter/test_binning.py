@@ -11,7 +11,7 @@ import pytest
 from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_geometry,
-    binned_sensors,
+    binned_sensor,
     bins_of,
     thinned,
 )
@@ -61,7 +61,7 @@ def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
     cmyk[50:-50, 60:-60, 3] = 255 * np.kron(rng.random((50, 40)) < 0.3, np.ones((10, 13)))
     page = Page(cmyk=cmyk, dpi=481.8, name="bars", number=1)
     sensors, geometry = press.sensors, press.geometry
-    taken_as = binned_sensors(sensors, BINS, geometry.pixel_pitch_mm)
+    taken_as = [binned_sensor(sensor, BINS, geometry.pixel_pitch_mm) for sensor in sensors]
     found = prepare_modes(thinned(page, BINS), sensors=taken_as, geometry=binned_geometry(geometry, BINS))
     asked = prepare_modes(page, sensors=sensors, geometry=geometry)
     for name in ("gain", "add", "dot", "cover"):

@@ -16,7 +16,6 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 from prooflight.detectors.matched_filter.statistics.located import (
     of_boxes,
     of_energy,
-    of_flat_boxes,
     of_ghosts,
     of_streaks,
     of_waves,
@@ -65,7 +64,7 @@ def test_a_spot_is_said_where_it_is() -> None:
     sums = drawn(1)
     k = MODES.index("add-K")
     sums.tiles[0, k, 40:44, 20:24] += 8 * np.sqrt(POWER)
-    best = max(of_flat_boxes(flat_part(sums), Scatter.white()), key=lambda one: one.value)
+    best = max(of_boxes(flat_part(sums), Scatter.white(), FLAT_AREAS), key=lambda one: one.value)
     assert best.statistic[:4] == ("box", "add", "K", "+")
     assert best.statistic.reference is FLAT_AREAS
     assert kind_of(best.statistic) == "spots-voids"
@@ -80,8 +79,8 @@ def test_edges_are_left_out_of_what_is_flat() -> None:
     sums.tiles[0, :, 40:44, 10:14] += 30 * np.sqrt(POWER)
     flat = flat_part(sums)
     assert not flat.tiles[..., :32].any()
-    assert max(one.value for one in of_flat_boxes(flat, Scatter.white())) < 7  # of 10^5 normal numbers
-    assert max(one.value for one in of_boxes(sums, Scatter.white())) > 30
+    assert max(one.value for one in of_boxes(flat, Scatter.white(), FLAT_AREAS)) < 7  # of 10^5 normal numbers
+    assert max(one.value for one in of_boxes(sums, Scatter.white(), GOOD_PRINTS)) > 30
 
 
 def test_a_page_is_judged_by_its_own_scatter() -> None:

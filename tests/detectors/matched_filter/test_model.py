@@ -57,7 +57,7 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
-        analysis = analyse(known, scan, sensors=press.sensors, geometry=press.geometry)
+        analysis = analyse(known, scan)
         statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
     good, bad = (compressed(values_of(one)) for one in statistics)
     assert keys_of(statistics[0]) == keys_of(statistics[1])
@@ -89,9 +89,7 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
     for printed in (page, replace(page, cmyk=cmyk)):
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
-        analysis = analyse(
-            known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
-        )
+        analysis = analyse(known, scan, residual_variance=residual_variance)
         statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
         most.append(max(one.value for one in statistics if one.statistic.word == "box"))
     good, bad = most
@@ -110,9 +108,7 @@ def test_what_an_exact_press_looks_at_is_found_and_not_taken_out(press: Press, p
         np.random.default_rng(2),
     )
     exact, varying = (
-        analyse(
-            known, scan, sensors=press.sensors, geometry=press.geometry, residual_variance=residual_variance
-        )
+        analyse(known, scan, residual_variance=residual_variance)
         for residual_variance in (ResidualVariance.none(), ResidualVariance())
     )
     assert np.abs(exact.fit.gain[:, 0]).max() > 0.01

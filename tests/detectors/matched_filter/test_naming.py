@@ -35,8 +35,10 @@ def test_every_kind_can_be_said() -> None:
     assert set(SAID.values()) - {UNKNOWN} == set(KINDS)
 
 
-def test_the_first_that_is_known_names_the_page_and_the_first_with_a_place_its_place() -> None:
-    nameless = Observed(statistic=Statistic("energy", size=8), value=30.0, box=(1.0, 2.0, 3.0, 3.0))
-    whole = Observed(statistic=Statistic("fit", "gain", "C"), value=9.0)
-    assert named([("energy/8", nameless), ("fit/gain-C", whole)]) == ("density", nameless)
-    assert named([]) == (UNKNOWN, None)
+def test_the_first_that_is_known_names_the_page_and_unlike_tiles_only_if_nothing_else_does() -> None:
+    nameless = "energy/8", Observed(statistic=Statistic("energy", size=8), value=30.0)
+    unlike = "place/unlike", Observed(statistic=Statistic("place", "unlike"), value=20.0)
+    inked = "fit/gain-C", Observed(statistic=Statistic("fit", "gain", "C"), value=9.0)
+    assert named([nameless, unlike, inked]) == "density"
+    assert named([nameless, unlike]) == "wrong-page"
+    assert named([nameless]) == named([]) == UNKNOWN

@@ -11,6 +11,7 @@ import pytest
 from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
     Fit,
+    PlacedScan,
     PrintPrior,
     ResidualVariance,
     fit_nuisances,
@@ -75,30 +76,22 @@ def judged(
 ) -> Judged:
     sensors, geometry, pitch = press.sensors, press.geometry, press.geometry.pixel_pitch_mm
     planes = np.zeros((4, 2)) if planes is None else planes
-    seen = predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
     own = prepare_modes(page, sensors=sensors, geometry=geometry)
     where = pixel_map(page, geometry, placement)
-    modes = Modes(images=moved(own.images, where), sensors=len(sensors))
-    colours = page_colours(own.cover)
-    fit = fit_nuisances(
-        scan, seen, modes, where, sensors=sensors, colours=colours, planes=planes, pixel_mm=pitch,
-        prior=PrintPrior(), residual_variance=ResidualVariance(),
-    )  # fmt: skip
-    left, weight, of_edges, noise = residual_images(
-        scan, seen, modes, where, fit, sensors=sensors, colours=colours, residual_variance=ResidualVariance()
-    )
-    raw = left.copy()
-    sums = summed(
-        left,
-        weight,
-        of_edges,
-        seen,
-        modes,
-        where,
+    placed = PlacedScan(
+        measured_dn=scan,
+        seen=predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1),
+        modes=Modes(images=moved(own.images, where), sensors=len(sensors)),
+        where=where,
         sensors=sensors,
-        geometry=geometry,
-        page_width_mm=page.width_mm,
+        colours=page_colours(own.cover),
     )
+    fit = fit_nuisances(
+        placed, planes=planes, pixel_mm=pitch, prior=PrintPrior(), residual_variance=ResidualVariance()
+    )
+    left, weight, of_edges, noise = residual_images(placed, fit, residual_variance=ResidualVariance())
+    raw = left.copy()
+    sums = summed(placed, left, weight, of_edges, geometry=geometry, page_width_mm=page.width_mm)
     return Judged(fit=fit, sums=sums, left=raw, weight=weight, noise=noise)
 
 
@@ -214,13 +207,16 @@ def fit_of_light(
     inside[8:24, 8:24] = True
     nodes = np.zeros((2, 2), np.float32)
     none = dict.fromkeys(("common", "lamp", "shape", "gain", "tilt", "dot"), 0.0)
-    return fit_nuisances(
-        seen.expected_dn + np.float32(OFF_DN),
-        seen,
-        modes,
-        PixelMap(across=nodes, along=nodes, inside=inside),
+    placed = PlacedScan(
+        measured_dn=seen.expected_dn + np.float32(OFF_DN),
+        seen=seen,
+        modes=modes,
+        where=PixelMap(across=nodes, along=nodes, inside=inside),
         sensors=[sensor],
         colours=page_colours(modes.cover),
+    )
+    return fit_nuisances(
+        placed,
         planes=np.zeros((4, 2)),
         pixel_mm=0.1,
         prior=replace(PrintPrior(), white=WHITE, **none),

@@ -25,8 +25,8 @@ from prooflight.detectors.matched_filter.statistics.page_scale import extremes_o
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import FittedAmounts, residuals
+from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
-from prooflight.kernels.statistics.swapped_planes import swap_sums
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
 
-from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight_studies.harness.error_map import window_means, window_unit
 
 LABELS = np.array(["correct", "global", "local"])
@@ -188,10 +187,11 @@ def test_a_sigma_wrong_by_any_factor_changes_no_verdict_after_learning(
 def test_it_survives_its_own_parts() -> None:
     statistics, labels = pages(np.random.default_rng(2))
     network = BayesianNetwork.learn(statistics, labels, misprint_rate=RATE)
-    again = BayesianNetwork.from_parts(network.arrays(), json.loads(json.dumps(network.facts())))
-    assert again.types == network.types == ("correct", "global", "local")
-    assert again.facts() == network.facts()
-    np.testing.assert_array_equal(again.posterior(statistics), network.posterior(statistics))
+    detector = BayesDetector(network=network, threshold=0.1, unit=np.ones(1), reading="absolute")
+    again = BayesDetector.from_parts(detector.arrays(), json.loads(json.dumps(detector.facts())))
+    assert again.network.types == network.types == ("correct", "global", "local")
+    assert again.facts() == detector.facts()
+    np.testing.assert_array_equal(again.network.posterior(statistics), network.posterior(statistics))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from prooflight.detectors.matched_filter.ranking import Forest, Logit
-from prooflight.kernels.statistics.growing import Examples, TreeNodes, grow
+from prooflight.kernels.statistics.forest import Examples, TreeNodes, grow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,8 +14,8 @@ from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
 from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
+from prooflight.detectors.paper.bayes import window_statistics
 from prooflight.detectors.paper.detector import page_evidence
-from prooflight.detectors.paper.windows import window_statistics
 from prooflight.detectors.placing import shows_another
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
@@ -158,15 +158,7 @@ class PressDay:
 
     def analysed(self, known: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
         """A scan looked at as this press's are."""
-        press = self.day.press
-        return analyse(
-            known,
-            scan,
-            sensors=press.sensors,
-            geometry=press.geometry,
-            prior=self.prior,
-            residual_variance=self.residual_variance,
-        )
+        return analyse(known, scan, residual_variance=self.residual_variance)
 
     def statistics(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter

@@ -103,13 +103,12 @@ class GoldenSheet(PreparedOnly):
         for light, name in ((expected, self.golden), (seen, scan.name)):
             if not np.isfinite(light).all():
                 why = f"{name} holds values that are not finite numbers"
-                return self._inspection(Verdict.skipped(self.page, why, detector=NAME), scan, expected)
-        return self._inspection(*self._compared(expected, seen, scan))
-
-    def _compared(
-        self, expected: NDArray[np.float32], seen: NDArray[np.float32], scan: Scan
-    ) -> tuple[Verdict, Scan, NDArray[np.float32], GoldenDifference]:
+                verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
+                return self._inspection(verdict, scan, expected, excess)
         difference = compare(expected, seen)
+        return self._inspection(self._verdict(difference), scan, expected, difference.excess)
+
+    def _verdict(self, difference: GoldenDifference) -> Verdict:
         places, where = marks(difference), difference.place
         across, along = (
             round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
@@ -118,7 +117,7 @@ class GoldenSheet(PreparedOnly):
         another = not where.found or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
-        verdict = Verdict.from_decision(
+        return Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
             kind=kind,
@@ -127,18 +126,12 @@ class GoldenSheet(PreparedOnly):
             detector=NAME,
             reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
         )
-        return verdict, scan, expected, difference
 
     def _inspection(
-        self,
-        verdict: Verdict,
-        scan: Scan,
-        expected: NDArray[np.float32],
-        difference: GoldenDifference | None = None,
+        self, verdict: Verdict, scan: Scan, expected: NDArray[np.float32], excess: NDArray[np.float32]
     ) -> Inspection:
-        lines, pixels = expected.shape[1:]
+        lines, pixels = excess.shape
         area = (slice(0, lines), slice(0, pixels))
-        excess = np.zeros((lines, pixels), np.float32) if difference is None else difference.excess
         golden = _uneven(expected, self.sensors)
         blocks = cv2.resize(
             excess,
@@ -149,7 +142,7 @@ class GoldenSheet(PreparedOnly):
             verdict=verdict,
             placement=Placement(shift_mm=verdict.shift_mm or (0.0, 0.0)),
             area=area,
-            measured_dn=scan.dn[(slice(None), *area)],
+            measured_dn=scan.dn[:, *area],
             block_z=np.asarray(blocks, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
             kept={
@@ -162,14 +155,9 @@ class GoldenSheet(PreparedOnly):
         left, top, right, bottom = mark.grown(MARGIN_PIXELS)
         pitch_x_mm, pitch_y_mm = self.pitch_mm
         width_mm, height_mm = (right - left) * pitch_x_mm, (bottom - top) * pitch_y_mm
-        return Region(
-            x_mm=round(left * pitch_x_mm - self.left_mm, 2),
-            y_mm=round(top * pitch_y_mm - self.lead_in_mm, 2),
-            width_mm=round(width_mm, 2),
-            height_mm=round(height_mm, 2),
-            score=round(mark.volume, 1),
-            kind=_kind(width_mm, height_mm, lighter=mark.lighter),
-        )
+        box_mm = left * pitch_x_mm - self.left_mm, top * pitch_y_mm - self.lead_in_mm, width_mm, height_mm
+        kind = _kind(width_mm, height_mm, lighter=mark.lighter)
+        return Region.rounded(box_mm, score=mark.volume, kind=kind)
 
 
 def decision_of(volume: float, *, another: bool) -> Decision:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import cv2
@@ -98,16 +98,13 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
     rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
     shift = _first_shift(golden, scan)
     nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
+    where = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
     stiff = _stiffness(rows, columns) / BEND_PIXELS**2
     pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in set(SHRINKS)}
     for shrink in SHRINKS:
-        nodes = _step(
-            GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0), *pictures[shrink], shrink, stiff
-        )
-    where = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
+        where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
     small, seen = pictures[8]
-    likeness = _likeness(small, where.moved(small, shrink=8), seen)
-    return GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=likeness)
+    return replace(where, likeness=_likeness(small, where.moved(small, shrink=8), seen))
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:

@@ -70,13 +70,13 @@ def _of_sign(
         left, top, width, height = (int(value) for value in boxes[label, :4])
         inside = (slice(top, top + height), slice(left, left + width))
         own = (labels[inside] == label) & (counted[inside] > 0)
-        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+        right, down, columns, rows = cv2.boundingRect(own.astype(np.uint8))
         found.append(
             Mark(
-                left=left + int(columns[0]),
-                top=top + int(rows[0]),
-                right=left + int(columns[-1]) + 1,
-                bottom=top + int(rows[-1]) + 1,
+                left=left + right,
+                top=top + down,
+                right=left + right + columns,
+                bottom=top + down + rows,
                 volume=float(volumes[label]),
                 lighter=lighter,
             )

@@ -14,7 +14,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     binned_geometry,
     binned_prediction,
     binned_scan,
-    binned_sensors,
+    binned_sensor,
     bins_of,
     lengthened,
     thinned,
@@ -27,6 +27,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     prepare_modes,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import (
+    PlacedScan,
     PrintPrior,
     ResidualVariance,
     fit_nuisances,
@@ -68,6 +69,10 @@ class PreparedPage:
     """``Modes.images`` of the page in its place, in binned pixels."""
     colours: Colours
     page_features: NDArray[np.float64]
+    prior: PrintPrior
+    """What good prints do."""
+    binned_geometry: ScanGeometry
+    binned_sensors: tuple[SensorModel, ...]
 
 
 def prepare_page(
@@ -82,16 +87,17 @@ def prepare_page(
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
     fringes: where planes share edges, prediction follows their fringes (``register_by_fringes``). prior: what good
-    prints do, by default those of the press world; ``analyse`` has to be given the same.
+    prints do, by default those of the press world.
     """
-    bins = bins_of(geometry)
-    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
+    bins, prior = bins_of(geometry), prior or PrintPrior()
+    at = binned_geometry(geometry, bins)
+    taken_as = tuple(binned_sensor(sensor, bins, geometry.pixel_pitch_mm) for sensor in sensors)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
     landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
     overlaps = None
     if fringes:
-        overlaps = overlaps_of(page, landmarks, good_mm=(prior or PrintPrior()).most_plane_mm)
+        overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm)
     return PreparedPage(
         page=page,
         landmarks=landmarks,
@@ -99,6 +105,9 @@ def prepare_page(
         images=modes.images,
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
+        prior=prior,
+        binned_geometry=at,
+        binned_sensors=taken_as,
     )
 
 
@@ -114,13 +123,7 @@ class ScanAnalysis:
 
 
 def analyse(
-    prepared: PreparedPage,
-    scan: NDArray[np.uint16],
-    *,
-    sensors: Sequence[SensorModel],
-    geometry: ScanGeometry,
-    prior: PrintPrior | None = None,
-    residual_variance: ResidualVariance | None = None,
+    prepared: PreparedPage, scan: NDArray[np.uint16], *, residual_variance: ResidualVariance | None = None
 ) -> ScanAnalysis:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
 
@@ -128,13 +131,9 @@ def analyse(
     Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
     alone.
     """
-    page, residual_variance, prior = (
-        prepared.page,
-        residual_variance or ResidualVariance(),
-        prior or PrintPrior(),
-    )
+    page, prior, residual_variance = prepared.page, prepared.prior, residual_variance or ResidualVariance()
+    sensors, geometry, at = prepared.landmarks.sensors, prepared.landmarks.geometry, prepared.binned_geometry
     bins = bins_of(geometry)
-    at, taken_as = binned_geometry(geometry, bins), binned_sensors(sensors, bins, geometry.pixel_pitch_mm)
     found = register(prepared.landmarks, scan)
     if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
@@ -145,42 +144,24 @@ def analyse(
         where = where.of_first(scan.shape[1] // bins)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
     fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
-    seen = binned_prediction(fine, bins)
-    modes = Modes(images=moved(prepared.images, where), sensors=len(sensors))
-    measured = lengthened(binned_scan(scan, bins), where.inside.shape[0])
-    fit = fit_nuisances(
-        measured,
-        seen,
-        modes,
-        where,
-        sensors=taken_as,
+    placed = PlacedScan(
+        measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
+        seen=binned_prediction(fine, bins),
+        modes=Modes(images=moved(prepared.images, where), sensors=len(sensors)),
+        where=where,
+        sensors=prepared.binned_sensors,
         colours=prepared.colours,
+    )
+    fit = fit_nuisances(
+        placed,
         planes=planes_mm / at.pixel_pitch_mm,
         pixel_mm=at.pixel_pitch_mm,
         prior=prior,
         residual_variance=residual_variance,
     )
-    left, weight, of_edges, noise = residual_images(
-        measured,
-        seen,
-        modes,
-        where,
-        fit.emptied() if residual_variance.exact else fit,
-        sensors=taken_as,
-        colours=prepared.colours,
-        residual_variance=residual_variance,
-    )
-    sums = summed(
-        left,
-        weight,
-        of_edges,
-        seen,
-        modes,
-        where,
-        sensors=taken_as,
-        geometry=at,
-        page_width_mm=page.width_mm,
-    )
+    taken = fit.emptied() if residual_variance.exact else fit
+    left, weight, of_edges, noise = residual_images(placed, taken, residual_variance=residual_variance)
+    sums = summed(placed, left, weight, of_edges, geometry=at, page_width_mm=page.width_mm)
     return ScanAnalysis(found=found, fit=fit, sums=sums, noise=noise)
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector, expecting
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
 from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
@@ -23,6 +23,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import MODES,
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
 from prooflight.detectors.verdict import Verdict
+from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
@@ -95,14 +96,7 @@ class MatchedFilterPage(PreparedOnly):
         """See ``PreparedPage``."""
         station, ours, known = self.detector.station, self.detector.calibrated, self.known
         page, page_features = known.page, known.page_features
-        analysis = analyse(
-            known,
-            scan.dn,
-            sensors=station.sensors,
-            geometry=station.geometry,
-            prior=ours.model.prior,
-            residual_variance=ours.model.residual_variance,
-        )
+        analysis = analyse(known, scan.dn, residual_variance=ours.model.residual_variance)
         statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
         decision = ours.decide(page_score(ours.model, statistics, page_features, analysis.found))
         strongest = ours.model.strongest(statistics, page_features, most=STRONGEST)
@@ -124,9 +118,9 @@ class MatchedFilterPage(PreparedOnly):
             verdict=verdict,
             placement=placement,
             area=area,
-            measured_dn=scan.dn[(slice(None), *area)],
+            measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
-            expect=expecting(page, station, placement, area),
+            expect=lambda: cut(station.predict(page, placement), area),
             kept={"wrong_page": np.array(another), "values": values, "portrait": page_features},
             state=partial(print_state, analysis, station.sensors),
         )
@@ -138,7 +132,7 @@ class MatchedFilterPage(PreparedOnly):
         page, model = self.known.page, self.detector.calibrated.model
         another = shows_another(analysis.found)
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
-        kind = WRONG_PAGE_KIND if another else learned or _kind(strongest)
+        kind = WRONG_PAGE_KIND if another else learned or named(strongest)
         regions = _regions(strongest, kind, analysis, page)
         speaking = next(
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
@@ -160,18 +154,6 @@ class MatchedFilterPage(PreparedOnly):
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.station.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
-
-
-def _kind(strongest: list[tuple[str, Observed]]) -> str:
-    """What the evidence speaks of, where no misprint taught kinds.
-
-    That tiles do not look as designed says least of what is wrong with them.
-    """
-    kind, _ = named(strongest)
-    if kind != WRONG_PAGE_KIND:
-        return kind
-    others = (kind_of(statistic.statistic) for _, statistic in strongest)
-    return next((other for other in others if other not in (WRONG_PAGE_KIND, UNKNOWN)), WRONG_PAGE_KIND)
 
 
 def _regions(

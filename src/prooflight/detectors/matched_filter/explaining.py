@@ -72,7 +72,8 @@ def regions_of(
         middle = (left + right) / 2, (top + bottom) / 2
         if right <= left or bottom <= top or any(_holds(one, middle) for one in found):
             continue
-        found.append(_region((left, top, right - left, bottom - top), statistic, kind))
+        box_mm = left, top, right - left, bottom - top
+        found.append(Region.rounded(box_mm, score=abs(statistic.value), kind=kind))
     if not found and strongest:
         found = [whole_page(size_mm, strongest[0][1], kinds[0])]
     return tuple(found)
@@ -80,19 +81,7 @@ def regions_of(
 
 def whole_page(size_mm: tuple[float, float], statistic: Observed, kind: str) -> Region:
     """The page as a whole, where no place says more than another."""
-    return _region((0.0, 0.0, *size_mm), statistic, kind)
-
-
-def _region(box: tuple[float, float, float, float], statistic: Observed, kind: str) -> Region:
-    x, y, width, height = (round(v, 2) for v in box)
-    return Region(
-        x_mm=x,
-        y_mm=y,
-        width_mm=width,
-        height_mm=height,
-        score=round(abs(float(statistic.value)), 1),
-        kind=kind,
-    )
+    return Region.rounded((0.0, 0.0, *size_mm), score=abs(statistic.value), kind=kind)
 
 
 def _holds(region: Region, point: tuple[float, float]) -> bool:

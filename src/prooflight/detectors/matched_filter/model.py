@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.ranking import (
@@ -27,15 +26,7 @@ from prooflight.detectors.matched_filter.ranking import (
     mixed_columns,
     scores_of,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    GHOST_BOXES_MM,
-    LINE_MODES,
-    MODES,
-    SIZES,
-    SPANS,
-    WIDTHS,
-    Scatter,
-)
+from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.files.schema import (
     Block,
@@ -64,7 +55,7 @@ MOST: Final = 8
 """Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
-SCATTER: Final = ("boxes", "streaks", "bands", "ghosts")
+ARRAYS: Final = ("family", "centre", "baseline", "sd", "quantiles", "tail")
 MOST_SHAPE: Final = 0.5
 """Of a tail: beyond, its variance would be infinite."""
 STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
@@ -191,10 +182,8 @@ class DetectorModel:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
-        found: dict[str, NDArray[Any]] = {
-            name: getattr(self, name) for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")
-        }
-        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER}
+        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
+        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER_SHAPES}
         if self.logit is not None and self.mix is not None:
             found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
         forests = {} if self.forest is None else {"forest": self.forest}
@@ -248,13 +237,12 @@ class DetectorModel:
         def weights(which: str, start: float | None) -> Logit | None:
             return None if start is None else Logit(weights=arrays[f"{which}.weights"], start=start)
 
-        kept = {name: arrays[name] for name in ("family", "centre", "baseline", "sd", "quantiles", "tail")}
         ranked = facts["starts"][0] is not None
         return cls(
-            **kept,
+            **{name: arrays[name] for name in ARRAYS},
             statistics=tuple(map(Statistic.parse, facts["names"])),
             families=tuple(facts["families"]),
-            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER}),
+            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER_SHAPES}),
             residual_variance=ResidualVariance(**facts["spread"]),
             prior=PrintPrior(**facts.get("prior", {})),
             tail_from=facts["tail_from"],
@@ -394,10 +382,10 @@ TABLE: Final = {
     "sd": Kept(dtype="float64", shape=("statistics",), above=0),
     "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising),
     "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
-    "scatter.boxes": Kept(dtype="float64", shape=(len(MODES), len(SIZES), 3), low=0),
-    "scatter.streaks": Kept(dtype="float64", shape=(LINE_MODES, len(WIDTHS), len(SPANS), 3), low=0),
-    "scatter.bands": Kept(dtype="float64", shape=(len(MODES), 3), low=0),
-    "scatter.ghosts": Kept(dtype="float64", shape=(INKS, len(GHOST_BOXES_MM), 3), low=0),
+    **{
+        f"scatter.{name}": Kept(dtype="float64", shape=(*shape, 3), low=0)
+        for name, shape in SCATTER_SHAPES.items()
+    },
 }
 WEIGHTS: Final = {
     "logit.weights": Kept(dtype="float64", shape=("groups",)),

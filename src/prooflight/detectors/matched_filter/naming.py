@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from prooflight.detectors.placing import WRONG_PAGE_KIND
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -33,7 +35,7 @@ def kind_of(statistic: Statistic) -> str:
     """
     match statistic.family:
         case "place":
-            return "plane-register" if statistic.mode in ("plane", "planes") else "wrong-page"
+            return "plane-register" if statistic.mode in ("plane", "planes") else WRONG_PAGE_KIND
         case "fit" if statistic.mode == "plane":
             return "plane-register"
         case "fit":
@@ -43,15 +45,14 @@ def kind_of(statistic: Statistic) -> str:
     return KIND_OF_FAMILY.get(statistic.family, UNKNOWN)
 
 
-def named(strongest: Sequence[tuple[str, Observed]]) -> tuple[str, Observed | None]:
-    """Kind, and the statistic with a place that speaks for it, from what says most; most telling first."""
-    if not strongest:
-        return UNKNOWN, None
-    kind = next(
-        (found for _, statistic in strongest if (found := kind_of(statistic.statistic)) != UNKNOWN), UNKNOWN
-    )
-    place = next((statistic for _, statistic in strongest if statistic.box[0] == statistic.box[0]), None)
-    return kind, place
+def named(strongest: Sequence[tuple[str, Observed]]) -> str:
+    """What the evidence speaks of, where no misprint taught kinds; most telling first.
+
+    That tiles do not look as designed says least of what is wrong with them.
+    """
+    kinds = [kind_of(statistic.statistic) for _, statistic in strongest]
+    known = [kind for kind in kinds if kind != UNKNOWN]
+    return next((kind for kind in known if kind != WRONG_PAGE_KIND), known[0] if known else UNKNOWN)
 
 
 def _of_box(box: Statistic) -> str:

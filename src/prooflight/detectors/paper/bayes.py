@@ -14,7 +14,6 @@ from pydantic import Field
 from scipy import special
 
 from prooflight.detectors.paper.evidence import only
-from prooflight.detectors.paper.windows import STATISTICS, Reading, window_statistics
 from prooflight.detectors.verdict import Decision
 from prooflight.files.schema import Block, Chance, Kept, Misfit, Name, check_arrays, checked, rising
 
@@ -27,10 +26,35 @@ if TYPE_CHECKING:
     from prooflight.detectors.paper.evidence import Evidence
 
 Binning = Literal["quantile", "equal-width"]
+Reading = Literal["signed", "absolute"]
+"""What "mean" and "minimum" are of: the window means as they are, or their magnitudes. The paper's text allows both."""
+SHARE_SIGMAS: Final = 0.675
+"""The paper's limit: on a good page half of the errors lie below it. [-]"""
+STATISTICS: Final = ("mean", "minimum", "share")
 ARRAYS: Final = ("edges", "log_likelihood", "log_type_share")
 CORRECT: Final = "correct"
 MISPRINT: Final = "misprint"
 """The only type of misprint where types are not told apart (paper, table 3)."""
+
+
+def window_statistics(
+    means: NDArray[np.float32], *, reading: Reading = "signed", unit: float | NDArray[np.float64] = 1.0
+) -> NDArray[np.float64]:
+    """Mean, minimum and share below 0.675 of window means (..., rows, columns). (..., 3)
+
+    The share is of magnitudes in either reading: signed errors below 0.675 would be three quarters of a good page, not
+    the half that the number stands for. unit: what counts as one standard deviation, (...) or one for all; the paper's
+    is 1. With a unit learned from good pages all three are unmoved by a sigma wrong by any one factor
+    (paper, equation 4); with 1, the share is not.
+    """
+    scaled = means / np.asarray(unit, np.float64)[..., None, None]
+    magnitude = np.abs(scaled)
+    counted = scaled if reading == "signed" else magnitude
+    place = (-2, -1)
+    return np.stack(
+        [counted.mean(axis=place), counted.min(axis=place), (magnitude < SHARE_SIGMAS).mean(axis=place)],
+        axis=-1,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,24 +124,6 @@ class BayesianNetwork:
         """Probability of a misprint given statistics (..., n). (...)"""
         return np.asarray(special.expit(self.log_ratio(statistics) + special.logit(self.misprint_rate)))
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Its arrays by name; with ``facts`` all that ``from_parts`` needs."""
-        return {name: np.ascontiguousarray(getattr(self, name)) for name in ARRAYS}
-
-    def facts(self) -> dict[str, Any]:
-        """The rest of it, fit for JSON."""
-        return {"types": list(self.types), "misprint_rate": self.misprint_rate, "binning": self.binning}
-
-    @classmethod
-    def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
-        """The network again that ``arrays`` and ``facts`` came from."""
-        return cls(
-            types=tuple(facts["types"]),
-            misprint_rate=float(facts["misprint_rate"]),
-            binning=facts["binning"],
-            **{name: arrays[name] for name in ARRAYS},
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BayesDetector:
@@ -128,7 +134,7 @@ class BayesDetector:
     threshold: float
     """Probability of a misprint above which a page alarms; ``cost.RunningCosts`` gives the one that pays. [-]"""
     unit: NDArray[np.float64]
-    """(sensors,) see ``detectors.paper.windows.window_statistics``."""
+    """(sensors,) see ``window_statistics``."""
     reading: Reading = "signed"
     name: str = "bayes"
 
@@ -160,11 +166,18 @@ class BayesDetector:
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """What an artefact keeps as tensors."""
-        return self.network.arrays() | {"unit": np.ascontiguousarray(self.unit, np.float64)}
+        tables = {name: np.ascontiguousarray(getattr(self.network, name)) for name in ARRAYS}
+        return tables | {"unit": np.ascontiguousarray(self.unit, np.float64)}
 
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
-        return self.network.facts() | {"threshold": self.threshold, "reading": self.reading}
+        return {
+            "types": list(self.network.types),
+            "misprint_rate": self.network.misprint_rate,
+            "binning": self.network.binning,
+            "threshold": self.threshold,
+            "reading": self.reading,
+        }
 
     @staticmethod
     def check(
@@ -183,7 +196,12 @@ class BayesDetector:
     def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
         """The detector again that ``arrays`` and ``facts`` came from, which ``check`` has passed."""
         return cls(
-            network=BayesianNetwork.from_parts(arrays, facts),
+            network=BayesianNetwork(
+                types=tuple(facts["types"]),
+                misprint_rate=float(facts["misprint_rate"]),
+                binning=facts["binning"],
+                **{name: arrays[name] for name in ARRAYS},
+            ),
             threshold=float(facts["threshold"]),
             unit=arrays["unit"],
             reading=facts["reading"],

@@ -17,7 +17,7 @@ from prooflight.detectors.paper.print_state import print_state
 from prooflight.detectors.paper.regions import BlockGrid, Findings, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
-from prooflight.kernels.blocks import block_inks
+from prooflight.kernels.comparison.page_sums import block_inks
 from prooflight.prediction.predict import cut
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class PaperPage:
         """See ``PreparedPage``; seed: of the randomised integral transform."""
         page, station, test = self.sought.page, self.detector.station, self.detector.test
         found_page = find(self.sought, scan.dn, station)
-        seen, measured = cut(found_page.prediction, found_page.area), scan.dn[(slice(None), *found_page.area)]
+        seen, measured = cut(found_page.prediction, found_page.area), scan.dn[:, *found_page.area]
         evidence = _gathered(measured, seen, station, seed=seed + page.number)
         decision, wrong = test.decide(evidence), found_page.wrong_page
         decision = replace(decision, misprint=decision.misprint or wrong)
@@ -110,7 +110,7 @@ class PaperPage:
 def page_evidence(page: Page, scan_dn: NDArray[np.uint16], station: Station) -> Evidence:
     """What the paper's detectors look at in one scan (sensors, lines, pixels) of a page."""
     found = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
-    seen, measured = cut(found.prediction, found.area), scan_dn[(slice(None), *found.area)]
+    seen, measured = cut(found.prediction, found.area), scan_dn[:, *found.area]
     return _gathered(measured, seen, station, seed=page.number)
 
 

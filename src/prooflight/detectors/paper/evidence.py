@@ -37,7 +37,7 @@ NOISE_SIZE = 1 << 14
 SHARP_SIGMA_DN = 4.0
 """Below this the dither's law needs more than two terms, ..."""
 UNSURE_SIGMA_DN = math.sqrt(1 + ROUNDING_VARIANCE_DN2)
-"""... and below this, 1 DN before rounding, more than four: tests/comparing/test_kernels.py."""
+"""... and below this, 1 DN before rounding, more than four: tests/detectors/paper/test_kernels.py."""
 
 
 def interval_edges() -> NDArray[np.int8]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.placing import inside, place_reason, shift_of, shows_another
-from prooflight.prediction.predict import predict, relit
+from prooflight.prediction.predict import relit
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
@@ -73,18 +73,14 @@ class SoughtPage:
         """The same where only the light of the press has changed: its landmarks stay."""
         return replace(self, landmarks=replace(self.landmarks, sensors=station.sensors))
 
-    def in_place(self, *, threads: int | None = None) -> Prediction:
+    def in_place(self, station: Station) -> Prediction:
         """Of the page in its place, under the light as it is now.
 
-        Made when it is asked for: hardly a print lies in its place to a fiftieth of a pixel. threads: see ``predict``.
+        Made when it is asked for: hardly a print lies in its place to a fiftieth of a pixel.
         """
-        now = self.landmarks.sensors
-        if now is self.lit:
+        if station.sensors is self.lit:
             return self.nominal
-        known = relit(self.nominal, self.lit, now)
-        if known is not None:
-            return known
-        return predict(self.page, sensors=now, geometry=self.landmarks.geometry, threads=threads)
+        return relit(self.nominal, self.lit, station.sensors) or station.predict(self.page)
 
 
 def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> FoundPage:
@@ -96,7 +92,7 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> Foun
     where = register(sought.landmarks, scan, threads=station.threads or os.cpu_count() or 1)
     placement = where.placement if where.found and _moved(where, page, station) else IN_PLACE
     moved = placement is not IN_PLACE
-    prediction = station.predict(page, placement) if moved else sought.in_place(threads=station.threads)
+    prediction = station.predict(page, placement) if moved else sought.in_place(station)
     another = shows_another(where)
     return FoundPage(
         placement=placement,

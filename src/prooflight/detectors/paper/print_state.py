@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES, PrintState
-from prooflight.kernels.columns import column_sums
+from prooflight.kernels.comparison.page_sums import column_sums
 from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:

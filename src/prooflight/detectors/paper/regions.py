@@ -87,21 +87,15 @@ def findings(grid: BlockGrid) -> Findings:
     return Findings(regions=regions, kind=kinds[0])
 
 
-def _extent(piece: NDArray[np.float32]) -> tuple[int, int, int, int]:
-    rows, columns = np.flatnonzero(piece.any(axis=1)), np.flatnonzero(piece.any(axis=0))
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-
-
 def _region(piece: NDArray[np.float32], grid: BlockGrid, kind: str) -> Region:
-    top, bottom, left, right = _extent(piece)
-    return Region(
-        x_mm=round(grid.left_mm + left * grid.width_mm, 2),
-        y_mm=round(grid.top_mm + top * grid.height_mm, 2),
-        width_mm=round((right - left) * grid.width_mm, 2),
-        height_mm=round((bottom - top) * grid.height_mm, 2),
-        score=round(float(np.abs(piece).max()), 1),
-        kind=kind,
+    left, top, columns, rows = cv2.boundingRect((piece != 0).astype(np.uint8))
+    box_mm = (
+        grid.left_mm + left * grid.width_mm,
+        grid.top_mm + top * grid.height_mm,
+        columns * grid.width_mm,
+        rows * grid.height_mm,
     )
+    return Region.rounded(box_mm, score=float(np.abs(piece).max()), kind=kind)
 
 
 def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
@@ -110,19 +104,20 @@ def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
     Narrow and long: a streak. Nothing darker, and lighter just where one ink was to be: that plane is missing. Nothing
     darker otherwise: content is missing. Darker as well as lighter: something else was printed.
     """
-    top, bottom, left, right = _extent(piece)
-    width_mm, height_mm = (right - left) * grid.width_mm, (bottom - top) * grid.height_mm
+    flagged = piece != 0
+    _, top, columns, rows = cv2.boundingRect(flagged.astype(np.uint8))
+    width_mm, height_mm = columns * grid.width_mm, rows * grid.height_mm
     if width_mm <= STREAK_WIDTH_MM and height_mm > 4 * width_mm:
         return "streak"
-    flagged = piece != 0
     if (piece < 0).sum() > 0.02 * flagged.sum():
         return "wrong-page"
+    there = slice(top, top + rows)
     for ink in range(4):
-        inked = grid.ink()[top:bottom, :, ink] > INKED
+        inked = grid.ink()[there, :, ink] > INKED
         if not inked.any():
             continue
-        found = (flagged[top:bottom] & inked).sum() / inked.sum()
-        stray = (flagged[top:bottom] & ~inked).sum() / flagged.sum()
+        found = (flagged[there] & inked).sum() / inked.sum()
+        stray = (flagged[there] & ~inked).sum() / flagged.sum()
         if found > 0.7 and stray < 0.12:
             return "missing-plane"
     return "missing-content"

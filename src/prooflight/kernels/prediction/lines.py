@@ -16,14 +16,11 @@ from prooflight.kernels.prediction.filtering import (
     filter_along,
     filter_row,
 )
-from prooflight.kernels.prediction.look_up import AT_ONCE, NODE_STEP, NODES, look_up_light
+from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-STRIDE_C, STRIDE_M, STRIDE_Y = NODES**3, NODES**2, NODES
-CELL_BITS = 3
-FRACTION = NODE_STEP - 1
 COMPARED = 256
 
 
@@ -41,48 +38,6 @@ class ColumnLevels(NamedTuple):
     shot_slope: np.float32
     """Variance is so many times the light; or 0: it is looked up, above the backing's. [DN]"""
     top_code: np.float32
-
-
-@kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
-def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
-    """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
-
-    A run of equal pixels is looked up once: half of every page is paper.
-    """
-    m = np.float32(0.0)
-    v = np.float32(0.0)
-    for x in range(cmyk.shape[0]):
-        c, g, y, k = cmyk[x, 0], cmyk[x, 1], cmyk[x, 2], cmyk[x, 3]
-        if x == 0 or c != cmyk[x - 1, 0] or g != cmyk[x - 1, 1] or y != cmyk[x - 1, 2] or k != cmyk[x - 1, 3]:
-            base = (
-                (c >> CELL_BITS) * STRIDE_C
-                + (g >> CELL_BITS) * STRIDE_M
-                + (y >> CELL_BITS) * STRIDE_Y
-                + (k >> CELL_BITS)
-            )
-            fc = np.float32(c & FRACTION) / np.float32(NODE_STEP)
-            fm = np.float32(g & FRACTION) / np.float32(NODE_STEP)
-            fy = np.float32(y & FRACTION) / np.float32(NODE_STEP)
-            fk = np.float32(k & FRACTION) / np.float32(NODE_STEP)
-            m = np.float32(0.0)
-            v = np.float32(0.0)
-            for corner in range(16):
-                weight = fc if corner & 8 else np.float32(1) - fc
-                weight *= fm if corner & 4 else np.float32(1) - fm
-                weight *= fy if corner & 2 else np.float32(1) - fy
-                weight *= fk if corner & 1 else np.float32(1) - fk
-                if weight > 0:
-                    node = (
-                        base
-                        + (corner >> 3) * STRIDE_C
-                        + ((corner >> 2) & 1) * STRIDE_M
-                        + ((corner >> 1) & 1) * STRIDE_Y
-                        + (corner & 1)
-                    )
-                    m += weight * nodes[node, 0]
-                    v += weight * nodes[node, 1]
-        mean[x] = m
-        variance[x] = v
 
 
 @inner_kernel()

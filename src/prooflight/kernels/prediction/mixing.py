@@ -9,22 +9,11 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from prooflight.kernels.vectors import FUSED, LONG, filled, number_at, vector_at
+
 AT_ONCE = 16
-_INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
-_PIXELS = ir.VectorType(_FLOAT, AT_ONCE)
-_FUSED = ("contract",)
 _PAIRS = ((3, 3), (2, 4), (1, 5), (0, 6))
 """Lines of the seven that are equally far from the middle one."""
-
-
-def _place(builder: Any, array: Any, index: Any) -> Any:
-    return builder.bitcast(builder.gep(array, [index], inbounds=True), _PIXELS.as_pointer())
-
-
-def _filled(builder: Any, value: Any) -> Any:
-    none = ir.Constant(_PIXELS, ir.Undefined)
-    first = builder.insert_element(none, value, ir.Constant(_INT, 0))
-    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(_INT, AT_ONCE), [0] * AT_ONCE))
 
 
 @intrinsic
@@ -41,8 +30,8 @@ def mix_rows(context, rows, starts, at, weights, out, width):  # type: ignore[no
         at, width = args[2], args[5]
 
         def line(n: int) -> Any:
-            start = builder.load(builder.gep(starts, [ir.Constant(_LONG, n)], inbounds=True))
-            return builder.load(_place(builder, rows, builder.add(start, at)), align=4)
+            start = builder.load(number_at(builder, starts, ir.Constant(LONG, n)))
+            return builder.load(vector_at(builder, rows, builder.add(start, at), AT_ONCE), align=4)
 
         sums = [
             line(above) if above == below else builder.fadd(line(above), line(below))
@@ -51,11 +40,11 @@ def mix_rows(context, rows, starts, at, weights, out, width):  # type: ignore[no
         for x in range(4):
             total = None
             for y in range(4):
-                place = builder.gep(weights, [ir.Constant(_LONG, 4 * y + x)], inbounds=True)
-                part = builder.fmul(_filled(builder, builder.load(place)), sums[y], flags=_FUSED)
-                total = part if total is None else builder.fadd(total, part, flags=_FUSED)
-            target = builder.add(builder.mul(width, ir.Constant(_LONG, x)), at)
-            builder.store(total, _place(builder, out, target), align=4)
+                place = number_at(builder, weights, ir.Constant(LONG, 4 * y + x))
+                part = builder.fmul(filled(builder, builder.load(place), AT_ONCE), sums[y], flags=FUSED)
+                total = part if total is None else builder.fadd(total, part, flags=FUSED)
+            target = builder.add(builder.mul(width, ir.Constant(LONG, x)), at)
+            builder.store(total, vector_at(builder, out, target, AT_ONCE), align=4)
         return context.get_dummy_value()
 
     return types.void(rows, starts, types.int64, weights, out, types.int64), generate

@@ -10,25 +10,15 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from prooflight.kernels.vectors import FLOAT, FUSED, INT, LONG, filled, number_at, vector_at
+
 FEWEST, FEW, MANY = 8, 16, 64
 EIGHT = FEWEST
-_INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
-_FUSED = ("contract",)
-
-
-def _filled(builder: Any, value: Any, count: int) -> Any:
-    none = ir.Constant(ir.VectorType(_FLOAT, count), ir.Undefined)
-    first = builder.insert_element(none, value, ir.Constant(_INT, 0))
-    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(_INT, count), [0] * count))
-
-
-def _at(builder: Any, array: Any, index: Any) -> Any:
-    return builder.gep(array, [index], inbounds=True)
 
 
 def summing(count: int) -> Any:
     """The intrinsic for so many pixels at once."""
-    pixels = ir.VectorType(_FLOAT, count)
+    pixels = ir.VectorType(FLOAT, count)
 
     @intrinsic
     def sum_pixels(context, source, starts, further, weights, first, last, out, at):  # type: ignore[no-untyped-def]
@@ -43,17 +33,15 @@ def summing(count: int) -> Any:
                 make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3, 6)
             )
             further, first, last, at = (args[n] for n in (2, 4, 5, 7))
-            total = cgutils.alloca_once_value(
-                builder, ir.Constant(pixels, [ir.Constant(_FLOAT, 0.0)] * count)
-            )
-            with cgutils.for_range_slice(builder, first, last, ir.Constant(_LONG, 1)) as (tap, _):
-                weight = _filled(builder, builder.load(_at(builder, weights, tap)), count)
-                place = builder.add(builder.load(_at(builder, starts, tap)), further)
-                seen = builder.load(builder.bitcast(_at(builder, source, place), pixels.as_pointer()))
+            total = cgutils.alloca_once_value(builder, ir.Constant(pixels, [ir.Constant(FLOAT, 0.0)] * count))
+            with cgutils.for_range_slice(builder, first, last, ir.Constant(LONG, 1)) as (tap, _):
+                weight = filled(builder, builder.load(number_at(builder, weights, tap)), count)
+                place = builder.add(builder.load(number_at(builder, starts, tap)), further)
+                seen = builder.load(vector_at(builder, source, place, count))
                 seen.align = 4
-                product = builder.fmul(weight, seen, flags=_FUSED)
-                builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
-            target = builder.bitcast(_at(builder, out, at), pixels.as_pointer())
+                product = builder.fmul(weight, seen, flags=FUSED)
+                builder.store(builder.fadd(product, builder.load(total), flags=FUSED), total)
+            target = vector_at(builder, out, at, count)
             builder.store(builder.load(total), target, align=4)
             return context.get_dummy_value()
 
@@ -73,7 +61,7 @@ def _pairs(builder: Any, one: Any, other: Any) -> Any:
 
 
 def _shuffled(builder: Any, one: Any, other: Any, places: list[int]) -> Any:
-    chosen = ir.Constant(ir.VectorType(_INT, len(places)), [ir.Constant(_INT, place) for place in places])
+    chosen = ir.Constant(ir.VectorType(INT, len(places)), [ir.Constant(INT, place) for place in places])
     return builder.shuffle_vector(one, other, chosen)
 
 
@@ -85,40 +73,40 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        eight = ir.VectorType(_FLOAT, EIGHT)
         source, starts, table, weights_at, out = (
             make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 2, 3, 5)
         )
         taps, at = args[4], args[6]
-        none = ir.Constant(eight, [ir.Constant(_FLOAT, 0.0)] * EIGHT)
+        none = ir.Constant(ir.VectorType(FLOAT, EIGHT), [ir.Constant(FLOAT, 0.0)] * EIGHT)
         sums = [cgutils.alloca_once_value(builder, none) for _ in range(EIGHT)]
         begins = []
         for n in range(EIGHT):
-            place = builder.add(at, ir.Constant(_LONG, n))
+            place = builder.add(at, ir.Constant(LONG, n))
             begins.append(
                 [
-                    _at(builder, array, builder.sext(builder.load(_at(builder, index, place)), _LONG))
+                    number_at(
+                        builder, array, builder.sext(builder.load(number_at(builder, index, place)), LONG)
+                    )
                     for array, index in ((source, starts), (table, weights_at))
                 ]
             )
-        with cgutils.for_range_slice(builder, ir.Constant(_LONG, 0), taps, ir.Constant(_LONG, EIGHT)) as (
+        with cgutils.for_range_slice(builder, ir.Constant(LONG, 0), taps, ir.Constant(LONG, EIGHT)) as (
             tap,
             _,
         ):
             for total, begin in zip(sums, begins, strict=True):
                 seen, weight = (
-                    builder.load(builder.bitcast(_at(builder, array, tap), eight.as_pointer()), align=4)
-                    for array in begin
+                    builder.load(vector_at(builder, array, tap, EIGHT), align=4) for array in begin
                 )
-                product = builder.fmul(seen, weight, flags=_FUSED)
-                builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
+                product = builder.fmul(seen, weight, flags=FUSED)
+                builder.store(builder.fadd(product, builder.load(total), flags=FUSED), total)
         parts = [builder.load(total) for total in sums]
         while len(parts) > 2:
             parts = [_pairs(builder, parts[k], parts[k + 1]) for k in range(0, len(parts), 2)]
         one, other = parts
         low, high = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
         result = builder.fadd(_shuffled(builder, one, other, low), _shuffled(builder, one, other, high))
-        builder.store(result, builder.bitcast(_at(builder, out, at), eight.as_pointer()), align=4)
+        builder.store(result, vector_at(builder, out, at, EIGHT), align=4)
         return context.get_dummy_value()
 
     whole = types.int64
@@ -130,12 +118,11 @@ def transpose_eight(context, block, at, stride, out, to, out_stride):  # type: i
     """out[to + out_stride i + k] = block[at + stride k + i], i, k < 8; block, out (n,) float32, contiguous."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        eight = ir.VectorType(_FLOAT, EIGHT)
         block, out = (make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
 
         def place(array: Any, start: Any, stride: Any, n: int) -> Any:
-            index = builder.add(start, builder.mul(stride, ir.Constant(_LONG, n)))
-            return builder.bitcast(_at(builder, array, index), eight.as_pointer())
+            index = builder.add(start, builder.mul(stride, ir.Constant(LONG, n)))
+            return vector_at(builder, array, index, EIGHT)
 
         rows = [builder.load(place(block, args[1], args[2], n), align=4) for n in range(EIGHT)]
         for apart in (4, 2, 1):  # neighbours so far apart swap the halves of their pieces of twice that

@@ -14,24 +14,10 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from prooflight.kernels.vectors import FLOAT, FUSED, LONG, filled, number_at, vector_at
+
 EIGHT = 8
-_INT, _LONG, _FLOAT = ir.IntType(32), ir.IntType(64), ir.FloatType()
-_PIXELS = ir.VectorType(_FLOAT, EIGHT)
-_FUSED = ("contract",)
-
-
-def _filled(builder: Any, value: Any) -> Any:
-    none = ir.Constant(_PIXELS, ir.Undefined)
-    first = builder.insert_element(none, value, ir.Constant(_INT, 0))
-    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(_INT, EIGHT), [0] * EIGHT))
-
-
-def _at(builder: Any, array: Any, index: Any) -> Any:
-    return builder.gep(array, [index], inbounds=True)
-
-
-def _eight(builder: Any, array: Any, index: Any) -> Any:
-    return builder.bitcast(_at(builder, array, index), _PIXELS.as_pointer())
+_PIXELS = ir.VectorType(FLOAT, EIGHT)
 
 
 @intrinsic
@@ -47,26 +33,26 @@ def sum_eight(context, values, tilts, begin, weights, slopes, first, count, out,
             make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3, 4, 7, 8, 9)
         )
         begin, first, count, at = (args[n] for n in (2, 5, 6, 10))
-        none = ir.Constant(_PIXELS, [ir.Constant(_FLOAT, 0.0)] * EIGHT)
+        none = ir.Constant(_PIXELS, [ir.Constant(FLOAT, 0.0)] * EIGHT)
         totals = [cgutils.alloca_once_value(builder, none) for _ in targets]
 
         def add(total: Any, one: Any, other: Any) -> None:
-            product = builder.fmul(one, other, flags=_FUSED)
-            builder.store(builder.fadd(product, builder.load(total), flags=_FUSED), total)
+            product = builder.fmul(one, other, flags=FUSED)
+            builder.store(builder.fadd(product, builder.load(total), flags=FUSED), total)
 
         with cgutils.for_range(builder, count) as loop:
             place = builder.add(begin, loop.index)
-            value = _filled(builder, builder.load(_at(builder, values, place)))
-            tilt = _filled(builder, builder.load(_at(builder, tilts, place)))
-            row = builder.mul(builder.add(first, loop.index), ir.Constant(_LONG, EIGHT))
+            value = filled(builder, builder.load(number_at(builder, values, place)), EIGHT)
+            tilt = filled(builder, builder.load(number_at(builder, tilts, place)), EIGHT)
+            row = builder.mul(builder.add(first, loop.index), ir.Constant(LONG, EIGHT))
             weight, slope = (
-                builder.load(_eight(builder, table, row), align=4) for table in (weights, slopes)
+                builder.load(vector_at(builder, table, row, EIGHT), align=4) for table in (weights, slopes)
             )
             add(totals[0], weight, value)
             add(totals[1], slope, value)
             add(totals[2], weight, tilt)
         for target, total in zip(targets, totals, strict=True):
-            builder.store(builder.load(total), _eight(builder, target, at), align=4)
+            builder.store(builder.load(total), vector_at(builder, target, at, EIGHT), align=4)
         return context.get_dummy_value()
 
     whole = types.int64

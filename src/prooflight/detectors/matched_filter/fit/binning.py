@@ -17,8 +17,6 @@ from prooflight.prediction.predict import Prediction
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
@@ -80,11 +78,6 @@ def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: float) -> SensorMode
         footprint=widened(sensor.footprint, bins, pitch_mm),
         correction=LensCorrection.none(),
     )
-
-
-def binned_sensors(sensors: Sequence[SensorModel], bins: int, pitch_mm: float) -> list[SensorModel]:
-    """All of them."""
-    return [binned_sensor(sensor, bins, pitch_mm) for sensor in sensors]
 
 
 def widened(footprint: Footprint, bins: int, pitch_mm: float) -> Footprint:

@@ -19,8 +19,7 @@ from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
 from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import predict_light
-from prooflight.prediction.slopes import EVERY, SLOPE_NODES, mean_slopes
-from prooflight.prediction.tables import SensorModel, node_fractions
+from prooflight.prediction.tables import EVERY, SLOPE_NODES, SensorModel, mean_slopes, node_fractions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,17 +93,12 @@ class ModeSensor:
 def mode_sensor(sensor: SensorModel) -> ModeSensor:
     """Tables over CMYK of every mode of one sensor."""
     slopes = _on_nodes(mean_slopes(sensor))
-    axis = node_fractions()
-    areas = [axis.reshape([-1 if ink == i else 1 for i in range(INKS)]) for ink in range(INKS)]
-    darkening = [np.maximum(-slopes[..., ink], 0) for ink in range(INKS)]
-    variance = sum(j**2 * (a * (1 - a)).clip(min=0) for j, a in zip(darkening, areas, strict=True))
+    inks = [(np.maximum(-slopes[..., ink], 0), area) for ink, area in enumerate(_areas())]
+    variance = sum(j**2 * (a * (1 - a)).clip(min=0) for j, a in inks)
     return ModeSensor(
-        gain=tuple(_as_sensor(sensor, j * a) for j, a in zip(darkening, areas, strict=True)),
-        add=tuple(_as_sensor(sensor, j * (1 - a).clip(min=0)) for j, a in zip(darkening, areas, strict=True)),
-        dot=tuple(
-            _as_sensor(sensor, j * (4 * a * (1 - a)).clip(min=0))
-            for j, a in zip(darkening, areas, strict=True)
-        ),
+        gain=tuple(_as_sensor(sensor, j * a) for j, a in inks),
+        add=tuple(_as_sensor(sensor, j * (1 - a).clip(min=0)) for j, a in inks),
+        dot=tuple(_as_sensor(sensor, j * (4 * a * (1 - a)).clip(min=0)) for j, a in inks),
         texture=_as_sensor(sensor, np.asarray(variance)),
     )
 
@@ -112,12 +106,13 @@ def mode_sensor(sensor: SensorModel) -> ModeSensor:
 @lru_cache(maxsize=8)
 def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
     """Sensor models that see nothing but the area of one ink."""
-    axis = node_fractions()
-    shape = np.zeros((NODES,) * INKS)
-    return tuple(
-        _as_sensor(sensor, shape + COVER_SCALE * axis.reshape([-1 if ink == i else 1 for i in range(INKS)]))
-        for ink in range(INKS)
-    )
+    nodes = (NODES,) * INKS
+    return tuple(_as_sensor(sensor, np.broadcast_to(COVER_SCALE * area, nodes)) for area in _areas())
+
+
+def _areas() -> tuple[NDArray[np.float64], ...]:
+    """Of each ink at a table's nodes: (33, 1, 1, 1), (1, 33, 1, 1) and so on."""
+    return tuple(np.meshgrid(*[node_fractions()] * INKS, indexing="ij", sparse=True))
 
 
 def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:

@@ -217,29 +217,35 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
     return Colours(centres=centres.astype(np.float32), root=np.linalg.inv(factor).astype(np.float32))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacedScan:
+    """A scan, and what is known of its page where it lies; arrays (sensors, lines, pixels)."""
+
+    measured_dn: NDArray[np.generic]
+    seen: Prediction
+    modes: Modes
+    """Moved to where the page lies."""
+    where: PixelMap
+    sensors: Sequence[SensorModel]
+    colours: Colours
+
+
 def fit_nuisances(
-    measured_dn: NDArray[np.generic],
-    seen: Prediction,
-    modes: Modes,
-    where: PixelMap,
+    scan: PlacedScan,
     *,
-    sensors: Sequence[SensorModel],
-    colours: Colours,
     planes: NDArray[np.float64],
     pixel_mm: float,
     prior: PrintPrior,
     residual_variance: ResidualVariance,
 ) -> Fit:
-    """Amounts of every nuisance in one scan; arrays (sensors, lines, pixels) at camera resolution, modes moved.
+    """Amounts of every nuisance in one scan.
 
     planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
     """
-    blocks = _summed(measured_dn, seen, modes, where, sensors, colours)
-    noise = np.ones(len(sensors))
-    model = _Model.of(blocks, prior, pixel_mm, planes)
-    amounts, sd, robust, lost = model.solved(
-        noise, residual_variance, np.array([sensor.white_dn for sensor in sensors])
-    )
+    noise = np.ones(len(scan.sensors))
+    model = _Model.of(_summed(scan), prior, pixel_mm, planes)
+    white_dn = np.array([sensor.white_dn for sensor in scan.sensors])
+    amounts, sd, robust, lost = model.solved(noise, residual_variance, white_dn)
     found = model.layout.parts(amounts * model.scale)
     return Fit(
         white=found.white + found.common,
@@ -286,31 +292,25 @@ class _Blocks:
         return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
-def _summed(
-    measured_dn: NDArray[np.generic],
-    seen: Prediction,
-    modes: Modes,
-    where: PixelMap,
-    sensors: Sequence[SensorModel],
-    colours: Colours,
-) -> _Blocks:
-    rows, columns = (extent // BLOCK for extent in where.inside.shape)
-    cut = where.inside[: rows * BLOCK, : columns * BLOCK]
+def _summed(scan: PlacedScan) -> _Blocks:
+    inside, colours = scan.where.inside, scan.colours
+    rows, columns = (extent // BLOCK for extent in inside.shape)
+    cut = inside[: rows * BLOCK, : columns * BLOCK]
     full = cut.reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3), dtype=np.int32)
     used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
     used = used[:: max(used.size // BLOCKS, 1)]
     place = np.stack(np.divmod(used, columns))
     corners = np.ascontiguousarray(place.T * BLOCK)
-    sums = np.empty((len(sensors), used.size, SUMS), np.float32)
+    sums = np.empty((len(scan.sensors), used.size, SUMS), np.float32)
     bells = colours.bells()
-    for index, sensor in enumerate(sensors):
+    for index, sensor in enumerate(scan.sensors):
         block_sums(
-            measured_dn[index],
-            seen.expected_dn[index],
+            scan.measured_dn[index],
+            scan.seen.expected_dn[index],
             sensor.column_offset_dn,
-            seen.variance_dn2[index],
-            modes.inks(index),
-            where.inside,
+            scan.seen.variance_dn2[index],
+            scan.modes.inks(index),
+            inside,
             bells,
             corners,
             BLOCK,

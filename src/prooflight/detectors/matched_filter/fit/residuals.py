@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, ResidualVariance
+    from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan, ResidualVariance
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -45,15 +44,7 @@ NOISE_FACTORS: Final = (0.4, 2.6)
 
 
 def residual_images(
-    measured_dn: NDArray[np.generic],
-    seen: Prediction,
-    modes: Modes,
-    where: PixelMap,
-    fit: Fit,
-    *,
-    sensors: Sequence[SensorModel],
-    colours: Colours,
-    residual_variance: ResidualVariance,
+    scan: PlacedScan, fit: Fit, *, residual_variance: ResidualVariance
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
     """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
 
@@ -61,25 +52,26 @@ def residual_images(
 
     The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
     """
-    pixels = where.inside.shape[1]
+    seen, modes, inside, sensors = scan.seen, scan.modes, scan.where.inside, scan.sensors
+    pixels = inside.shape[1]
     u = (np.arange(pixels) + 0.5) / pixels
     lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
-    noise, bells = np.ones(len(sensors)), colours.bells()
+    noise, bells = np.ones(len(sensors)), scan.colours.bells()
     for index, sensor in enumerate(sensors):
         fitted = FittedAmounts(
-            shape=colours.weights(fit.shape[index]),
+            shape=scan.colours.weights(fit.shape[index]),
             columns=(fit.white[index] + lamp).astype(np.float32),
             gain=fit.gain.astype(np.float32),
             dot=fit.dot.astype(np.float32),
             planes=fit.planes.astype(np.float32),
         )
         residuals(
-            measured_dn[index],
+            scan.measured_dn[index],
             seen.expected_dn[index],
             sensor.column_offset_dn,
-            where.inside,
+            inside,
             modes.inks(index),
             bells,
             fitted,
@@ -91,7 +83,7 @@ def residual_images(
             seen.variance_dn2[index],
             light,
             modes.texture[index],
-            where.inside,
+            inside,
             residual_variance,
         )
         amounts = (
@@ -107,7 +99,7 @@ def residual_images(
             light,
             seen.variance_dn2[index],
             modes.texture[index],
-            where.inside,
+            inside,
             shares,
             weight[index],
             of_edges[index],

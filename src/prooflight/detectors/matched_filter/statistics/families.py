@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -9,12 +10,9 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    GHOST_BOXES_MM,
     LINE_MODES,
     MODES,
-    SIZES,
-    SPANS,
-    WIDTHS,
+    SCATTER_SHAPES,
     rows,
     streaks,
 )
@@ -23,7 +21,6 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_bands,
     of_boxes,
     of_energy,
-    of_flat_boxes,
     of_ghosts,
     of_streaks,
     of_swapped_planes,
@@ -56,8 +53,8 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
     flat = flat_part(sums)
     waves = waves_of(sums, scatter)
     return [
-        *of_boxes(sums, scatter),
-        *of_flat_boxes(flat, scatter),
+        *of_boxes(sums, scatter, GOOD_PRINTS, OWN_PAGE),
+        *of_boxes(flat, scatter, FLAT_AREAS),
         *of_streaks(sums, scatter, GOOD_PRINTS, OWN_PAGE),
         *of_streaks(flat, scatter, FLAT_AREAS),
         *of_bands(sums, waves, scatter),
@@ -75,45 +72,41 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
 
 def _of_fit(fit: Fit) -> Iterator[Observed]:
     white, common, lamp, shape, gain, dot, planes = fit.surprises
-    yield Observed(statistic=Statistic("fit", "white"), value=float(np.abs([*white, *common]).max()))
-    yield Observed(statistic=Statistic("fit", "lamp"), value=float(np.sqrt((lamp**2).mean())))
-    yield Observed(statistic=Statistic("fit", "shape"), value=float(np.sqrt((shape**2).mean())))
-    yield Observed(statistic=Statistic("fit", "shape-most"), value=float(np.abs(shape).max()))
+    amount = partial(_amount, "fit")
+    yield amount("white", np.abs([*white, *common]).max())
+    yield amount("lamp", np.sqrt((lamp**2).mean()))
+    yield amount("shape", np.sqrt((shape**2).mean()))
+    yield amount("shape-most", np.abs(shape).max())
     for ink, letter in enumerate(INK_LETTERS):
-        yield Observed(statistic=Statistic("fit", "gain", letter), value=float(abs(gain[ink, 0])))
-        yield Observed(statistic=Statistic("fit", "tilt", letter), value=float(np.abs(gain[ink, 1:]).max()))
-        yield Observed(statistic=Statistic("fit", "dot", letter), value=float(abs(dot[ink])))
-        yield Observed(statistic=Statistic("fit", "plane", letter), value=float(np.abs(planes[ink]).max()))
-    yield Observed(statistic=Statistic("fit", "gain-all"), value=float(abs(gain[:, 0].sum()) / 2))
-    yield Observed(statistic=Statistic("fit", "gain-rms"), value=float(np.sqrt((gain[:, 0] ** 2).sum())))
-    yield Observed(statistic=Statistic("fit", "spread"), value=float(np.log(fit.spread + 0.1)))
-    yield Observed(statistic=Statistic("fit", "lost"), value=float(np.log(fit.lost + 1e-4)))
+        yield amount("gain", abs(gain[ink, 0]), letter)
+        yield amount("tilt", np.abs(gain[ink, 1:]).max(), letter)
+        yield amount("dot", abs(dot[ink]), letter)
+        yield amount("plane", np.abs(planes[ink]).max(), letter)
+    yield amount("gain-all", abs(gain[:, 0].sum()) / 2)
+    yield amount("gain-rms", np.sqrt((gain[:, 0] ** 2).sum()))
+    yield amount("spread", np.log(fit.spread + 0.1))
+    yield amount("lost", np.log(fit.lost + 1e-4))
 
 
 def _of_place(found: Registration) -> Iterator[Observed]:
-    where = found.placement
-    shift = max(abs(value) for value in where.shift_mm)
+    where, amount = found.placement, partial(_amount, "place")
     # The placement moves with whatever plane leads; relative to the sheet nothing does.
-    yield Observed(statistic=Statistic("place", "lost"), value=float(not found.found))
-    yield Observed(statistic=Statistic("place", "shift"), value=float(shift))
-    yield Observed(statistic=Statistic("place", "skew"), value=float(abs(where.skew_deg)))
-    yield Observed(
-        statistic=Statistic("place", "stretch"),
-        value=float(max(abs(value) for value in where.stretch_percent)),
-    )
-    warp = 0.0 if where.warp is None else float(np.abs(where.warp.nodes_mm).max())
-    yield Observed(statistic=Statistic("place", "warp"), value=warp)
-    yield Observed(statistic=Statistic("place", "residual"), value=float(min(found.residual_rms_pixels, 5.0)))
-    yield Observed(statistic=Statistic("place", "unlike"), value=float(1 - found.tiles_matching))
-    yield Observed(statistic=Statistic("place", "foreign"), value=float(found.tiles_foreign))
-    yield Observed(
-        statistic=Statistic("place", "sheet"), value=float(max(abs(value) for value in found.sheet_mm))
-    )
-    for ink, letter in enumerate(INK_LETTERS):
-        yield Observed(
-            statistic=Statistic("place", "plane", letter), value=float(np.abs(found.planes_mm[ink]).max())
-        )
-    yield Observed(statistic=Statistic("place", "planes"), value=float(np.ptp(found.planes_mm, axis=0).max()))
+    yield amount("lost", not found.found)
+    yield amount("shift", np.abs(where.shift_mm).max())
+    yield amount("skew", abs(where.skew_deg))
+    yield amount("stretch", np.abs(where.stretch_percent).max())
+    yield amount("warp", 0.0 if where.warp is None else np.abs(where.warp.nodes_mm).max())
+    yield amount("residual", min(found.residual_rms_pixels, 5.0))
+    yield amount("unlike", 1 - found.tiles_matching)
+    yield amount("foreign", found.tiles_foreign)
+    yield amount("sheet", np.abs(found.sheet_mm).max())
+    for letter, plane_mm in zip(INK_LETTERS, found.planes_mm, strict=True):
+        yield amount("plane", np.abs(plane_mm).max(), letter)
+    yield amount("planes", np.ptp(found.planes_mm, axis=0).max())
+
+
+def _amount(family: str, mode: str, value: float, ink: str = "") -> Observed:
+    return Observed(statistic=Statistic(family, mode, ink), value=float(value))
 
 
 def _of_shifts(sums: Sums) -> Iterator[Observed]:
@@ -124,11 +117,8 @@ def _of_shifts(sums: Sums) -> Iterator[Observed]:
 
 def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:
     """Draws of (N', D', edges) for ``Scatter``, by name: boxes (modes, sizes, n, 3) and so on; NaN: nothing."""
-    found: dict[str, NDArray[np.float32]] = {
-        "boxes": np.full((len(MODES), len(SIZES), SAMPLES, 3), np.nan, np.float32),
-        "streaks": np.full((LINE_MODES, len(WIDTHS), len(SPANS), SAMPLES, 3), np.nan, np.float32),
-        "bands": np.full((len(MODES), SAMPLES, 3), np.nan, np.float32),
-        "ghosts": np.full((INKS, len(GHOST_BOXES_MM), SAMPLES, 3), np.nan, np.float32),
+    found = {
+        name: np.full((*shape, SAMPLES, 3), np.nan, np.float32) for name, shape in SCATTER_SHAPES.items()
     }
 
     def put(target: NDArray[np.float32], *maps: NDArray[np.floating]) -> None:

@@ -16,19 +16,18 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap
-    from prooflight.prediction.predict import Prediction
-    from prooflight.prediction.tables import SensorModel
+    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
     from prooflight.scans.geometry import ScanGeometry
 
 TILE_MM: Final = 0.5
@@ -60,6 +59,13 @@ FLAT: Final = 0.25
 """Places of which edges make up no more than so much of the variance are flat."""
 LEAST_POWER: Final = 1e-3
 """Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
+SCATTER_SHAPES: Final = {
+    "boxes": (len(MODES), len(SIZES)),
+    "streaks": (LINE_MODES, len(WIDTHS), len(SPANS)),
+    "bands": (len(MODES),),
+    "ghosts": (INKS, len(GHOST_BOXES_MM)),
+}
+"""Of the arrays of ``Scatter``, but for their last axis."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,25 +90,23 @@ class Sums:
 
 
 def summed(
+    scan: PlacedScan,
     left: NDArray[np.float32],
     weight: NDArray[np.float32],
     of_edges: NDArray[np.float32],
-    seen: Prediction,
-    modes: Modes,
-    where: PixelMap,
     *,
-    sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     page_width_mm: float,
 ) -> Sums:
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
+    modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
     tiles = np.empty((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
     columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     offset = np.stack([sensor.column_offset_dn for sensor in sensors])
-    light = seen.expected_dn - offset[:, None]
+    light = scan.seen.expected_dn - offset[:, None]
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
     for index in range(len(sensors)):
@@ -153,17 +157,8 @@ class Scatter:
     def white(cls) -> Scatter:
         """Nothing but noise."""
         one = np.array([1.0, 1.0, 0.0])
-        shapes = [
-            (len(MODES), len(SIZES)),
-            (LINE_MODES, len(WIDTHS), len(SPANS)),
-            (len(MODES),),
-            (4, len(GHOST_BOXES_MM)),
-        ]
         return cls(
-            **{
-                name: np.broadcast_to(one, (*shape, 3)).copy()
-                for name, shape in zip(("boxes", "streaks", "bands", "ghosts"), shapes, strict=True)
-            }
+            **{name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in SCATTER_SHAPES.items()}
         )
 
 
@@ -238,15 +233,11 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
 def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
     """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
     own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1))
-    return _levelled(own, power, round(2 * PERIODS_MM[1] / sums.tile_mm) | 1), power, edges
-
-
-def _levelled(own: NDArray[np.float32], power: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
-    """N' without the mean amount over ``wide`` places about it."""
+    wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
-    return np.asarray(own - push / (sure + 1e-6) * power, np.float32)
+    return np.asarray(own - push / (sure + 1e-6) * power, np.float32), power, edges
 
 
 def periodogram(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -61,33 +62,23 @@ ONE_SIGMA: Final = 0.6827
 MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 
 
-def of_boxes(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """Matched filters of every mode at all boxes of every size: against good prints, and against this page's own."""
+def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
+    """Matched filters of every mode at all boxes of every size against each of ``references``.
+
+    Against good prints also how they scatter; flat areas have no blur.
+    """
     for place, cells in enumerate(cells_of(sums)):
-        size, extremes = cells.size, extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
-            more, less = (Statistic("box", mode, ink, sign, size) for sign in "+-")
-            own_more, own_less = (Statistic("box", mode, ink, sign, size, "", OWN_PAGE) for sign in "+-")
-            box = [cells.box_mm(sums, int(row), int(column)) for row, column in most.places]
-            yield Observed(statistic=more, value=most.high, box=box[0])
-            yield Observed(statistic=less, value=-most.low, box=box[1])
-            yield Observed(statistic=own_more, value=most.own_high, box=box[2])
-            yield Observed(statistic=own_less, value=-most.own_low, box=box[3])
-            spread = Statistic("spread", mode, ink, "", size)
-            yield Observed(statistic=spread, value=float(np.log(most.energy + 0.1)))
-
-
-def of_flat_boxes(flat: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """The same against this page's own, where there are no edges."""
-    for place, cells in enumerate(cells_of(flat)):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
         for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
-            if mode == "blur":
+            if mode == "blur" and FLAT_AREAS in references:
                 continue
-            more, less = (Statistic("box", mode, ink, sign, cells.size, "", FLAT_AREAS) for sign in "+-")
-            box = [cells.box_mm(flat, int(row), int(column)) for row, column in most.places[2:]]
-            yield Observed(statistic=more, value=most.own_high, box=box[0])
-            yield Observed(statistic=less, value=-most.own_low, box=box[1])
+            for reference in references:
+                for sign, (value, row, column) in zip("+-", most.against(reference), strict=True):
+                    which = Statistic("box", mode, ink, sign, cells.size, "", reference)
+                    yield Observed(statistic=which, value=value, box=cells.box_mm(sums, row, column))
+            if GOOD_PRINTS in references:
+                spread = Statistic("spread", mode, ink, "", cells.size)
+                yield Observed(statistic=spread, value=float(np.log(most.energy + 0.1)))
 
 
 def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
@@ -97,12 +88,9 @@ def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator
         extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
         for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], extremes, strict=True):
             for reference in references:
-                good = reference is GOOD_PRINTS
-                high, low = (most.high, most.low) if good else (most.own_high, most.own_low)
-                part, column = most.places[2 * (not good) + (high < -low)]
-                box = _streak_mm(sums, int(part), int(column), width, s)
+                value, part, column = max(most.against(reference), key=itemgetter(0))
                 which = Statistic("streak", mode, ink, "", width, span, reference)
-                yield Observed(statistic=which, value=max(high, -low), box=box)
+                yield Observed(statistic=which, value=value, box=_streak_mm(sums, part, column, width, s))
 
 
 def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
@@ -212,11 +200,13 @@ def of_energy(sums: Sums) -> Iterator[Observed]:
         full = n >= 0.5 * n.max()
         mean = np.where(full, e / np.maximum(n, 1), 0)
         row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)
-        extent = size * sums.tile_mm
-        box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Observed(statistic=whole, value=float(np.log(mean[row, column] + 1e-3)), box=box)
+        energy_there = float(np.log(mean[row, column] + 1e-3))
         stray = np.stack([e - n, n * full, of_edges])[:, None]
         most = extremes_of(stray, ENERGY[None], overlap=1)[0]
-        row, column = most.places[2]
-        box = (float(column * extent + sums.left_mm), float(row * extent + sums.top_mm), extent, extent)
-        yield Observed(statistic=excess, value=most.own_high, box=box)
+        extent = size * sums.tile_mm
+        for which, value, (down, right) in (
+            (whole, energy_there, (row, column)),
+            (excess, most.own_high, most.places[2]),
+        ):
+            box = float(right * extent + sums.left_mm), float(down * extent + sums.top_mm), extent, extent
+            yield Observed(statistic=which, value=value, box=box)

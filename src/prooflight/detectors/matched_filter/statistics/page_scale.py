@@ -9,14 +9,16 @@ import numpy as np
 from scipy import ndimage
 
 from prooflight.detectors.matched_filter.statistics.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
+from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS
+from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.page_scale import boxes_against_own, each_against_own
-from prooflight.kernels.statistics.swapped_planes import swap_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.boxes import Cells
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
+    from prooflight.detectors.matched_filter.statistics.statistic import Reference
 
 NEIGHBOURS: Final = 81
 """Frequencies about one, whose median is the level of the spectrum there."""
@@ -41,6 +43,15 @@ class Most(NamedTuple):
     """Mean of T^2, each at most 100."""
     places: NDArray[np.int64]
     """(4, 2) row and column of the four extremes."""
+
+    def against(self, reference: Reference) -> tuple[tuple[float, int, int], tuple[float, int, int]]:
+        """How far the greatest lies above 0 and the least below it, each with its row and column."""
+        good = reference is GOOD_PRINTS
+        most, least = (self.high, -self.low) if good else (self.own_high, -self.own_low)
+        (row, column), (other_row, other_column) = (
+            self.places[:2].tolist() if good else self.places[2:].tolist()
+        )
+        return (most, row, column), (least, other_row, other_column)
 
 
 def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:

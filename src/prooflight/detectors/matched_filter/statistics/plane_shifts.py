@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.matched_filter.fit.binning import binned
-from prooflight.kernels.statistics.plane_shifts import shift_sums
+from prooflight.kernels.statistics.misplaced_planes import shift_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

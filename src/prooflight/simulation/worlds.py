@@ -11,7 +11,7 @@ import tomllib
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_type_hints
 
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
@@ -132,18 +132,13 @@ class Amounts:
         """
         given = variation or {}
         times = float(given.get("all_times", 1.0))
-        kinds = {
-            "page": PageAmounts,
-            "register": RegisterAmounts,
-            "ink": InkAmounts,
-            "paper": PaperAmounts,
-            "lamp": LampAmounts,
-            "camera": CameraAmounts,
-        }
         blocks: dict[str, Any] = {}
-        for block, kind in kinds.items():
+        for block, kind in get_type_hints(cls).items():
             of_file = {name: _times(name, value, times) for name, value in worlds()["press"][block].items()}
-            of_press = {name: _plain(value) for name, value in given.get(block, {}).items()}
+            of_press = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in given.get(block, {}).items()
+            }
             blocks[block] = kind(**(of_file | of_press))
         return cls(**blocks)
 
@@ -175,10 +170,6 @@ def _times(name: str, value: Any, times: float) -> Any:
     return value * times
 
 
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gate:
     """A drawn misprint that reaches neither amount changes nothing that a person sees; it is drawn again."""
@@ -192,10 +183,15 @@ def gate() -> Gate:
     return Gate(**worlds()["gate"])
 
 
+def entry(kind: str) -> dict[str, Any]:
+    """What it says of a kind of misprint."""
+    (found,) = (one for one in worlds()["misprint"] if one["kind"] == kind)
+    return dict(found)
+
+
 def amount(kind: str, field: str, severity: float) -> float:
     """Amount of a misprint kind at severity 0..1: from at_0 to at_1, geometrically unless the file says linear."""
-    (entry,) = (entry for entry in worlds()["misprint"] if entry["kind"] == kind)
-    spec = entry[field]
+    spec = entry(kind)[field]
     low, high = spec["at_0"], spec["at_1"]
     if spec.get("scale") == "linear":
         return float(low + (high - low) * severity)

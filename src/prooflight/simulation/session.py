@@ -11,7 +11,9 @@ import numpy as np
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
+from prooflight.rng import stream
 from prooflight.simulation.fields import ColourWaves, smooth_line
+from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -94,6 +96,12 @@ class Session:
                 for model, day in zip(press.sensors, self.sensors, strict=True)
             ],
         }
+
+
+@lru_cache(maxsize=1)
+def session_of(press: Press, seed: int) -> Session:
+    """The day of a seed; the same object for every print in one process, so that its true tables are kept."""
+    return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 def lamp_profile(pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:

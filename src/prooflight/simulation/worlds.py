@@ -161,7 +161,7 @@ class Amounts:
 
 def amounts_of(press: Press) -> Amounts:
     """What good prints of ``press`` do: its press file's ``[variation]`` over ``worlds.toml``."""
-    return Amounts.stated(getattr(press, "variation", None))
+    return Amounts.stated(press.variation)
 
 
 def _times(name: str, value: Any, times: float) -> Any:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from prooflight.camera.sharpness import nyquist_per_mm, sharpness
-from prooflight.commissioning.characterise import signal_dn, variance_dn2
+from prooflight.commissioning.characterise import recipe_grid, signal_dn, variance_dn2
 from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
@@ -166,7 +166,7 @@ def _designs(
 def _nodes() -> NDArray[np.float64]:
     """Recipes (9, 9, 9, 9, 4), every fourth of the tables' nodes along each ink."""
     axis = node_fractions()[::TABLE_STRIDE]
-    return np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
+    return recipe_grid(axis, axis, axis, axis)
 
 
 def _sensor_design(

@@ -21,7 +21,7 @@ from prooflight.inks.chart_layout import STEPS_PER_MM
 from prooflight.inks.chart_print import painted
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from prooflight.commissioning.chart.finding import FoundChart
     from prooflight.commissioning.chart.scan import ChartScan
@@ -94,17 +94,15 @@ def read_patches(scan: ChartScan, found: FoundChart, placed: PlacedRecipes) -> P
     boxes = np.array([placed.layout.patch_box(row, column) for _, row, column in placed.place[here].tolist()])
     centre = boxes[:, :2] + boxes[:, 2:] / 2
     per_sensor = [_read_sensor(dn, found, placed, here, maps) for dn in scan.dn]
-
-    def stacked(name: str) -> NDArray[np.float64]:
-        return np.stack([np.asarray(values[name], dtype=np.float64) for values in per_sensor])
-
-    names = ("light", "light_variance", "dn", "pixel_variance_dn2", "white_dn", "column_gain", "gain")
     return PatchReadings(
         recipe=here,
         page=found.page,
         pixels=pixels.astype(np.float64),
         centre_mm=centre,
-        **{name: stacked(name) for name in (*names, "paper_variance_dn2", "stray_mm", "backing_dn")},
+        **{
+            name: np.array([values[name] for values in per_sensor], dtype=np.float64)
+            for name in per_sensor[0]
+        },
     )
 
 
@@ -176,7 +174,7 @@ def _read_sensor(
     placed: PlacedRecipes,
     here: NDArray[np.int64],
     maps: _Maps,
-) -> dict[str, object]:
+) -> dict[str, ArrayLike]:
     """One sensor's part of ``PatchReadings``."""
     columns, lines = _gains(dn, maps.paper)
     order, starts = _by_patch(maps.patch, len(here))
@@ -205,16 +203,12 @@ def _read_sensor(
         "dn": seen,
         "pixel_variance_dn2": _line_variance(steady, maps.patch, len(here)),
         "white_dn": middle,
-        "column_gain": np.where(_seen_columns(maps.paper), columns / middle, np.nan),
+        "column_gain": np.where(maps.paper.sum(axis=0) >= _LEAST_PIXELS, columns / middle, np.nan),
         "gain": gain,
         "paper_variance_dn2": _line_variance(steady, paper.astype(np.int32), 1)[0],
         "stray_mm": strength,
         "backing_dn": np.median(dn[maps.beyond]) if maps.beyond.sum() > 500 else np.nan,
     }
-
-
-def _seen_columns(paper: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return paper.sum(axis=0) >= _LEAST_PIXELS
 
 
 def _gains(

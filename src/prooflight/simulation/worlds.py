@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Self, get_type_hints
@@ -145,18 +145,8 @@ class Amounts:
     @property
     def exact(self) -> bool:
         """Whether good prints differ in nothing but the camera's noise."""
-        amounts = [
-            (name, getattr(getattr(self, block), name))
-            for block, names in self.names().items()
-            for name in names
-        ]
+        amounts = [amount for block in asdict(self).values() for amount in block.items()]
         return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
-
-    def names(self) -> dict[str, tuple[str, ...]]:
-        """Blocks and the amounts in each."""
-        return {
-            block.name: tuple(f.name for f in fields(getattr(self, block.name))) for block in fields(self)
-        }
 
 
 def amounts_of(press: Press) -> Amounts:

@@ -120,14 +120,8 @@ def glossary(sheet: Sheet) -> None:
         tone = ((1.12, 0.98, 0.9), (1.0, 1.0, 1.0), (0.94, 1.06, 0.8))[place]
         sheet.picture(x, TEXT_TOP_MM, develop(Shot(name=name, tone=tone, zoom=1.6), width, 40))
     sheet.text(LEFT_MM, 98, "Words of the trade", faces.SERIF, 24, ink=inks.NIGHT)
-    sheet.paragraph(
-        LEFT_MM,
-        102,
-        column(0, 5)[1],
-        "Surfaces first: three that no printer has ever matched. Then the words in "
-        "which printers explain why.",
-        faces.style(faces.ITALIC, 11, 15, ink=inks.GREY),
-    )
+    lead = "Surfaces first: three that no printer has ever matched. Then the words in which printers explain why."
+    sheet.paragraph(LEFT_MM, 102, column(0, 5)[1], lead, faces.style(faces.ITALIC, 11, 15, ink=inks.GREY))
     small = faces.style(size_pt=8.0, leading_pt=10.4, align="justified", after_pt=2.6)
     story: list[Any] = [Paragraph(f"<b>{term}.</b> {meaning}", small) for term, meaning in copy_text.GLOSSARY]
     for x, width in halves():

@@ -99,15 +99,8 @@ def brochure(sheet: Sheet) -> None:
     sheet.know(0, 132, 18, 30, quay.TEAL)
     sheet.text(LEFT_MM, 148, "Slow beans, short walk.", faces.SERIF, 36, ink=inks.PAPER)
     sheet.text(LEFT_MM, 156, quay.NAME, faces.SERIF, 12, ink=quay.FOAM)
-    sheet.text(
-        RIGHT_MM,
-        156,
-        "Open from seven, shut when the tide turns",
-        faces.ITALIC,
-        12,
-        ink=quay.FOAM,
-        align="right",
-    )
+    hours = "Open from seven, shut when the tide turns"
+    sheet.text(RIGHT_MM, 156, hours, faces.ITALIC, 12, ink=quay.FOAM, align="right")
     for place, (title, text) in enumerate(words.BROCHURE):
         x, width = column(2 * place, 2)
         sheet.rect(x, 174, 12, 1.0, quay.APRICOT)

@@ -176,9 +176,8 @@ def _sensor_design(
     over_nodes = sensor.electrons(camera.irradiance_photons(nodes))
     extremes = np.array([over_nodes.min(), over_nodes.max()])
     sigma = np.sqrt(variance_dn2(sensor, electrons))
-    table_sigma = np.sqrt(
-        variance_dn2(sensor, extremes)
-    )  # noise rises with light, so light's ends are its ends
+    # Noise rises with light, so light's ends are its ends.
+    table_sigma = np.sqrt(variance_dn2(sensor, extremes))
     snr = signal_dn(sensor, electrons) / sigma
     white_dn, _ = sensor.dn_moments(electrons[0], sensor.variance_temporal_e2(electrons[0]))
     total_e = np.sqrt(sensor.variance_total_e2(extremes[1]))

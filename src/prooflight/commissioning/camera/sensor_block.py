@@ -200,13 +200,8 @@ def _black_and_dark_current(
         black = Measured(value=max(no_light.value, 0.0), standard_error=no_light.standard_error)
         return black, Measured(value=0.0, standard_error=0.0), "with the dark signal", "in black_level_dn"
     if not elsewhere:
-        signal = _over(
-            Measured(
-                value=no_light.value - like.black_level_dn,
-                standard_error=float(np.hypot(no_light.standard_error, chance_dn)),
-            ),
-            gain,
-        )
+        error_dn = float(np.hypot(no_light.standard_error, chance_dn))
+        signal = _over(Measured(value=no_light.value - like.black_level_dn, standard_error=error_dn), gain)
         current = Measured(
             value=max(signal.value, 0.0) / like.exposure_s,
             standard_error=signal.standard_error / like.exposure_s,

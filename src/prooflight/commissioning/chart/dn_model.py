@@ -81,20 +81,13 @@ class BandTrend:
         start = np.empty((sensors, bands, 5))
         start[..., 0] = v[0][:, None] - np.log(bands)
         for ink in range(INKS):
-            start[..., 1 + ink] = np.sqrt(
-                np.maximum(v[1 + ink], 0.02)[:, None] * spread[:: 1 - 2 * (ink % 2)]
-            )
+            way = spread[::-1] if ink % 2 else spread
+            start[..., 1 + ink] = np.sqrt(np.maximum(v[1 + ink], 0.02)[:, None] * way)
         depth = np.log(np.clip(v[1:].max(axis=1), 0.3, 6.0))
         values = np.concatenate([np.tile([0.13, 0.0], 4), depth, start.ravel()])
         low, high = (
-            np.concatenate(
-                [
-                    np.tile([_TVI[side], _SKEW[side]], 4),
-                    np.full(4, (-2, 2)[side]),
-                    np.full(start.size, (-12, 5)[side]),
-                ]
-            )
-            for side in (0, 1)
+            np.concatenate([np.tile([tvi, skew], 4), np.full(4, depth_end), np.full(start.size, end)])
+            for tvi, skew, depth_end, end in zip(_TVI, _SKEW, (-2, 2), (-12, 5), strict=True)
         )
         root = np.sqrt(np.maximum(light, _DARKEST))
 

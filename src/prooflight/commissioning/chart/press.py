@@ -10,6 +10,7 @@ import numpy as np
 from prooflight.commissioning.appearance import STEPS, appearance_srgb, srgb_bytes
 from prooflight.commissioning.characterise import CLEAR_SIGMA, recipe_grid, unbiased_nodes
 from prooflight.commissioning.chart.edge_spread import footprint_of
+from prooflight.commissioning.chart.scan import COLOUR
 from prooflight.detectors.cost import RunningCosts
 from prooflight.inks.built_in import built_in_inks
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from prooflight.inks.chart_layout import Layout
 
 SUPERSAMPLING: Final = 2
-COLOUR: Final = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from prooflight.inks.chart_layout import PlacedRecipes
 
 _TILT: Final = 0.01  # assumed: usual relative change of an ink from the middle to an edge of the sheet
-_LEVEL: Final = (
-    0.02  # assumed: usual relative change of an ink, and of its tone value at 50 %, from print to print
-)
+_LEVEL: Final = 0.02  # assumed: the same of an ink, and of its tone value at 50 %, from print to print
 _BLACK: Final = 0.02  # assumed: usual black level over paper's light
 _ROUNDS: Final = 3
 _OUTLIER: Final = 6.0  # robust standard deviations

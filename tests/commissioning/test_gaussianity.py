@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 
 from prooflight.camera.sensor import FixedPattern, read_out
-from prooflight.commissioning.camera.gaussianity import clipped_share, near_the_ends
-from prooflight.commissioning.characterise import variance_dn2
+from prooflight.commissioning.characterise import clipped_share, near_the_ends, variance_dn2
 from prooflight.kernels.prediction.look_up import NODES
 
 if TYPE_CHECKING:

@@ -24,7 +24,8 @@ def drawn(designs: int, seed: int, *, copies: int = 2) -> Pages:
     bad = np.arange(design.size) % copies == 1
     values = np.exp(page_features[:, :1] + 0.2 * rng.standard_normal((design.size, len(NAMES))))
     values[np.flatnonzero(bad), rng.integers(len(NAMES), size=bad.sum())] *= 6
-    return Pages(values=values.astype(np.float32), page_features=page_features, design=design, bad=bad)
+    kind = np.where(bad, "misprint", "")
+    return Pages(values=values.astype(np.float32), page_features=page_features, design=design, kind=kind)
 
 
 @pytest.fixture(scope="module")

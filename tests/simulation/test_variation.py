@@ -30,7 +30,8 @@ def test_the_amounts_are_the_files() -> None:
 
 
 def test_a_press_file_may_state_every_amount_and_no_other() -> None:
-    assert Amounts.stated().names() == VARIATION
+    stated = asdict(Amounts.stated())
+    assert {block: tuple(amounts) for block, amounts in stated.items()} == VARIATION
     ranges = {
         name for block in worlds()["press"].values() for name, v in block.items() if isinstance(v, list)
     }

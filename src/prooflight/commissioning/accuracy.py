@@ -58,16 +58,14 @@ def table_accuracy(
         electrons = sensor.electrons(irradiance)
         exact, sigma = signal_dn(sensor, electrons), np.sqrt(variance_dn2(sensor, electrons))
         mean, variance = looked_up(recipes, model)
-        error = (mean - exact) / sigma
+        error, of_sigma = (mean - exact) / sigma, np.sqrt(variance) / sigma - 1
         results.append(
             TableAccuracy(
                 sensor=model.name,
                 mean_rms_sigma=round(float(np.sqrt(np.mean(error**2))), 4),
                 mean_max_sigma=round(float(np.abs(error).max()), 4),
                 white_sigma=round(float(abs(error[0])), 4),
-                sigma_rms_percent=round(
-                    float(np.sqrt(np.mean((np.sqrt(variance) / sigma - 1) ** 2))) * 100, 4
-                ),
+                sigma_rms_percent=round(float(np.sqrt(np.mean(of_sigma**2))) * 100, 4),
             )
         )
     return results

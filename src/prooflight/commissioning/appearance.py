@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight import spectra
+from prooflight.commissioning.characterise import recipe_grid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,9 +24,13 @@ XYZ_TO_LINEAR_SRGB = np.array(  # IEC 61966-2-1
 def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
     """SRGB (IEC 61966-2-1) of recipes at 9 even steps of each ink, (9, 9, 9, 9, 3); bare paper is shown white."""
     axis = np.linspace(0, 1, STEPS)
-    recipes = np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
-    tristimulus = spectra.xyz(inks.reflectance(recipes), "D65")
+    tristimulus = spectra.xyz(inks.reflectance(recipe_grid(axis, axis, axis, axis)), "D65")
     relative = tristimulus / tristimulus[0, 0, 0, 0] * spectra.white_xyz("D65")
-    linear = np.clip(relative @ XYZ_TO_LINEAR_SRGB.T, 0, 1)
+    return srgb_bytes(relative @ XYZ_TO_LINEAR_SRGB.T)
+
+
+def srgb_bytes(light: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """SRGB (IEC 61966-2-1) of light over white's, bounded to 0..1."""
+    linear = np.clip(light, 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round(encoded * 255).astype(np.uint8)

@@ -11,8 +11,13 @@ from prooflight.camera.camera import with_pixels
 from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
 from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.commissioning.appearance import appearance_srgb
-from prooflight.commissioning.camera.gaussianity import clipped_share
-from prooflight.commissioning.characterise import calibrate_columns, signal_dn, tables, variance_dn2
+from prooflight.commissioning.characterise import (
+    calibrate_columns,
+    clipped_share,
+    signal_dn,
+    tables,
+    variance_dn2,
+)
 from prooflight.commissioning.inks import packed
 from prooflight.errors import PressFileError
 from prooflight.inks.ink_model import InkModel

@@ -11,11 +11,12 @@ from prooflight.camera.camera import expose_flat
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.prediction.tables import node_fractions
+from prooflight.press.artefact import ClippedShare
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import FixedPattern, LineSensor
@@ -32,12 +33,17 @@ def variance_dn2(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[
     return sensor.variance_temporal_e2(electrons) * sensor.dn_per_e**2 + ROUNDING_DN2
 
 
+def recipe_grid(*axes: ArrayLike) -> NDArray[np.float64]:
+    """Every combination of ink fractions, an axis (n,) for each of the four inks: (n, n, n, n, 4)."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
 def tables(camera: Camera, inks: ReflectanceModel) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
     """Mean and variance tables of every sensor in closed form, each (33, 33, 33, 33) [DN, DN^2], on the lens's axis."""
     axis = node_fractions()
     electrons = np.empty((len(camera.sensors), *(NODES,) * 4))
     for index, cyan in enumerate(axis):  # a slab at a time: the spectra of all nodes are 340 MB
-        slab = np.stack(np.meshgrid([cyan], axis, axis, axis, indexing="ij"), axis=-1)[0]
+        slab = recipe_grid([cyan], axis, axis, axis)[0]
         irradiance = camera.irradiance_photons(inks.reflectance(slab))
         for number, sensor in enumerate(camera.sensors):
             electrons[number, index] = sensor.electrons(irradiance)
@@ -65,6 +71,31 @@ def unbiased_nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
         result[1:-1] -= second / 12
         result[-1] -= second[-1] / 12
     return moved.astype(np.float32)
+
+
+CLEAR_SIGMA = 4.0
+"""A Gaussian has 3e-5 of its weight beyond four sigma: clipping it there changes its variance by 0.03 %."""
+
+
+def near_the_ends(
+    sensor: LineSensor, electrons: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether the noise of photo-electrons (...) is cut off at 0 DN, and at the top code; two (...) arrays.
+
+    Closed form: the digital number's mean with dark signal and black level lies within ``CLEAR_SIGMA`` temporal
+    sigma of that end, in a column of gain 1 without DSNU. Everywhere else temporal noise is Gaussian (paper, section
+    3.3).
+    """
+    mean = signal_dn(sensor, electrons + sensor.dark_e) + sensor.black_level_dn
+    reach = CLEAR_SIGMA * np.sqrt(variance_dn2(sensor, electrons) - ROUNDING_DN2)
+    return mean < reach, mean > sensor.top_code_dn - reach
+
+
+def clipped_share(sensor: LineSensor, mean_dn: NDArray[np.float32]) -> ClippedShare:
+    """Shares of the nodes of a mean table (33, 33, 33, 33) [DN above dark] whose noise is cut off."""
+    electrons = mean_dn.astype(np.float64) / sensor.dn_per_e
+    black, saturation = near_the_ends(sensor, electrons)
+    return ClippedShare(black=float(black.mean()), saturation=float(saturation.mean()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

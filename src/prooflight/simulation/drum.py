@@ -155,19 +155,20 @@ class Drum:
 
     def _pieces(self, turn: Turn) -> Iterator[tuple[int, NDArray[np.uint16]]]:
         """The lines of a turn, each piece with how far the camera's count jumps before it."""
-        fault, kind = turn.fault, None if turn.fault is None else turn.fault.kind
-        scan = self._shown(turn)
         if self._gap_lines:
             yield 0, self._empty(self._gap_lines)
-        if scan is None:
-            assert fault is not None
-            if fault.amount:
-                yield 0, self._empty(self._scans[0].shape[1])
-            return
-        cut = 0 if fault is None else round(fault.at * scan.shape[1])
-        if fault is None or kind in ("blank", "unknown"):
-            yield 0, scan
-        elif kind == "slip":
+        if turn.page is not None:
+            scan = self._scans[turn.page % len(self._scans)]
+            yield from ((0, scan),) if turn.fault is None else self._faulty(scan, turn.fault)
+        elif turn.fault is not None and turn.fault.kind != "missing":
+            yield 0, self._stranger(turn.fault.kind)
+        elif turn.fault is not None and turn.fault.amount:
+            yield 0, self._empty(self._scans[0].shape[1])
+
+    def _faulty(self, scan: NDArray[np.uint16], fault: DrumFault) -> Iterator[tuple[int, NDArray[np.uint16]]]:
+        """The pieces of a scan with a fault of its lines."""
+        cut, kind = round(fault.at * scan.shape[1]), fault.kind
+        if kind == "slip":
             yield 0, self._empty(round(fault.amount / self._press.geometry.line_pitch_mm))
             yield 0, scan
         elif kind == "stretch":
@@ -187,16 +188,10 @@ class Drum:
             yield -extra if fault.counted else 0, again
             yield 0, scan[:, cut:]
 
-    def _shown(self, turn: Turn) -> NDArray[np.uint16] | None:
-        """The scan that a turn plays; None: no sheet passes."""
-        if turn.page is not None:
-            return self._scans[turn.page % len(self._scans)]
-        assert turn.fault is not None
-        if turn.fault.kind == "missing":
-            return None
-        scan = self._other.get(turn.fault.kind)
+    def _stranger(self, kind: str) -> NDArray[np.uint16]:
+        scan = self._other.get(kind)
         if scan is None:
-            what = f"a fault {turn.fault.kind} without a scan of such a sheet"
+            what = f"a fault {kind} without a scan of such a sheet"
             raise RequestError("drum", what, remedy="give `blank` and `foreign`")
         return scan
 

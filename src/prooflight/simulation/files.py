@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
-from functools import lru_cache
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from prooflight.files.atomic import whole_file
@@ -12,8 +11,8 @@ from prooflight.pages.job import opened
 from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
 from prooflight.simulation.scans import scan_page
-from prooflight.simulation.session import Session
-from prooflight.simulation.worlds import amounts_of, worlds_digest
+from prooflight.simulation.session import session_of
+from prooflight.simulation.worlds import worlds_digest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,8 +38,7 @@ class ScanToFile:
 
     def __call__(self, number: int) -> dict[str, Any]:
         """Page ``number`` of the job to ``out``; returns the truth about it."""
-        job = opened(self.job)
-        press, session = _today(_Day(digest=self.press.digest, seed=self.seed, press=self.press))
+        job, press = opened(self.job), self.press
         page = press.geometry.lay(job.page(number))
         scan = scan_page(
             page,
@@ -49,7 +47,7 @@ class ScanToFile:
             others=tuple(n for n in range(1, self.job_pages + 1) if n != number),
             fetch=lambda other: press.geometry.lay(job.page(other)),
             rng=stream(self.seed, "print", number),
-            session=session if self.world == "press" else None,
+            session=session_of(press, self.seed) if self.world == "press" else None,
         )
         path = self.out / f"{page.name}.tif"
         truth = {
@@ -63,31 +61,17 @@ class ScanToFile:
         return truth
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Day:
-    digest: str
-    seed: int
-    press: Press = field(compare=False)
-
-
-@lru_cache(maxsize=1)
-def _today(day: _Day) -> tuple[Press, Session]:
-    """The press and its session, the same two objects for every page of a run in one process: true tables are kept."""
-    return day.press, Session.draw(amounts_of(day.press), day.press, stream(day.seed, "session"))
-
-
 def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, seed: int, press: Press) -> None:
     """``truth.json``: what was done to every page, in which world, from which seed; atomic.
 
     In the press world also what the press was like, ``session``, and what each print did, in mm, degrees and per cent.
     """
-    session = Session.draw(amounts_of(press), press, stream(seed, "session")) if world == "press" else None
     document = {
         "world": world,
         "worlds_sha256": worlds_digest(),
         "seed": seed,
         "press_digest": press.digest,
-        "session": None if session is None else session.plain(press),
+        "session": session_of(press, seed).plain(press) if world == "press" else None,
         "scans": list(truths),
     }
     with whole_file(path) as unfinished:

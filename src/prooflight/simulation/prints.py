@@ -10,7 +10,7 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.scans.placement import Placement, Warp
 from prooflight.simulation.fields import smooth_field, smooth_line
-from prooflight.simulation.session import lamp_profile
+from prooflight.simulation.session import bounds_percent, lamp_profile, rounded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -95,18 +95,16 @@ class Print:
         place = self.placement
         warp = np.zeros((1, 1, 2)) if place.warp is None else place.warp.nodes_mm
         return {
-            "shift_mm": _rounded(place.shift_mm, 4),
+            "shift_mm": rounded(place.shift_mm, 4),
             "skew_deg": round(place.skew_deg, 5),
-            "stretch_percent": _rounded(place.stretch_percent, 5),
-            "warp_rms_mm": _rounded(np.sqrt(np.mean(warp.astype(np.float64) ** 2, axis=(0, 1))), 4),
-            "register_mm": [_rounded(plane, 4) for plane in self.register_mm],
-            "ink_gain_percent": _rounded(100 * self.ink_gain, 3),
-            "ink_tilt_percent": [_rounded(100 * tilt, 3) for tilt in self.ink_tilt],
-            "dot_gain_percent": _rounded(100 * self.dot_gain, 3),
-            "white_percent": _rounded(100 * (self.white - 1), 3),
-            "lamp_percent": [
-                round(100 * float(bound - 1), 3) for bound in (self.lamp.min(), self.lamp.max())
-            ],
+            "stretch_percent": rounded(place.stretch_percent, 5),
+            "warp_rms_mm": rounded(np.sqrt(np.mean(warp.astype(np.float64) ** 2, axis=(0, 1))), 4),
+            "register_mm": [rounded(plane, 4) for plane in self.register_mm],
+            "ink_gain_percent": rounded(100 * self.ink_gain, 3),
+            "ink_tilt_percent": [rounded(100 * tilt, 3) for tilt in self.ink_tilt],
+            "dot_gain_percent": rounded(100 * self.dot_gain, 3),
+            "white_percent": rounded(100 * (self.white - 1), 3),
+            "lamp_percent": bounds_percent(self.lamp),
             "specks": [
                 {
                     "x_mm": round(speck.x_mm, 2),
@@ -217,7 +215,3 @@ def _specks(paper: PaperAmounts, page: Page, rng: np.random.Generator) -> tuple[
         )
         for _ in range(count)
     )
-
-
-def _rounded(values: Any, digits: int) -> list[float]:
-    return [round(float(value), digits) for value in values]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,8 +12,7 @@ from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
 from prooflight.simulation.scans import scan_page
-from prooflight.simulation.session import Session
-from prooflight.simulation.worlds import amounts_of
+from prooflight.simulation.session import session_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,7 +48,7 @@ class RingPrint:
 
     def __call__(self, index: int) -> SimulatedScan:
         """Print ``index``, of page index modulo the job's."""
-        session = _session(self.press, self.seed) if self.world == "press" else None
+        session = session_of(self.press, self.seed) if self.world == "press" else None
         wanted = self.request if index % self.every == self.every - 1 else None
         number = index % self.pages + 1
         others = tuple(other for other in range(1, self.pages + 1) if other != number)
@@ -86,12 +84,6 @@ class RingPrint:
             for page in (blank, foreign)
         ]
         return scans[0], scans[1]
-
-
-@lru_cache(maxsize=1)
-def _session(press: Press, seed: int) -> Session:
-    """The same object for every print in one process: its true tables are kept."""
-    return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 def rendered(prints: RingPrint, count: int) -> Iterator[SimulatedScan]:

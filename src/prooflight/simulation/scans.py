@@ -18,8 +18,8 @@ from prooflight.scans.scan import Scan
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS, draw_misprint
 from prooflight.simulation.prints import Print, together
-from prooflight.simulation.session import Session
-from prooflight.simulation.worlds import Gate, amounts_of, gate, known_world
+from prooflight.simulation.session import session_of
+from prooflight.simulation.worlds import Gate, gate, known_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.scans.placement import Placement
     from prooflight.simulation.misprints.kinds import Misprint
+    from prooflight.simulation.session import Session
 
 TRIES = 9
 """A misprint that changes nothing visible on its page is drawn again at most 8 times (worlds.toml)."""
@@ -158,7 +159,7 @@ def simulate(
         others=tuple(laid),
         fetch=laid.__getitem__,
         rng=stream(seed, "print", page.number),
-        session=Session.draw(amounts_of(press), press, stream(seed, "session")) if world == "press" else None,
+        session=session_of(press, seed) if world == "press" else None,
     )
     return Scan(dn=made.dn, name=page.name)
 

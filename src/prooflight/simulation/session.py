@@ -11,7 +11,9 @@ import numpy as np
 from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
+from prooflight.rng import stream
 from prooflight.simulation.fields import ColourWaves, smooth_line
+from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,10 +83,8 @@ class Session:
         """What a person reads of it, in per cent; inks in the order C, M, Y, K."""
         return {
             "amounts": asdict(self.amounts),
-            "ink_gain_percent": [round(100 * float(gain), 3) for gain in self.ink_gain],
-            "lamp_percent": [
-                round(100 * float(bound - 1), 3) for bound in (self.lamp.min(), self.lamp.max())
-            ],
+            "ink_gain_percent": rounded(100 * self.ink_gain, 3),
+            "lamp_percent": bounds_percent(self.lamp),
             "sensors": [
                 {
                     "name": model.name,
@@ -94,6 +94,22 @@ class Session:
                 for model, day in zip(press.sensors, self.sensors, strict=True)
             ],
         }
+
+
+@lru_cache(maxsize=1)
+def session_of(press: Press, seed: int) -> Session:
+    """The day of a seed; the same object for every print in one process, so that its true tables are kept."""
+    return Session.draw(amounts_of(press), press, stream(seed, "session"))
+
+
+def rounded(values: NDArray[np.float64] | tuple[float, ...], digits: int) -> list[float]:
+    """As plain numbers, for a person."""
+    return [round(float(value), digits) for value in values]
+
+
+def bounds_percent(lamp: NDArray[np.float64]) -> list[float]:
+    """Least and greatest of what is 1 on average, as a difference. [%]"""
+    return rounded((100 * (lamp.min() - 1), 100 * (lamp.max() - 1)), 3)
 
 
 def lamp_profile(pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:

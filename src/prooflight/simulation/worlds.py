@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_type_hints
 
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
@@ -132,51 +132,32 @@ class Amounts:
         """
         given = variation or {}
         times = float(given.get("all_times", 1.0))
-        kinds = {
-            "page": PageAmounts,
-            "register": RegisterAmounts,
-            "ink": InkAmounts,
-            "paper": PaperAmounts,
-            "lamp": LampAmounts,
-            "camera": CameraAmounts,
-        }
         blocks: dict[str, Any] = {}
-        for block, kind in kinds.items():
+        for block, kind in get_type_hints(cls).items():
             of_file = {name: _times(name, value, times) for name, value in worlds()["press"][block].items()}
-            of_press = {name: _plain(value) for name, value in given.get(block, {}).items()}
+            of_press = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in given.get(block, {}).items()
+            }
             blocks[block] = kind(**(of_file | of_press))
         return cls(**blocks)
 
     @property
     def exact(self) -> bool:
         """Whether good prints differ in nothing but the camera's noise."""
-        amounts = [
-            (name, getattr(getattr(self, block), name))
-            for block, names in self.names().items()
-            for name in names
-        ]
+        amounts = [amount for block in asdict(self).values() for amount in block.items()]
         return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
-
-    def names(self) -> dict[str, tuple[str, ...]]:
-        """Blocks and the amounts in each."""
-        return {
-            block.name: tuple(f.name for f in fields(getattr(self, block.name))) for block in fields(self)
-        }
 
 
 def amounts_of(press: Press) -> Amounts:
     """What good prints of ``press`` do: its press file's ``[variation]`` over ``worlds.toml``."""
-    return Amounts.stated(getattr(press, "variation", None))
+    return Amounts.stated(press.variation)
 
 
 def _times(name: str, value: Any, times: float) -> Any:
     if isinstance(value, list):
         return tuple(value) if name in RANGES else tuple(bound**times for bound in value)
     return value * times
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,10 +173,15 @@ def gate() -> Gate:
     return Gate(**worlds()["gate"])
 
 
+def entry(kind: str) -> dict[str, Any]:
+    """What it says of a kind of misprint."""
+    (found,) = (one for one in worlds()["misprint"] if one["kind"] == kind)
+    return dict(found)
+
+
 def amount(kind: str, field: str, severity: float) -> float:
     """Amount of a misprint kind at severity 0..1: from at_0 to at_1, geometrically unless the file says linear."""
-    (entry,) = (entry for entry in worlds()["misprint"] if entry["kind"] == kind)
-    spec = entry[field]
+    spec = entry(kind)[field]
     low, high = spec["at_0"], spec["at_1"]
     if spec.get("scale") == "linear":
         return float(low + (high - low) * severity)

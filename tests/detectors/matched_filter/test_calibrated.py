@@ -31,7 +31,7 @@ def model() -> DetectorModel:
         values=rng.exponential(size=(60, 2)).astype(np.float32),
         page_features=rng.standard_normal((60, 3)),
         design=np.arange(60),
-        bad=np.zeros(60, bool),
+        kind=np.zeros(60, "U1"),
     )
     return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, ranked=False)
 

@@ -37,7 +37,7 @@ def learned(count: int) -> DetectorModel:
     for place, one in enumerate(KINDS[:3]):
         values[kind == one, place] *= 8
     page_features = rng.standard_normal((400, count))
-    pages = Pages(values=values, page_features=page_features, design=np.arange(400) // 2, bad=bad, kind=kind)
+    pages = Pages(values=values, page_features=page_features, design=np.arange(400) // 2, kind=kind)
     return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
 
 
@@ -177,7 +177,7 @@ def by_hand() -> DetectorModel:
         values=rng.exponential(size=(60, 3)).astype(np.float32),
         page_features=rng.standard_normal((60, 2)),
         design=np.arange(60),
-        bad=np.zeros(60, bool),
+        kind=np.zeros(60, "U1"),
     )
     names = ["box/add-C+/4", "box/add-C+/8", "fit/white"]
     learned_ = learn_model(pages, names=names, scatter=Scatter.white(), rng=rng, ranked=False)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from prooflight.camera.sharpness import nyquist_per_mm, sharpness
-from prooflight.commissioning.characterise import signal_dn, variance_dn2
+from prooflight.commissioning.characterise import recipe_grid, signal_dn, variance_dn2
 from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
@@ -166,7 +166,7 @@ def _designs(
 def _nodes() -> NDArray[np.float64]:
     """Recipes (9, 9, 9, 9, 4), every fourth of the tables' nodes along each ink."""
     axis = node_fractions()[::TABLE_STRIDE]
-    return np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1)
+    return recipe_grid(axis, axis, axis, axis)
 
 
 def _sensor_design(
@@ -176,9 +176,8 @@ def _sensor_design(
     over_nodes = sensor.electrons(camera.irradiance_photons(nodes))
     extremes = np.array([over_nodes.min(), over_nodes.max()])
     sigma = np.sqrt(variance_dn2(sensor, electrons))
-    table_sigma = np.sqrt(
-        variance_dn2(sensor, extremes)
-    )  # noise rises with light, so light's ends are its ends
+    # Noise rises with light, so light's ends are its ends.
+    table_sigma = np.sqrt(variance_dn2(sensor, extremes))
     snr = signal_dn(sensor, electrons) / sigma
     white_dn, _ = sensor.dn_moments(electrons[0], sensor.variance_temporal_e2(electrons[0]))
     total_e = np.sqrt(sensor.variance_total_e2(extremes[1]))

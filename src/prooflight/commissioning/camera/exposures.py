@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -160,13 +161,13 @@ def read_exposures(
     named = [*requests.dark, *requests.flat, *requests.either]
     count = _images_in(named[0].path) if sensors is None else sensors
     read = [_exposures_of(request, sensors=count) for request in shown(named)]
-    _same_width([exposure for several in read for exposure in several])
-    end = len(requests.dark) + len(requests.flat)
-    dark, flat = told_apart([exposure for several in read[end:] for exposure in several])
-    return (
-        [exposure for several in read[: len(requests.dark)] for exposure in several] + dark,
-        [exposure for several in read[len(requests.dark) : end] for exposure in several] + flat,
+    _same_width(chain.from_iterable(read))
+    first, end = len(requests.dark), len(requests.dark) + len(requests.flat)
+    dark, flat, either = (
+        list(chain.from_iterable(part)) for part in (read[:first], read[first:end], read[end:])
     )
+    more_dark, more_flat = told_apart(either)
+    return dark + more_dark, flat + more_flat
 
 
 def _images_in(path: Path) -> int:
@@ -191,9 +192,8 @@ def _exposures_of(request: ExposureRequest, *, sensors: int) -> list[tuple[Expos
 
 def _same_width(exposures: Iterable[Sequence[Exposure]]) -> None:
     """ScanError if two exposures have lines of different lengths."""
-    first: Exposure | None = None
-    for exposure in (sensors[0] for sensors in exposures):
-        first = first or exposure
+    first, *others = (sensors[0] for sensors in exposures)
+    for exposure in others:
         wide, wanted = exposure.column_mean_dn.size, first.column_mean_dn.size
         if wide != wanted:
             what = f"is {wide} pixels wide where {first.name} is {wanted}"
@@ -216,9 +216,7 @@ def told_apart(
     limits = [sensor.mean_dn + DARK_SIGMAS * sensor.variance_dn2**0.5 for sensor in lowest]
 
     def is_dark(exposure: tuple[Exposure, ...]) -> bool:
-        levels = zip(exposure, limits, strict=True)
-        return exposure[0].line_rate_hz is not None or all(
-            sensor.mean_dn <= limit for sensor, limit in levels
-        )
+        dim = all(sensor.mean_dn <= limit for sensor, limit in zip(exposure, limits, strict=True))
+        return dim or exposure[0].line_rate_hz is not None
 
     return [e for e in exposures if is_dark(e)], [e for e in exposures if not is_dark(e)]

@@ -30,6 +30,10 @@ class Measured:
     value: float
     standard_error: float
 
+    def times(self, factor: float) -> Measured:
+        """In another unit, or of something proportional."""
+        return Measured(value=self.value * factor, standard_error=self.standard_error * factor)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ColumnLines:
@@ -119,8 +123,7 @@ def prnu_percent(columns: ColumnLines) -> Measured:
     left = columns.slope[half:-half] / smooth - 1
     kept = 1 - 2 * smoothing[half] + float(smoothing @ smoothing)
     noise = columns.slope_error2 * float(np.mean(1 / smooth**2))
-    found = spread(left / np.sqrt(kept), error2=noise, freedom=kept * left.size)
-    return Measured(value=100 * found.value, standard_error=100 * found.standard_error)
+    return spread(left / np.sqrt(kept), error2=noise, freedom=kept * left.size).times(100)
 
 
 def spread(values: NDArray[np.float64], *, error2: float, freedom: float) -> Measured:

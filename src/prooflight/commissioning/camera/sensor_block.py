@@ -60,19 +60,12 @@ class Given:
     voltage_swing_v: float | None = None
     bits: int | None = None
 
-    @property
-    def swing_v(self) -> float | None:
-        """As given, else like the other sensor's. [V]"""
-        if self.voltage_swing_v is not None or self.like is None:
-            return self.voltage_swing_v
-        return self.like.voltage_swing_v
-
-    @property
-    def converter_bits(self) -> int | None:
-        """As given, else like the other sensor's."""
-        if self.bits is not None or self.like is None:
-            return self.bits
-        return self.like.bits
+    def known(self) -> Given:
+        """The same; the other sensor's swing and bits where none are given."""
+        if self.like is None:
+            return self
+        swing_v = self.like.voltage_swing_v if self.voltage_swing_v is None else self.voltage_swing_v
+        return replace(self, voltage_swing_v=swing_v, bits=self.like.bits if self.bits is None else self.bits)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,7 +130,8 @@ def characterise_sensor(
     if the exposures do not suffice.
     """
     here, elsewhere = _by_line_rate(dark, given)
-    bits = given.converter_bits
+    known = given.known()
+    bits = known.bits
     transfer = photon_transfer(here, flat, top_code_dn=None if bits is None else 2**bits - 1)
     black, current, how_black, how_current = _black_and_dark_current(transfer, here, elsewhere, given)
     read = transfer.read_noise_e(black.value)
@@ -154,9 +148,8 @@ def characterise_sensor(
         ),
         "black_level_dn": (black, how_black),
     }
-    if bits is not None and given.swing_v is not None:
-        uv_per_dn = given.swing_v / 2**bits * 1e6
-        volts = Measured(value=gain.value * uv_per_dn, standard_error=gain.standard_error * uv_per_dn)
+    if bits is not None and known.voltage_swing_v is not None:
+        volts = gain.times(known.voltage_swing_v / 2**bits * 1e6)
         measured["conversion_gain_uv_per_e"] = (volts, f"{gain.value:.5g} DN/e- at this swing and these bits")
     fields, sources = _known(given, number, pixels=transfer.offset_dn.size)
     errors = {}
@@ -207,13 +200,8 @@ def _black_and_dark_current(
         black = Measured(value=max(no_light.value, 0.0), standard_error=no_light.standard_error)
         return black, Measured(value=0.0, standard_error=0.0), "with the dark signal", "in black_level_dn"
     if not elsewhere:
-        signal = _over(
-            Measured(
-                value=no_light.value - like.black_level_dn,
-                standard_error=float(np.hypot(no_light.standard_error, chance_dn)),
-            ),
-            gain,
-        )
+        error_dn = float(np.hypot(no_light.standard_error, chance_dn))
+        signal = _over(Measured(value=no_light.value - like.black_level_dn, standard_error=error_dn), gain)
         current = Measured(
             value=max(signal.value, 0.0) / like.exposure_s,
             standard_error=signal.standard_error / like.exposure_s,
@@ -248,15 +236,12 @@ def _known(given: Given, number: int, *, pixels: int) -> tuple[dict[str, Any], d
     if like is not None:
         curve = [round(float(share), _DIGITS) for share in like.quantum_efficiency]
         fields["quantum_efficiency"] = {"wave_nm": [int(wave) for wave in WAVE_NM], "qe": curve}
-    known = {
-        "voltage_swing_v": (given.swing_v, given.voltage_swing_v, "--voltage-swing-v"),
-        "bits": (given.converter_bits, given.bits, "--bits"),
-    }
-    for name, (value, own, option) in known.items():
+    for name, option in (("voltage_swing_v", "--voltage-swing-v"), ("bits", "--bits")):
+        value = getattr(given.known(), name)
         sources[name] = f"exposures cannot tell it: fill it in, or give {option}"
         if value is not None:
             fields[name] = value
-            sources[name] = "as given" if own is not None else f"as in {given.like_name}"
+            sources[name] = f"as in {given.like_name}" if getattr(given, name) is None else "as given"
     sources["conversion_gain_uv_per_e"] = "needs the voltage swing and the bits"
     return fields, sources
 

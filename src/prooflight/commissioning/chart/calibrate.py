@@ -195,12 +195,6 @@ def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, 
     fit = learned.fit
     white, black = learned.white_dn, learned.black_dn
     measured, fitted = (light * white - black for light in (fit.light, fit.fitted))
-    sigma = np.sqrt(
-        np.stack(
-            [noise.variance_dn2(fit.fitted[:, at] * white[at]) for at, noise in enumerate(learned.noise)],
-            axis=1,
-        )
-    )
     return tuple(
         PatchResidual(
             scan=learned.scans[scan].name,
@@ -219,7 +213,7 @@ def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, 
             np.round(100 * placed.cmyk[fit.recipe], 2).tolist(),
             np.round(measured, 3).tolist(),
             np.round(fitted, 3).tolist(),
-            np.round((measured - fitted) / sigma, 4).tolist(),
+            np.round((measured - fitted) / learned.sigma_dn(fit.fitted), 4).tolist(),
             fit.used.tolist(),
             strict=True,
         )
@@ -229,12 +223,6 @@ def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, 
 def _left_out_sigma(learned: Learned) -> tuple[float, ...]:
     """See ``Calibration.left_out_sigma``."""
     model = learned.fit.model
-    white = learned.white_dn
     light = model.light(model.cmyk)
-    error = 2 * np.sqrt(light) * model.left_out * white
-    of_pixel = np.sqrt(
-        np.stack(
-            [noise.variance_dn2(light[:, at] * white[at]) for at, noise in enumerate(learned.noise)], axis=1
-        )
-    )
-    return tuple(np.sqrt(((error / of_pixel) ** 2).mean(axis=0)).tolist())
+    error = 2 * np.sqrt(light) * model.left_out * learned.white_dn
+    return tuple(np.sqrt(((error / learned.sigma_dn(light)) ** 2).mean(axis=0)).tolist())

@@ -81,20 +81,13 @@ class BandTrend:
         start = np.empty((sensors, bands, 5))
         start[..., 0] = v[0][:, None] - np.log(bands)
         for ink in range(INKS):
-            start[..., 1 + ink] = np.sqrt(
-                np.maximum(v[1 + ink], 0.02)[:, None] * spread[:: 1 - 2 * (ink % 2)]
-            )
+            way = spread[::-1] if ink % 2 else spread
+            start[..., 1 + ink] = np.sqrt(np.maximum(v[1 + ink], 0.02)[:, None] * way)
         depth = np.log(np.clip(v[1:].max(axis=1), 0.3, 6.0))
         values = np.concatenate([np.tile([0.13, 0.0], 4), depth, start.ravel()])
         low, high = (
-            np.concatenate(
-                [
-                    np.tile([_TVI[side], _SKEW[side]], 4),
-                    np.full(4, (-2, 2)[side]),
-                    np.full(start.size, (-12, 5)[side]),
-                ]
-            )
-            for side in (0, 1)
+            np.concatenate([np.tile([tvi, skew], 4), np.full(4, depth_end), np.full(start.size, end)])
+            for tvi, skew, depth_end, end in zip(_TVI, _SKEW, (-2, 2), (-12, 5), strict=True)
         )
         root = np.sqrt(np.maximum(light, _DARKEST))
 
@@ -174,40 +167,33 @@ class SignalModel:
 
         Trend, kernel and smoothing are those with the least squared error at left-out patches (Rippa's rule).
         """
-        root = np.sqrt(np.maximum(light, _DARKEST))
-        best: Self | None = None
-        least = np.inf
-        for trend in _trends(cmyk, light):
-            rest = root - np.sqrt(np.maximum(trend.light(cmyk), _DARKEST))
-            for width, theta in _KERNELS:
-                coefficients, left_out = _smoothed(_kernel(cmyk, cmyk, width, theta), noise, rest)
-                score = float((left_out**2 / noise[:, None]).sum())
-                if score < least:
-                    least = score
-                    best = cls(
-                        trend=trend,
-                        cmyk=cmyk,
-                        coefficients=coefficients,
-                        width=width,
-                        theta=theta,
-                        left_out=left_out,
-                    )
-        assert best is not None
-        return best
+        candidates = (
+            cls._about(trend, cmyk, light, noise, width=width, theta=theta)
+            for trend in _trends(cmyk, light)
+            for width, theta in _KERNELS
+        )
+        return min(candidates, key=lambda model: float((model.left_out**2 / noise[:, None]).sum()))
 
     def refit(self, light: NDArray[np.float64], noise: NDArray[np.float64]) -> Self:
         """The same trend and kernel on slightly different light of the same recipes."""
-        rest = np.sqrt(np.maximum(light, _DARKEST)) - np.sqrt(
-            np.maximum(self.trend.light(self.cmyk), _DARKEST)
-        )
-        coefficients, left_out = _smoothed(_kernel(self.cmyk, self.cmyk, self.width, self.theta), noise, rest)
-        return type(self)(
-            trend=self.trend,
-            cmyk=self.cmyk,
-            coefficients=coefficients,
-            width=self.width,
-            theta=self.theta,
-            left_out=left_out,
+        return self._about(self.trend, self.cmyk, light, noise, width=self.width, theta=self.theta)
+
+    @classmethod
+    def _about(
+        cls,
+        trend: Trend,
+        cmyk: NDArray[np.float64],
+        light: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        *,
+        width: float,
+        theta: float,
+    ) -> Self:
+        """A process of one kernel about one trend."""
+        rest = np.sqrt(np.maximum(light, _DARKEST)) - np.sqrt(np.maximum(trend.light(cmyk), _DARKEST))
+        coefficients, left_out = _smoothed(_kernel(cmyk, cmyk, width, theta), noise, rest)
+        return cls(
+            trend=trend, cmyk=cmyk, coefficients=coefficients, width=width, theta=theta, left_out=left_out
         )
 
     def root(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -40,7 +40,7 @@ def mark_samples(
     light: NDArray[np.float32], chart: FoundChart, layout: Layout
 ) -> tuple[tuple[EdgeSample, ...], tuple[EdgeSample, ...]]:
     """The marks' edges in one sensor's image (lines, pixels), light over paper's: across columns, across lines."""
-    return tuple(_edges_along(light, chart, layout, 0)), tuple(_edges_along(light, chart, layout, 1))
+    return _edges_along(light, chart, layout, 0), _edges_along(light, chart, layout, 1)
 
 
 def footprint_of(
@@ -65,7 +65,7 @@ def _whole(cumulative: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _edges_along(
     light: NDArray[np.float32], chart: FoundChart, layout: Layout, axis: int
-) -> list[EdgeSample]:
+) -> tuple[EdgeSample, ...]:
     """Edges that run across one axis of the scan (0: columns follow one another): offsets of pixel centres from where
     the edge should be [pixels], and light there. Each sample is one pixel as it was read.
     """
@@ -79,24 +79,21 @@ def _edges_along(
         ends[:, normal], ends[:, 1 - normal] = place, (low, high)
         start, stop = ends @ chart.to_pixel[:, :2].T + chart.to_pixel[:, 2]
         other = 1 - axis
-        rows = np.arange(
-            np.ceil(min(start[other], stop[other])), np.floor(max(start[other], stop[other])) + 1
-        )
+        first, last = sorted((start[other], stop[other]))
+        rows = np.arange(np.ceil(first), np.floor(last) + 1)
         if not rows.size:
             continue
-        crossing = start[axis] + (rows - start[other]) * (stop[axis] - start[axis]) / (
-            stop[other] - start[other]
-        )
+        across, down = stop[axis] - start[axis], stop[other] - start[other]
+        crossing = start[axis] + (rows - start[other]) * across / down
         reach = int(min(_SEEN_PIXELS, _SEEN_MM / chart.pitch_mm[axis]))
         at = np.round(crossing).astype(np.intp)[:, None] + np.arange(-reach, reach + 1)
         row = np.broadcast_to(rows.astype(np.intp)[:, None], at.shape)
         column_index, line_index = (at, row) if axis == 0 else (row, at)
         inside = (column_index >= 0) & (column_index < pixels) & (line_index >= 0) & (line_index < lines)
         if inside.all():
-            edges.append(
-                ((at - crossing[:, None]).ravel(), light[line_index, column_index].ravel().astype(np.float64))
-            )
-    return edges
+            seen = light[line_index, column_index].ravel().astype(np.float64)
+            edges.append(((at - crossing[:, None]).ravel(), seen))
+    return tuple(edges)
 
 
 def _fitted(edges: Sequence[EdgeSample]) -> NDArray[np.float64]:

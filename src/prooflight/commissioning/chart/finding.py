@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from prooflight.commissioning.chart.scan import ChartScan
     from prooflight.inks.chart_layout import Box, Layout
 
-_LOOKED_AT: Final = (
-    1800  # pixels of the longer side in which marks are looked for; a mark then has 30 or more
-)
+_LOOKED_AT: Final = 1800  # pixels of the longer side in which marks are looked for; a mark has 30 or more
 _BLACK: Final = 0.45  # of the paper's light, in the brightest sensor
 _MISPLACED: Final = 0.02  # of the chart's diagonal, what a paper's stretch and unequal pitches leave at most
 _REACH_MM: Final = 0.9  # either side of a mark's edge; its white square is 2 mm wide
@@ -181,9 +179,8 @@ def _mean_in(light: NDArray[np.float32], to_pixel: NDArray[np.float64], box: Box
     """Median light in the middle half of a box; NaN off the scan."""
     x, y, width, height = box
     at = np.linspace(0.25, 0.75, 9)
-    grid = np.stack(np.meshgrid(x + width * at, y + height * at), axis=-1).reshape(-1, 2)
-    values = _sampled(light, to_pixel, grid)
-    return float(np.median(values))
+    grid = np.stack(np.meshgrid(x + width * at, y + height * at), axis=-1)
+    return float(np.median(_sampled(light, to_pixel, grid)))
 
 
 def _sampled(
@@ -237,9 +234,8 @@ def half_way(offsets_mm: NDArray[np.float64], profile: NDArray[np.float64]) -> f
     if not crossing.size:
         return float("nan")
     at = crossing[np.abs(crossing - level.size / 2).argmin()]
-    return float(
-        offsets_mm[at] + (offsets_mm[at + 1] - offsets_mm[at]) * level[at] / (level[at] - level[at + 1])
-    )
+    step_mm = offsets_mm[at + 1] - offsets_mm[at]
+    return float(offsets_mm[at] + step_mm * level[at] / (level[at] - level[at + 1]))
 
 
 def _refined(
@@ -265,9 +261,8 @@ def _refined(
             left.append((moved[rows] - points @ fit)[kept])
         # An edge seen at x + moved(x): the true map takes x where the present one takes x + moved(x).
         to_pixel = to_pixel @ correction
-        residual = float(
-            np.sqrt(np.mean(np.concatenate(left) ** 2)) * np.sqrt(abs(np.linalg.det(to_pixel[:, :2])))
-        )
+        pixels_a_mm = np.sqrt(abs(np.linalg.det(to_pixel[:, :2])))
+        residual = float(np.sqrt(np.mean(np.concatenate(left) ** 2)) * pixels_a_mm)
     return to_pixel, residual
 
 

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from prooflight.inks.chart_layout import PlacedRecipes
 
 _TILT: Final = 0.01  # assumed: usual relative change of an ink from the middle to an edge of the sheet
-_LEVEL: Final = (
-    0.02  # assumed: usual relative change of an ink, and of its tone value at 50 %, from print to print
-)
+_LEVEL: Final = 0.02  # assumed: the same of an ink, and of its tone value at 50 %, from print to print
 _BLACK: Final = 0.02  # assumed: usual black level over paper's light
 _ROUNDS: Final = 3
 _OUTLIER: Final = 6.0  # robust standard deviations
@@ -72,15 +70,10 @@ def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> Joi
     noise = 0.5 * (noise / max(float(np.median(noise)), 1e-30) + 1)
     used = np.ones(recipe.size, dtype=bool)
     own = np.zeros_like(root)
-    model: SignalModel | None = None
     theta = np.zeros(0)
-    for turn in range(_ROUNDS):
-        rows, mean, relative = _averaged(which, root - own, noise, used, known)
-        recipes = known[rows]
-        if turn == 0 or model is None or len(model.cmyk) != len(recipes):
-            model = SignalModel.fit(recipes, mean**2, relative)
-        else:
-            model = model.refit(mean**2, relative)
+    rows, mean, relative = _averaged(which, root, noise, used, known)
+    model = SignalModel.fit(known[rows], mean**2, relative)
+    for _ in range(_ROUNDS):
         predicted = np.full((len(known), root.shape[1]), np.nan)
         predicted[rows] = mean - model.left_out
         left = root - np.where(np.isfinite(predicted[which]), predicted[which], model.root(known)[which])
@@ -88,13 +81,11 @@ def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> Joi
         used = _unspoilt(left - own, used)
         theta = _amounts(left, shapes, usual, noise, used)
         own = np.einsum("nsk,k->ns", shapes, theta)
-    rows, mean, relative = _averaged(which, root - own, noise, used, known)
-    assert model is not None
-    model = (
-        model.refit(mean**2, relative)
-        if len(rows) == len(model.cmyk)
-        else SignalModel.fit(known[rows], mean**2, relative)
-    )
+        rows, mean, relative = _averaged(which, root - own, noise, used, known)
+        if len(rows) == len(model.cmyk):
+            model = model.refit(mean**2, relative)
+        else:
+            model = SignalModel.fit(known[rows], mean**2, relative)
     sensors = root.shape[1]
     return JointFit(
         model=model,

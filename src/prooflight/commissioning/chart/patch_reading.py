@@ -21,7 +21,7 @@ from prooflight.inks.chart_layout import STEPS_PER_MM
 from prooflight.inks.chart_print import painted
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from prooflight.commissioning.chart.finding import FoundChart
     from prooflight.commissioning.chart.scan import ChartScan
@@ -94,17 +94,15 @@ def read_patches(scan: ChartScan, found: FoundChart, placed: PlacedRecipes) -> P
     boxes = np.array([placed.layout.patch_box(row, column) for _, row, column in placed.place[here].tolist()])
     centre = boxes[:, :2] + boxes[:, 2:] / 2
     per_sensor = [_read_sensor(dn, found, placed, here, maps) for dn in scan.dn]
-
-    def stacked(name: str) -> NDArray[np.float64]:
-        return np.stack([np.asarray(values[name], dtype=np.float64) for values in per_sensor])
-
-    names = ("light", "light_variance", "dn", "pixel_variance_dn2", "white_dn", "column_gain", "gain")
     return PatchReadings(
         recipe=here,
         page=found.page,
         pixels=pixels.astype(np.float64),
         centre_mm=centre,
-        **{name: stacked(name) for name in (*names, "paper_variance_dn2", "stray_mm", "backing_dn")},
+        **{
+            name: np.array([values[name] for values in per_sensor], dtype=np.float64)
+            for name in per_sensor[0]
+        },
     )
 
 
@@ -129,15 +127,13 @@ def _maps(scan: ChartScan, found: FoundChart, placed: PlacedRecipes, here: NDArr
     for number, (_, row, column) in enumerate(placed.place[here].tolist(), start=1):
         x, y, width, height = layout.patch_box(row, column)
         left, top = round((x + inside) * steps), round((y + inside) * steps)
-        labels[top : round((y + height - inside) * steps), left : round((x + width - inside) * steps)] = (
-            number
-        )
-    page = np.ones(size, np.uint8)
+        bottom, right = round((y + height - inside) * steps), round((x + width - inside) * steps)
+        labels[top:bottom, left:right] = number
+    off = 1 - _seen(np.ones(size, np.uint8), scan, found)
     return _Maps(
         patch=_seen(labels, scan, found).astype(np.int32),
         paper=_seen(paper, scan, found).astype(bool),
-        beyond=cv2.erode(1 - _seen(page, scan, found), np.ones((3, 3)), iterations=round(_BORDER_MM / pitch))
-        > 0,
+        beyond=cv2.erode(off, np.ones((3, 3)), iterations=round(_BORDER_MM / pitch)) > 0,
     )
 
 
@@ -153,21 +149,17 @@ def _seen(raster: NDArray[np.generic], scan: ChartScan, found: FoundChart) -> ND
 def _refuse_clipping(scan: ChartScan, maps: _Maps) -> None:
     """ScanError if the paper, or a patch beside the blackest, sits at an end of a sensor's range."""
     for name, dn in zip(scan.names, scan.dn, strict=True):
-        paper = dn[maps.paper]
         greatest = float(dn.max())
-        share = float((paper >= greatest).mean())
+        share = float((dn[maps.paper] >= greatest).mean())
         if share > _CLIPPED_SHARE:
             what = f"sensor {name} is saturated: {share:.0%} of the bare paper reads {greatest:g}"
-            raise ScanError(
-                scan.path, what, remedy="lower exposure or brightness so that paper stays below the top"
-            )
-        inked = dn[maps.patch > 0]
-        share = float((inked <= 0).mean())
+            remedy = "lower exposure or brightness so that paper stays below the top"
+            raise ScanError(scan.path, what, remedy=remedy)
+        share = float((dn[maps.patch > 0] <= 0).mean())
         if share > 0.3:
             what = f"sensor {name}: {share:.0%} of the pixels in patches read 0"
-            raise ScanError(
-                scan.path, what, remedy="raise black level or exposure, or switch tone correction off"
-            )
+            remedy = "raise black level or exposure, or switch tone correction off"
+            raise ScanError(scan.path, what, remedy=remedy)
 
 
 def _read_sensor(
@@ -176,7 +168,7 @@ def _read_sensor(
     placed: PlacedRecipes,
     here: NDArray[np.int64],
     maps: _Maps,
-) -> dict[str, object]:
+) -> dict[str, ArrayLike]:
     """One sensor's part of ``PatchReadings``."""
     columns, lines = _gains(dn, maps.paper)
     order, starts = _by_patch(maps.patch, len(here))
@@ -205,16 +197,12 @@ def _read_sensor(
         "dn": seen,
         "pixel_variance_dn2": _line_variance(steady, maps.patch, len(here)),
         "white_dn": middle,
-        "column_gain": np.where(_seen_columns(maps.paper), columns / middle, np.nan),
+        "column_gain": np.where(maps.paper.sum(axis=0) >= _LEAST_PIXELS, columns / middle, np.nan),
         "gain": gain,
         "paper_variance_dn2": _line_variance(steady, paper.astype(np.int32), 1)[0],
         "stray_mm": strength,
         "backing_dn": np.median(dn[maps.beyond]) if maps.beyond.sum() > 500 else np.nan,
     }
-
-
-def _seen_columns(paper: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return paper.sum(axis=0) >= _LEAST_PIXELS
 
 
 def _gains(
@@ -281,15 +269,11 @@ def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], found: FoundChar
     step = max(round(min(sigma) / 6), 1)
     small = tuple(extent // step for extent in flat.shape)
 
-    def binned(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        return cv2.resize(values, small[::-1], interpolation=cv2.INTER_AREA)
+    def smooth(values: NDArray[np.generic]) -> NDArray[np.float32]:
+        binned = cv2.resize(values.astype(np.float32), small[::-1], interpolation=cv2.INTER_AREA)
+        return cv2.GaussianBlur(binned, (0, 0), sigma[0] / step, sigmaY=sigma[1] / step)
 
-    weight = cv2.GaussianBlur(
-        binned(paper.astype(np.float32)), (0, 0), sigma[0] / step, sigmaY=sigma[1] / step
-    )
-    rest = binned(np.where(paper, flat - 1, 0).astype(np.float32))
-    rest = cv2.GaussianBlur(rest, (0, 0), sigma[0] / step, sigmaY=sigma[1] / step)
-    mean = rest / np.maximum(weight, 1e-3)
+    mean = smooth(np.where(paper, flat - 1, 0)) / np.maximum(smooth(paper), 1e-3)
     return 1 + cv2.resize(mean, flat.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
@@ -301,8 +285,7 @@ def _line_variance(dn: NDArray[np.float32], label: NDArray[np.int32], count: int
     kept = np.ones(square.size, dtype=bool)
     mean = np.zeros(count)
     for _ in range(2):
-        mean = np.bincount(member[kept], square[kept], count) / np.maximum(
-            np.bincount(member[kept], minlength=count), 1
-        )
+        pairs = np.bincount(member[kept], minlength=count)
+        mean = np.bincount(member[kept], square[kept], count) / np.maximum(pairs, 1)
         kept = square <= 16 * np.maximum(mean[member], 1e-9)
     return mean

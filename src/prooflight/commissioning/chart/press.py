@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.appearance import STEPS, appearance_srgb
-from prooflight.commissioning.characterise import unbiased_nodes
+from prooflight.commissioning.appearance import STEPS, appearance_srgb, srgb_bytes
+from prooflight.commissioning.characterise import CLEAR_SIGMA, recipe_grid, unbiased_nodes
 from prooflight.commissioning.chart.edge_spread import footprint_of
+from prooflight.commissioning.chart.scan import COLOUR
 from prooflight.detectors.cost import RunningCosts
 from prooflight.inks.built_in import built_in_inks
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from prooflight.inks.chart_layout import Layout
 
 SUPERSAMPLING: Final = 2
-COLOUR: Final = ("red", "green", "blue")
-_FOUR_SIGMA: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,6 +51,13 @@ class Learned:
     def black_dn(self) -> NDArray[np.float64]:
         """Black level (sensors,). [DN]"""
         return self.fit.black * self.white_dn
+
+    def sigma_dn(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Temporal noise of one pixel at light over paper's, both (n, sensors). [DN]"""
+        dn = light * self.white_dn
+        return np.sqrt(
+            np.stack([noise.variance_dn2(seen) for noise, seen in zip(self.noise, dn.T, strict=True)], axis=1)
+        )
 
 
 def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mapping[str, str]) -> Press:
@@ -76,11 +82,7 @@ def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mappi
 def _light_at_nodes(model: SignalModel) -> NDArray[np.float64]:
     """Light of every node of the tables, (33, 33, 33, 33, sensors); of the solid itself at the last one."""
     axis = np.minimum(node_fractions(), 1.0)
-    slabs = [
-        model.light(np.stack(np.meshgrid([cyan], axis, axis, axis, indexing="ij"), axis=-1)[0])
-        for cyan in axis
-    ]
-    return np.stack(slabs)
+    return np.stack([model.light(recipe_grid([cyan], axis, axis, axis)[0]) for cyan in axis])
 
 
 def _nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -159,16 +161,13 @@ def _appearance(learned: Learned) -> NDArray[np.uint8]:
     if learned.scans[0].sensors != COLOUR:
         return appearance_srgb(built_in_inks())
     axis = np.linspace(0, 1, STEPS)
-    light = learned.fit.model.light(np.stack(np.meshgrid(axis, axis, axis, axis, indexing="ij"), axis=-1))
-    light = np.clip(light, 0, 1)
-    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
-    return np.round(255 * encoded).astype(np.uint8)
+    return srgb_bytes(learned.fit.model.light(recipe_grid(axis, axis, axis, axis)))
 
 
 def _clipped(sensor: SensorModel) -> ClippedShare:
     """Shares of nodes within four sigma of the ends of the range."""
     mean = sensor.mean_dn + float(sensor.column_offset_dn.mean())
-    reach = _FOUR_SIGMA * np.sqrt(sensor.variance_dn2)
+    reach = CLEAR_SIGMA * np.sqrt(sensor.variance_dn2)
     assert mean.size == NODES**4
     return ClippedShare(
         black=float((mean - reach < 0).mean()), saturation=float((mean + reach > sensor.top_code_dn).mean())

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 AUTO, LINEAR, SRGB = "auto", "linear", "srgb"
 ENCODINGS: Final = (AUTO, LINEAR, SRGB)
+COLOUR: Final = ("red", "green", "blue")
 TIFF: Final = (".tif", ".tiff")
 TOP_16_BITS: Final = 65535
 _USUAL_BITS: Final = (8, 10, 12, 14, 16)
@@ -90,7 +91,7 @@ def read_chart_scan(path: Path, *, encoding: str = AUTO) -> ChartScan:
             for start in range(0, len(plane), BAND_ROWS):  # indices are widened to eight bytes
                 out[start : start + BAND_ROWS] = table[plane[start : start + BAND_ROWS]]
         scale = TOP_16_BITS
-    names = ("red", "green", "blue") if len(planes) == 3 else ("grey",)
+    names = COLOUR if len(planes) == 3 else ("grey",)
     return ChartScan(path=path, dn=dn, names=names, top_code_dn=scale, dpi=dpi, encoding=named)
 
 
@@ -109,9 +110,7 @@ def _raw_lines(path: Path) -> ChartScan | None:
             dn = RecordedScan(path=path, first_image=0, sensors=count).read()
         else:
             return None
-    names = {1: ("mono",), 3: ("red", "green", "blue")}.get(
-        len(dn), tuple(f"s{n + 1}" for n in range(len(dn)))
-    )
+    names = {1: ("mono",), 3: COLOUR}.get(len(dn), tuple(f"s{n + 1}" for n in range(len(dn))))
     return ChartScan(
         path=path,
         dn=dn.astype(np.float32),

@@ -62,9 +62,13 @@ class Pages:
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
     design: NDArray[np.int64]
-    bad: NDArray[np.bool_]
-    kind: NDArray[np.str_] | None = None
-    """Of misprint; empty where good; None: not known."""
+    kind: NDArray[np.str_]
+    """Of misprint; empty where good."""
+
+    @property
+    def bad(self) -> NDArray[np.bool_]:
+        """Which are misprints."""
+        return self.kind != ""
 
     @classmethod
     def of(cls, rows: Mapping[str, NDArray[Any]]) -> Self:
@@ -73,19 +77,16 @@ class Pages:
             values=rows["values"],
             page_features=rows["portrait"],
             design=rows["design"],
-            bad=rows["kind"] != "",
             kind=rows["kind"],
         )
 
     def beside(self, others: Pages) -> Pages:
-        """These and others, one after the other; kinds if both know them."""
-        known = self.kind is not None and others.kind is not None
+        """These and others, one after the other."""
         return Pages(
             values=np.concatenate([self.values, others.values]),
             page_features=np.concatenate([self.page_features, others.page_features]),
             design=np.concatenate([self.design, others.design]),
-            bad=np.concatenate([self.bad, others.bad]),
-            kind=np.concatenate([self.kind, others.kind]) if known else None,
+            kind=np.concatenate([self.kind, others.kind]),
         )
 
     def rows(self, which: NDArray[np.bool_]) -> Pages:
@@ -94,8 +95,7 @@ class Pages:
             values=self.values[which],
             page_features=self.page_features[which],
             design=self.design[which],
-            bad=self.bad[which],
-            kind=None if self.kind is None else self.kind[which],
+            kind=self.kind[which],
         )
 
 
@@ -248,15 +248,14 @@ class _Rankings:
         """From ``group_columns`` and ``every_column``; kinds by themselves if there are two or more."""
 
         def against_good(kind: str) -> Forest:
-            which = ~pages.bad | (kinds_seen == kind)
+            which = ~pages.bad | (pages.kind == kind)
             bad, count = pages.bad[which], trees // 4
             return fitted_forest(
                 columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE
             )
 
         weight = even(pages.bad)
-        kinds_seen = np.zeros(len(pages.bad), "U1") if pages.kind is None else pages.kind
-        kinds = tuple(np.unique(kinds_seen[pages.bad]).tolist())
+        kinds = tuple(np.unique(pages.kind[pages.bad]).tolist())
         kinds = kinds if len(kinds) > 1 else ()
         return cls(
             logit=fitted_logit(groups, pages.bad, weight),
@@ -275,8 +274,6 @@ def _names(
     pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
 ) -> tuple[Forest, ...]:
     """Each kind of misprint told from all others."""
-    if pages.kind is None:
-        return ()
     kind, columns = pages.kind[pages.bad], columns[pages.bad]
     return tuple(
         fitted_forest(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)

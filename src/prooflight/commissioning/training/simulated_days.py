@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.simulation.captures import Printed
+    from prooflight.simulation.corpus.corpus import Designs
 
     Rows = dict[str, NDArray[Any]]
 
@@ -91,13 +92,6 @@ def _times(press: Press, *names: str) -> float:
     return max(own / world, LEAST_TIMES)
 
 
-class Designs(Protocol):
-    """Where page designs come from, as many as are asked for; small, and may be sent to worker processes."""
-
-    def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
-
-
 def fitted(page: Page, geometry: ScanGeometry) -> Page:
     """A design as it enters the press; of one that is wider than the field, the middle."""
     if geometry.sees(page.width_mm):
@@ -124,13 +118,11 @@ class PressDay:
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
         """The day on which design ``first`` is printed first."""
-        day = SimulatedDay.begin("press", press, stream(seed, "training-session", first))
-
-        def page(index: int) -> Page:
-            return fitted(pages.page(index), press.geometry)
-
         return cls(
-            day=day, page=page, residual_variance=good_residual_variance(press), prior=good_prior(press)
+            day=SimulatedDay.begin("press", press, stream(seed, "training-session", first)),
+            page=lambda index: fitted(pages.page(index), press.geometry),
+            residual_variance=good_residual_variance(press),
+            prior=good_prior(press),
         )
 
     def design(self, index: int) -> tuple[Printed, PreparedPage]:

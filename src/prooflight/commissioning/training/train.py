@@ -31,10 +31,11 @@ from prooflight.rng import stream
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from prooflight.commissioning.training.simulated_days import Designs, Rows
+    from prooflight.commissioning.training.simulated_days import Rows
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.artefact import Press
+    from prooflight.simulation.corpus.corpus import Designs
 
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
@@ -84,25 +85,21 @@ def trained(
     well, and teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
     """
     plan = Plan.of(designs)
-    work = ScatterWork(press=press, pages=pages, seed=seed)
-    drawn = _gathered(
-        shown(in_order(work, _days(plan.pilot), processes=processes), *_named(plan.pilot, "scatter"))
-    )
+
+    def gathered(work: ScatterWork | StatisticsWork, which: range, what: str) -> Rows:
+        days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
+        rows = in_order(work, days, processes=processes)
+        return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
+
+    drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
     scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
-
-    def rows_of(which: range, what: str, *, wrong: bool) -> Rows:
-        of_pages = StatisticsWork(
-            press=press,
-            pages=pages,
-            seed=seed,
-            scatter=scatter,
-            misprints=wrong,
-            windows=wrong,
-        )
-        return _gathered(shown(in_order(of_pages, _days(which), processes=processes), *_named(which, what)))
-
-    learn = rows_of(plan.learn, "good prints and misprints" if paper else "good prints", wrong=paper)
-    tune = rows_of(plan.tune, "false alarms", wrong=False)
+    good = StatisticsWork(press=press, pages=pages, seed=seed, scatter=scatter, misprints=False)
+    if paper:
+        both = replace(good, misprints=True, windows=True)
+        learn = gathered(both, plan.learn, "good prints and misprints")
+    else:
+        learn = gathered(good, plan.learn, "good prints")
+    tune = gathered(good, plan.tune, "false alarms")
     ours = _ours(press, learn, tune, scatter, stream(seed, "training-ranking"))
     return replace(press, ours=ours, bayes=_bayes(press, learn) if paper else None)
 
@@ -150,15 +147,7 @@ def _bayes(press: Press, learn: Rows) -> BayesDetector:
     )
 
 
-def _days(designs: range) -> list[tuple[int, ...]]:
-    return [tuple(designs[at : at + DESIGNS_A_DAY]) for at in range(0, len(designs), DESIGNS_A_DAY)]
-
-
-def _named(designs: range, what: str) -> tuple[int, str]:
-    return len(_days(designs)), f"learning {what}, {len(designs)} designs"
-
-
-def _gathered(pieces: Iterable[Rows]) -> Rows:
+def _joined(pieces: Iterable[Rows]) -> Rows:
     """Rows of all days, one after the other; names once."""
     every = list(pieces)
     return {

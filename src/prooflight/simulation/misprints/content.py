@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from prooflight.scans.placement import Placement
-from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, entry, inks_named, plateau, rewrite
-from prooflight.simulation.worlds import amount
+from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, inks_named, plateau
+from prooflight.simulation.worlds import entry
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,14 +36,12 @@ LEAST_TURN_DEG = 0.3
 
 def ghost_smear(mishap: Mishap) -> Drawn:
     """An echo of the page's own content further along the travel, in one ink or all: ink on paper that is bare."""
-    strength = amount("ghost-smear", "strength_percent", mishap.severity) / 100
-    offset_mm = mishap.between("ghost-smear", "offset_mm")
+    strength = mishap.amount("strength_percent") / 100
+    offset_mm = mishap.between("offset_mm")
     rows = mishap.page.cmyk.shape[0]
     offset = min(max(round(offset_mm / mishap.page.pixel_mm), 1), rows - 1)
     inks = mishap.one_or_all_inks()
-    width_mm, height_mm = (
-        low * (high / low) ** mishap.rng.random() for low, high in (GHOST_WIDTH_MM, GHOST_HEIGHT_MM)
-    )
+    width_mm, height_mm = mishap.by_octaves(*GHOST_WIDTH_MM), mishap.by_octaves(*GHOST_HEIGHT_MM)
     row, column = mishap.content(inks, rows=max(rows - offset, 1))
     source = Box.around(mishap.page, (row, column), width_mm=width_mm, height_mm=height_mm)
     box = Box(
@@ -63,18 +61,17 @@ def ghost_smear(mishap: Mishap) -> Drawn:
         ink *= (down[band, None] * across)[..., None]
         values += (np.float32(FULL) - values) * ink
 
-    cmyk = original.copy()
-    rewrite(cmyk, box, inks, echo, mishap.rounding)
+    cmyk = mishap.rewritten(box, inks, echo)
     detail = (
         f"ghost of {inks_named(inks)}, {strength:.0%}, {offset * mishap.page.pixel_mm:.1f} mm further down"
     )
-    return mishap.drawn("ghost-smear", detail, cmyk=cmyk, boxes=[box])
+    return mishap.drawn(detail, cmyk=cmyk, boxes=[box])
 
 
 def local_blur(mishap: Mishap) -> Drawn:
     """Ink smeared inside a soft-edged area, as by a Gaussian."""
-    sigma_mm = amount("local-blur", "sigma_mm", mishap.severity)
-    size_mm = mishap.between("local-blur", "size_mm")
+    sigma_mm = mishap.amount("sigma_mm")
+    size_mm = mishap.between("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
     box = Box.around(mishap.page, mishap.edge(), width_mm=size_mm * slim, height_mm=size_mm / slim)
     sigma = sigma_mm / mishap.page.pixel_mm
@@ -84,23 +81,20 @@ def local_blur(mishap: Mishap) -> Drawn:
     def smear(values: NDArray[np.float32], rows: slice) -> None:
         values += (blurred[rows] - values) * (down[rows, None] * across)[..., None]
 
-    cmyk = mishap.page.cmyk.copy()
-    rewrite(cmyk, box, ALL_INKS, smear, mishap.rounding)
+    cmyk = mishap.rewritten(box, ALL_INKS, smear)
     detail = f"smeared by {sigma_mm:.2f} mm over {size_mm:.0f} mm"
-    return mishap.drawn("local-blur", detail, cmyk=cmyk, boxes=[box])
+    return mishap.drawn(detail, cmyk=cmyk, boxes=[box])
 
 
 def missing_content(mishap: Mishap) -> Drawn:
     """A block was not printed: a picture or a field that did not arrive. ``size_mm``: the root of its area."""
-    size_mm = amount("missing-content", "size_mm", mishap.severity)
+    size_mm = mishap.amount("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
     box = Box.around(mishap.page, mishap.content(), width_mm=size_mm * slim, height_mm=size_mm / slim)
     cmyk = mishap.page.cmyk.copy()
     cmyk[box.rows, box.columns] = 0
     height, width = (extent * mishap.page.pixel_mm for extent in box.shape)
-    return mishap.drawn(
-        "missing-content", f"a block of {width:.0f} x {height:.0f} mm missing", cmyk=cmyk, boxes=[box]
-    )
+    return mishap.drawn(f"a block of {width:.0f} x {height:.0f} mm missing", cmyk=cmyk, boxes=[box])
 
 
 def wrong_page(mishap: Mishap) -> Drawn:
@@ -111,27 +105,27 @@ def wrong_page(mishap: Mishap) -> Drawn:
     other = mishap.fetch(int(mishap.rng.choice(np.asarray(mishap.others))))
     foreign = _fitted(other, mishap.page)
     if way == 0:
-        return mishap.drawn("wrong-page", f"page {other.number} printed instead", cmyk=foreign)
+        return mishap.drawn(f"page {other.number} printed instead", cmyk=foreign)
     share = BLOCK_SHARE[0] + (BLOCK_SHARE[1] - BLOCK_SHARE[0]) * mishap.severity
     width_mm, height_mm = share * mishap.page.width_mm, share * mishap.page.height_mm
     box = Box.around(mishap.page, mishap.content(), width_mm=width_mm, height_mm=height_mm)
     cmyk = mishap.page.cmyk.copy()
     cmyk[box.rows, box.columns] = foreign[box.rows, box.columns]
-    return mishap.drawn("wrong-page", f"a block of page {other.number}", cmyk=cmyk, boxes=[box])
+    return mishap.drawn(f"a block of page {other.number}", cmyk=cmyk, boxes=[box])
 
 
 def _off_place(mishap: Mishap, *, turned: bool) -> Drawn:
     """Print level: the page itself is right."""
-    distance_mm = amount("wrong-page", "shift_mm", mishap.severity)
+    distance_mm = mishap.amount("shift_mm")
     if turned:
-        least_mm = entry("wrong-page")["shift_mm"]["at_0"]
+        least_mm = entry(mishap.kind)["shift_mm"]["at_0"]
         skew_deg = LEAST_TURN_DEG * distance_mm / least_mm * (1 if mishap.rng.random() < 0.5 else -1)
         detail = f"the page is turned by {abs(skew_deg):.2f} degrees"
-        return mishap.drawn("wrong-page", detail, placement=Placement(skew_deg=skew_deg))
+        return mishap.drawn(detail, placement=Placement(skew_deg=skew_deg))
     angle = mishap.rng.uniform(0, 2 * np.pi)
     shift_mm = (float(distance_mm * np.cos(angle)), float(distance_mm * np.sin(angle)))
     detail = f"the page lies {distance_mm:.1f} mm off its place"
-    return mishap.drawn("wrong-page", detail, placement=Placement(shift_mm=shift_mm))
+    return mishap.drawn(detail, placement=Placement(shift_mm=shift_mm))
 
 
 def _fitted(other: Page, page: Page) -> NDArray[np.uint8]:

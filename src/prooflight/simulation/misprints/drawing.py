@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.scans.placement import IN_PLACE, Placement
-from prooflight.simulation.worlds import worlds
+from prooflight.simulation.worlds import amount, entry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -111,6 +111,7 @@ class Box:
 class Mishap:
     """The page that goes wrong and the rest of its job, as a kind of misprint sees them."""
 
+    kind: str
     page: Page
     severity: float
     rng: np.random.Generator
@@ -123,7 +124,6 @@ class Mishap:
 
     def drawn(
         self,
-        kind: str,
         detail: str,
         *,
         cmyk: NDArray[np.uint8] | None = None,
@@ -139,9 +139,9 @@ class Mishap:
             right=max(box.right for box in places),
         )
         misprint = Misprint(
-            kind=kind,
+            kind=self.kind,
             severity=self.severity,
-            scope=entry(kind)["scope"],
+            scope=entry(self.kind)["scope"],
             detail=detail,
             region_mm=around.region_mm(page),
             regions_mm=tuple(box.region_mm(page) for box in places) if len(places) > 1 else (),
@@ -149,10 +149,26 @@ class Mishap:
         printed = page if cmyk is None else replace(page, cmyk=cmyk)
         return Drawn(page=printed, placement=placement, misprint=misprint)
 
-    def between(self, kind: str, name: str) -> float:
-        """An amount of ``worlds.toml`` that does not go with severity, from low to high; assumed: evenly by octaves."""
-        spec = entry(kind)[name]
-        return float(spec["low"] * (spec["high"] / spec["low"]) ** self.rng.random())
+    def amount(self, name: str) -> float:
+        """An amount of ``worlds.toml`` that goes with severity."""
+        return amount(self.kind, name, self.severity)
+
+    def between(self, name: str) -> float:
+        """An amount of ``worlds.toml`` that does not, from low to high; assumed: evenly by octaves."""
+        spec = entry(self.kind)[name]
+        return self.by_octaves(spec["low"], spec["high"])
+
+    def by_octaves(self, low: float, high: float) -> float:
+        """An amount from low to high, all octaves equally likely."""
+        return float(low * (high / low) ** self.rng.random())
+
+    def rewritten(
+        self, box: Box, inks: slice, change: Callable[[NDArray[np.float32], slice], None]
+    ) -> NDArray[np.uint8]:
+        """The page's raster after ``rewrite``."""
+        cmyk = self.page.cmyk.copy()
+        rewrite(cmyk, box, inks, change, self.rounding)
+        return cmyk
 
     def ink_shares(self) -> NDArray[np.float64]:
         """How much of the page each ink covers (4,), 0..1."""
@@ -205,12 +221,6 @@ class Mishap:
         """A pixel (row, column) of the page, or of its first rows."""
         most, columns = self.page.cmyk.shape[:2]
         return int(self.rng.integers(rows or most)), int(self.rng.integers(columns))
-
-
-def entry(kind: str) -> dict[str, Any]:
-    """What ``worlds.toml`` says of a kind."""
-    (found,) = (entry for entry in worlds()["misprint"] if entry["kind"] == kind)
-    return dict(found)
 
 
 def inks_named(inks: slice) -> str:

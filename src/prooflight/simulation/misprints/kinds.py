@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.rng import stream
-from prooflight.simulation.misprints import (
-    content as misprint_content,
-)
-from prooflight.simulation.misprints import (
-    marks as misprint_marks,
-)
-from prooflight.simulation.misprints import (
-    planes as misprint_planes,
-)
+from prooflight.simulation.misprints import content, marks, planes
 from prooflight.simulation.misprints.drawing import Drawn, Mishap, Misprint
 
 if TYPE_CHECKING:
@@ -30,18 +22,18 @@ if TYPE_CHECKING:
 __all__ = ["KINDS", "Drawn", "Misprint", "draw_misprint"]
 
 _DRAWERS: dict[str, Callable[[Mishap], Drawn]] = {
-    "missing-plane": misprint_planes.missing_plane,
-    "swapped-planes": misprint_planes.swapped_planes,
-    "density": misprint_planes.density,
-    "plane-register": misprint_planes.plane_register,
-    "streak": misprint_marks.streak,
-    "banding": misprint_planes.banding,
-    "spots-voids": misprint_marks.spots_voids,
-    "ghost-smear": misprint_content.ghost_smear,
-    "local-blur": misprint_content.local_blur,
-    "missing-content": misprint_content.missing_content,
-    "wrong-page": misprint_content.wrong_page,
-    "scum": misprint_marks.scum,
+    "missing-plane": planes.missing_plane,
+    "swapped-planes": planes.swapped_planes,
+    "density": planes.density,
+    "plane-register": planes.plane_register,
+    "streak": marks.streak,
+    "banding": planes.banding,
+    "spots-voids": marks.spots_voids,
+    "ghost-smear": content.ghost_smear,
+    "local-blur": content.local_blur,
+    "missing-content": content.missing_content,
+    "wrong-page": content.wrong_page,
+    "scum": marks.scum,
 }
 KINDS = tuple(_DRAWERS)
 """In the order of ``worlds.toml``."""
@@ -63,5 +55,8 @@ def draw_misprint(
     it is for the caller to look and to draw again.
     """
     rounding = stream(int(rng.integers(2**63)), "misprint-rounding")
-    mishap = Mishap(page=page, severity=severity, rng=rng, rounding=rounding, others=others, fetch=fetch)
-    return _DRAWERS[kind](mishap)
+    return _DRAWERS[kind](
+        Mishap(
+            kind=kind, page=page, severity=severity, rng=rng, rounding=rounding, others=others, fetch=fetch
+        )
+    )

@@ -9,7 +9,6 @@ import numpy as np
 
 from prooflight.simulation.misprints.drawing import ALL_INKS, FULL, Box, inks_named, plateau, rewrite
 from prooflight.simulation.misprints.planes import span
-from prooflight.simulation.worlds import amount
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,8 +46,8 @@ def streak(mishap: Mishap) -> Drawn:
     Too much of an ink (not wiped clean): of the bare paper under it the share ``ink_percent`` gets that ink as well.
     Too little: an ink (a starved nozzle) or all (a scratched blanket) lose that share.
     """
-    share = amount("streak", "ink_percent", mishap.severity) / 100
-    width_mm = amount("streak", "width_mm", mishap.severity)
+    share = mishap.amount("ink_percent") / 100
+    width_mm = mishap.amount("width_mm")
     way = int(mishap.rng.integers(3))
     inks = ALL_INKS if way == 2 else mishap.one_ink()
     _, column = mishap.anywhere() if way == 0 else mishap.content(inks)
@@ -63,17 +62,17 @@ def streak(mishap: Mishap) -> Drawn:
         f"{share:.0%} less {inks_named(inks)}, a starved nozzle",
         f"{share:.0%} less of all inks, a scratch",
     )[way]
-    return mishap.drawn("streak", f"streak {width_mm:.2f} mm wide: {what}", cmyk=cmyk, boxes=[box])
+    return mishap.drawn(f"streak {width_mm:.2f} mm wide: {what}", cmyk=cmyk, boxes=[box])
 
 
 def spots_voids(mishap: Mishap) -> Drawn:
     """Roundish spots of one ink, voids in one ink or in all, or hickeys: voids whose core printed."""
-    contrast = amount("spots-voids", "contrast_percent", mishap.severity) / 100
-    diameter_mm = amount("spots-voids", "diameter_mm", mishap.severity)
-    count = round(mishap.between("spots-voids", "count"))
+    contrast = mishap.amount("contrast_percent") / 100
+    diameter_mm = mishap.amount("diameter_mm")
+    count = round(mishap.between("count"))
     way = int(mishap.rng.integers(3))
     inks = mishap.one_ink() if way == 0 else mishap.one_or_all_inks()
-    side_mm = SCATTER_MM[0] * (SCATTER_MM[1] / SCATTER_MM[0]) ** mishap.rng.random()
+    side_mm = mishap.by_octaves(*SCATTER_MM)
     first = mishap.anywhere() if way == 0 else mishap.content(inks)
     area = Box.around(mishap.page, first, width_mm=side_mm, height_mm=side_mm)
     cmyk, boxes = mishap.page.cmyk.copy(), []
@@ -92,13 +91,13 @@ def spots_voids(mishap: Mishap) -> Drawn:
         boxes.append(box)
     what = ("spot", "void", "hickey")[way] + ("s" if count > 1 else "")
     detail = f"{count} {what} up to {diameter_mm:.1f} mm, {contrast:.0%} of {inks_named(inks)}"
-    return mishap.drawn("spots-voids", detail, cmyk=cmyk, boxes=boxes)
+    return mishap.drawn(detail, cmyk=cmyk, boxes=boxes)
 
 
 def scum(mishap: Mishap) -> Drawn:
     """A soft-edged cloud of one ink: the share ``ink_percent`` of the bare paper under its densest place gets it."""
-    share = amount("scum", "ink_percent", mishap.severity) / 100
-    size_mm = mishap.between("scum", "size_mm")
+    share = mishap.amount("ink_percent") / 100
+    size_mm = mishap.between("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
     inks = mishap.one_ink()
     box = Box.around(mishap.page, mishap.paper(), width_mm=size_mm * slim, height_mm=size_mm / slim)
@@ -106,7 +105,7 @@ def scum(mishap: Mishap) -> Drawn:
     cmyk = mishap.page.cmyk.copy()
     lay(cmyk, box, inks, np.float32(share) * cloud, FULL, mishap.rounding)
     detail = f"scum of {inks_named(inks)}, up to {share:.1%}, over {size_mm:.0f} mm"
-    return mishap.drawn("scum", detail, cmyk=cmyk, boxes=[box])
+    return mishap.drawn(detail, cmyk=cmyk, boxes=[box])
 
 
 def lay(

@@ -8,7 +8,6 @@ import numpy as np
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.simulation.misprints.drawing import FULL, SAMPLE_STEP, Box, inks_named, plateau, rewrite
-from prooflight.simulation.worlds import amount
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,24 +28,22 @@ ROOM = 0.1
 
 def missing_plane(mishap: Mishap) -> Drawn:
     """One ink faded or gone, over the page or a band of it."""
-    left = amount("missing-plane", "ink_left_percent", mishap.severity) / 100
-    inks, box = mishap.one_ink(), Box.whole(mishap.page)
-    rows, columns = box.shape
-    band = mishap.rng.random() >= WHOLE_PAGE_SHARE
-    top, bottom = span(mishap.rng, rows) if band else (0, rows)
+    left = mishap.amount("ink_left_percent") / 100
+    inks = mishap.one_ink()
+    rows, columns = mishap.page.cmyk.shape[:2]
+    if mishap.rng.random() < WHOLE_PAGE_SHARE:
+        top, bottom, where, weight = 0, rows, "the page", np.ones(rows, np.float32)
+    else:
+        top, bottom = span(mishap.rng, rows)
+        where, weight = "a band", plateau(bottom - top, FADE_MM / mishap.page.pixel_mm)
     box = Box(top=top, left=0, bottom=bottom, right=columns)
-    fade = FADE_MM / mishap.page.pixel_mm if band else 0.0
-    lost = (1 - left) * (plateau(bottom - top, fade) if band else np.ones(rows, np.float32))
-    cmyk = _gained(mishap, box, inks, (1 - lost).astype(np.float32))
-    where = "a band" if band else "the page"
-    return mishap.drawn(
-        "missing-plane", f"{inks_named(inks)} faded to {left:.0%} over {where}", cmyk=cmyk, boxes=[box]
-    )
+    cmyk = _gained(mishap, box, inks, (1 - (1 - left) * weight).astype(np.float32))
+    return mishap.drawn(f"{inks_named(inks)} faded to {left:.0%} over {where}", cmyk=cmyk, boxes=[box])
 
 
 def swapped_planes(mishap: Mishap) -> Drawn:
     """Two inks printed from each other's plates, or partly so: a' = (1 - m) a + m b, and b' likewise."""
-    mixed = amount("swapped-planes", "mix_percent", mishap.severity) / 100
+    mixed = mishap.amount("mix_percent") / 100
     first = mishap.one_ink().start
     second = int(mishap.rng.choice([ink for ink in range(4) if ink != first]))
     source, cmyk = mishap.page.cmyk, mishap.page.cmyk.copy()
@@ -58,12 +55,12 @@ def swapped_planes(mishap: Mishap) -> Drawn:
 
         rewrite(cmyk, Box.whole(mishap.page), slice(ink, ink + 1), mix, mishap.rounding)
     detail = f"{INK_NAMES[first]} and {INK_NAMES[second]} exchanged by {mixed:.0%}"
-    return mishap.drawn("swapped-planes", detail, cmyk=cmyk)
+    return mishap.drawn(detail, cmyk=cmyk)
 
 
 def density(mishap: Mishap) -> Drawn:
     """Too much or too little of one ink or of all; a full solid cannot take more."""
-    gain = amount("density", "gain_percent", mishap.severity) / 100
+    gain = mishap.amount("gain_percent") / 100
     inks = mishap.one_or_all_inks()
     sample = mishap.page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP, inks].astype(np.float32)
     room = float((np.minimum(sample * (1 + gain), FULL) - sample).sum())
@@ -72,7 +69,7 @@ def density(mishap: Mishap) -> Drawn:
     change = 1 + gain if more else 1 - gain
     cmyk = _gained(mishap, box, inks, np.full(box.shape[0], change, np.float32))
     detail = f"{gain:.0%} too {'much' if more else 'little'} of {inks_named(inks)}"
-    return mishap.drawn("density", detail, cmyk=cmyk)
+    return mishap.drawn(detail, cmyk=cmyk)
 
 
 def plane_register(mishap: Mishap) -> Drawn:
@@ -82,7 +79,7 @@ def plane_register(mishap: Mishap) -> Drawn:
     What is drawn into the page is the artwork's bleed, taken to go on as at the edge (3 mm are usual). On a page of one
     ink there is nothing to be off against: that is a page off its place, and nothing is changed.
     """
-    distance_mm = amount("plane-register", "shift_mm", mishap.severity)
+    distance_mm = mishap.amount("shift_mm")
     angle = mishap.rng.uniform(0, 2 * np.pi)
     present = mishap.inks()
     shares = mishap.ink_shares()
@@ -93,7 +90,7 @@ def plane_register(mishap: Mishap) -> Drawn:
         f"{'right' if right_mm > 0 else 'left'}, {abs(down_mm):.2f} mm {'down' if down_mm > 0 else 'up'}"
     )
     if len(present) == 1:
-        return mishap.drawn("plane-register", detail)
+        return mishap.drawn(detail)
     cmyk = mishap.page.cmyk.copy()
     rows, columns = (
         np.clip(np.arange(count) - round(shift_mm / mishap.page.pixel_mm), 0, count - 1)
@@ -101,13 +98,13 @@ def plane_register(mishap: Mishap) -> Drawn:
     )
     plane = np.ascontiguousarray(mishap.page.cmyk[..., ink])
     cmyk[..., ink] = plane.take(columns, axis=1).take(rows, axis=0)
-    return mishap.drawn("plane-register", detail, cmyk=cmyk)
+    return mishap.drawn(detail, cmyk=cmyk)
 
 
 def banding(mishap: Mishap) -> Drawn:
     """Bands across the travel, once a period: an ink's gain swings, or a dent in a roller leaves a line a turn."""
-    gain = amount("banding", "gain_percent", mishap.severity) / 100
-    period_mm = mishap.between("banding", "period_mm")
+    gain = mishap.amount("gain_percent") / 100
+    period_mm = mishap.between("period_mm")
     inks, box = mishap.one_or_all_inks(), Box.whole(mishap.page)
     y_mm = (np.arange(box.shape[0]) + 0.5) * mishap.page.pixel_mm
     turn = (y_mm / period_mm + mishap.rng.random()) % 1
@@ -121,7 +118,7 @@ def banding(mishap: Mishap) -> Drawn:
     cmyk = _gained(mishap, box, inks, (1 + gain * profile).astype(np.float32))
     shape = ("dark lines" if sign > 0 else "light lines") if dent else "waves"
     detail = f"{shape} of {gain:.1%} in {inks_named(inks)}, one every {period_mm:.1f} mm"
-    return mishap.drawn("banding", detail, cmyk=cmyk)
+    return mishap.drawn(detail, cmyk=cmyk)
 
 
 def span(rng: np.random.Generator, rows: int) -> tuple[int, int]:
@@ -133,10 +130,8 @@ def span(rng: np.random.Generator, rows: int) -> tuple[int, int]:
 
 def _gained(mishap: Mishap, box: Box, inks: slice, gain: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The page with inks multiplied by a gain (rows of the box,)."""
-    cmyk = mishap.page.cmyk.copy()
 
     def multiply(values: NDArray[np.float32], rows: slice) -> None:
         values *= gain[rows, None, None]
 
-    rewrite(cmyk, box, inks, multiply, mishap.rounding)
-    return cmyk
+    return mishap.rewritten(box, inks, multiply)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from prooflight.simulation.corpus.designs.look import Look
+    from prooflight.simulation.corpus.designs.setting import Style
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -26,33 +27,19 @@ def book(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     style = look.text(some(rng, 9.5, 12.5), align="justified", indent_em=1.5)
     if often(rng, 0.3):
         y += sheet.height_mm * some(rng, 0.08, 0.22)
-        y = (
-            look.heading(
-                sheet, x, y, wide, look.voice.title(rng, 1, 4), 26, align=pick(rng, ("left", "centre"))
-            )
-            + 12
-        )
+        title, align = look.voice.title(rng, 1, 4), pick(rng, ("left", "centre"))
+        y = look.heading(sheet, x, y, wide, title, 26, align=align) + 12
     if often(rng, 0.25):
         wall = some(rng, 35, 80)
         picture = look.photograph(rng, wide, wall)
         sheet.picture(x, y, wide, wall, picture)
-        y = (
-            set_paragraph(
-                sheet, x, y + wall + 2, wide, look.voice.prose(rng, count(rng, 8, 30)), look.text(7.5)
-            )
-            + 5
-        )
+        caption = look.voice.prose(rng, count(rng, 8, 30))
+        y = set_paragraph(sheet, x, y + wall + 2, wide, caption, look.text(7.5)) + 5
     if often(rng, 0.3):  # the last page of a chapter
         end = y + (end - y) * some(rng, 0.15, 0.8)
     set_columns(sheet, x, y, wide, end - y, look.paragraphs(rng, 900, 110), style)
-    sheet.words(
-        x + wide / 2,
-        sheet.height_mm * 0.94,
-        look.voice.number(rng)[:3],
-        look.voice.figures,
-        9,
-        align="centre",
-    )
+    folio = look.voice.number(rng)[:3]
+    sheet.words(x + wide / 2, sheet.height_mm * 0.94, folio, look.voice.figures, 9, align="centre")
 
 
 def dictionary(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -85,17 +72,8 @@ def newspaper(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         split = count(rng, 2, columns - 1)
         for first, last in ((0, split), (split, columns)):
             x = margin + first * (wide + gap) / columns
-            _article(
-                sheet,
-                rng,
-                look,
-                x,
-                y,
-                (last - first) * (wide + gap) / columns - gap,
-                block - 4,
-                last - first,
-                style,
-            )
+            across = (last - first) * (wide + gap) / columns - gap
+            _article(sheet, rng, look, x, y, across, block - 4, last - first, style)
         sheet.rule(margin, y + block - 2, wide, BLACK, 0.5)
         y += block
 
@@ -109,21 +87,18 @@ def _article(
     wide: float,
     tall: float,
     columns: int,
-    style: object,
+    style: Style,
 ) -> None:
     head = look.text(some(rng, 14, 26), face=look.voice.bold, align="left", leading=1.1, indent_em=0.0)
-    top = (
-        set_paragraph(sheet, x, y, wide, look.voice.title(rng, 2, 5).split(), head, bottom=y + 0.4 * tall) + 2
-    )
+    title = look.voice.title(rng, 2, 5).split()
+    top = set_paragraph(sheet, x, y, wide, title, head, bottom=y + 0.4 * tall) + 2
     if often(rng, 0.45) and tall > 60:
         high = tall * some(rng, 0.3, 0.5)
         sheet.picture(x, top, wide, high, look.photograph(rng, wide, high))
-        caption = look.voice.prose(rng, count(rng, 6, 16))
-        top = (
-            set_paragraph(sheet, x, top + high + 1, wide, caption, look.text(6.5, face=look.voice.italic)) + 2
-        )
+        caption, small = look.voice.prose(rng, count(rng, 6, 16)), look.text(6.5, face=look.voice.italic)
+        top = set_paragraph(sheet, x, top + high + 1, wide, caption, small) + 2
     words = look.paragraphs(rng, round(columns * 260), 45)
-    set_columns(sheet, x, top, wide, y + tall - top, words, style, columns=columns, gap=3.5)  # type: ignore[arg-type]
+    set_columns(sheet, x, top, wide, y + tall - top, words, style, columns=columns, gap=3.5)
 
 
 def magazine(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -148,22 +123,17 @@ def magazine(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     boxed = often(rng, 0.4) and end - y > 50
     columns = count(rng, 2, 3)
     each = (wide - 5 * (columns - 1)) / columns
-    taken = 1 if boxed else 0
+    room, left = (wide - (each + 5), columns - 1) if boxed else (wide, columns)
     text = look.paragraphs(rng, 900, 80)
-    set_columns(
-        sheet, margin, y, wide - taken * (each + 5), end - y, text, look.body, columns=columns - taken, gap=5
-    )
+    set_columns(sheet, margin, y, room, end - y, text, look.body, columns=left, gap=5)
     if boxed:
-        x, ground = (
-            margin + wide - each,
-            pick(rng, (look.palette.strong, look.palette.bright, look.palette.deep)),
-        )
+        x = margin + wide - each
+        ground = pick(rng, (look.palette.strong, look.palette.bright, look.palette.deep))
         sheet.rect(x, y, each, end - y, ground)
         over = PAPER if is_dark(ground) else BLACK
         down = look.heading(sheet, x + 4, y + 4, each - 8, look.voice.title(rng, 1, 3), 16, over) + 3
-        set_columns(
-            sheet, x + 4, down, each - 8, end - down - 4, look.paragraphs(rng, 200, 30), look.text(8.5, over)
-        )
+        text = look.paragraphs(rng, 200, 30)
+        set_columns(sheet, x + 4, down, each - 8, end - down - 4, text, look.text(8.5, over))
 
 
 def newsletter(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -172,35 +142,25 @@ def newsletter(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     ground = pick(rng, (look.palette.strong, look.palette.bright, look.palette.deep, look.palette.tint))
     sheet.rect(0, 0, sheet.width_mm, head, ground)
     over = PAPER if is_dark(ground) else look.palette.strong
-    look.heading(
-        sheet, margin, head / 2 - 7, sheet.width_mm - 2 * margin, look.voice.title(rng, 1, 3), 44, over
-    )
+    wide = sheet.width_mm - 2 * margin
+    look.heading(sheet, margin, head / 2 - 7, wide, look.voice.title(rng, 1, 3), 44, over)
     y, end = head + 6, sheet.height_mm - margin
-    main = (sheet.width_mm - 2 * margin) * some(rng, 0.6, 0.7)
-    side = sheet.width_mm - 2 * margin - main - 6
+    main = wide * some(rng, 0.6, 0.7)
+    side = wide - main - 6
     x, aside = (margin, margin + main + 6) if often(rng, 0.5) else (margin + side + 6, margin)
     down = y
     while down < end - 30:
         down = look.heading(sheet, x, down, main, look.voice.title(rng, 2, 5), 18) + 2
         tall = min(some(rng, 40, 95), end - down)
-        wide = main
         if often(rng, 0.55):
             across = main * some(rng, 0.35, 0.5)
             high = min(across * some(rng, 0.6, 1.1), tall)
             sheet.picture(x, down, across, high, look.photograph(rng, across, high))
-            set_columns(
-                sheet,
-                x + across + 4,
-                down,
-                main - across - 4,
-                tall - 4,
-                look.paragraphs(rng, 400, 60),
-                look.body,
-            )
+            text, beside = look.paragraphs(rng, 400, 60), main - across - 4
+            set_columns(sheet, x + across + 4, down, beside, tall - 4, text, look.body)
         else:
-            set_columns(
-                sheet, x, down, wide, tall - 4, look.paragraphs(rng, 500, 60), look.body, columns=2, gap=5
-            )
+            text = look.paragraphs(rng, 500, 60)
+            set_columns(sheet, x, down, main, tall - 4, text, look.body, columns=2, gap=5)
         down += tall
     sheet.rect(aside, y, side, end - y, look.palette.tint)
     down = y + 4
@@ -211,9 +171,8 @@ def newsletter(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         elif kind == 1:
             ledgers.table(sheet, rng, look, aside + 3, down, side - 6, tall - 5, columns=2, size_pt=7)
         else:
-            set_columns(
-                sheet, aside + 4, down, side - 8, tall - 3, look.paragraphs(rng, 150, 25), look.text(8.0)
-            )
+            text = look.paragraphs(rng, 150, 25)
+            set_columns(sheet, aside + 4, down, side - 8, tall - 3, text, look.text(8.0))
         down += tall + 3
 
 
@@ -238,14 +197,9 @@ def manual(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     wide, end = sheet.width_mm - 2 * margin, sheet.height_mm - 20
     y = look.heading(sheet, margin, margin, wide, look.voice.title(rng, 2, 4), 20) + 4
     while y < end - 70:
-        tall = some(rng, 55, 110)
+        tall = min(some(rng, 55, 110), end - y - 20)
         draw = pick(rng, (drawings.circuit, drawings.wire_frame, drawings.floor_plan))
-        tall = min(tall, end - y - 20)
         draw(sheet, rng, look, margin, y, wide, tall)
         y += tall + 8
-        y = (
-            set_paragraph(
-                sheet, margin, y, wide, look.voice.prose(rng, count(rng, 30, 110)), look.body, bottom=end
-            )
-            + 4
-        )
+        text = look.voice.prose(rng, count(rng, 30, 110))
+        y = set_paragraph(sheet, margin, y, wide, text, look.body, bottom=end) + 4

@@ -39,9 +39,8 @@ def _axes(
     for step in range(steps + 1):
         down = y + height * (1 - step / steps)
         sheet.rule(x, down, width, grey(0.25 if step else 0.9), 0.35)
-        sheet.words(
-            x - 1, down + 0.8, f"{top * step / steps:.3g}", look.voice.figures, 5.5, grey(0.8), align="right"
-        )
+        value = f"{top * step / steps:.3g}"
+        sheet.words(x - 1, down + 0.8, value, look.voice.figures, 5.5, grey(0.8), align="right")
     sheet.upright(x, y, height, grey(0.9), 0.5)
     names = count(rng, 3, 6)
     for place in range(names):
@@ -102,12 +101,8 @@ def pie(
         key = y + 4 + 5.5 * place
         if key < y + height:
             sheet.rect(x + 2 * radius + 5, key - 2.4, 3, 3, colour)
-            text = cut(
-                f"{100 * share:.0f} % {look.voice.title(rng, 1, 2)}",
-                look.voice.face,
-                6.5,
-                width - 2 * radius - 9,
-            )
+            text = f"{100 * share:.0f} % {look.voice.title(rng, 1, 2)}"
+            text = cut(text, look.voice.face, 6.5, width - 2 * radius - 9)
             sheet.words(x + 2 * radius + 10, key, text, look.voice.face, 6.5, look.palette.text)
     if often(rng, 0.4):
         sheet.disc(*at, radius * some(rng, 0.4, 0.65), PAPER)

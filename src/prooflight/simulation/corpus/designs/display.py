@@ -10,6 +10,7 @@ from prooflight.simulation.corpus.designs import charts, graphics
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
 from prooflight.simulation.corpus.designs.inks import PAPER, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
+from prooflight.simulation.corpus.designs.sheet import cells
 
 if TYPE_CHECKING:
     from prooflight.simulation.corpus.designs.look import Look
@@ -47,17 +48,11 @@ def poster(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         sheet.rect(0, 0, wide, tall, ground)
         sheet.picture(0, 0, wide, high, look.photograph(rng, wide, high))
     over = PAPER if is_dark(ground) else palette.strong
-    y = tall * (
-        some(rng, 0.66, 0.72) if kind == 4 else some(rng, 0.32, 0.42) if kind == 3 else some(rng, 0.06, 0.5)
-    )
+    y = tall * some(rng, *{4: (0.66, 0.72), 3: (0.32, 0.42)}.get(kind, (0.06, 0.5)))
     align = pick(rng, ("left", "centre"))
     for _ in range(count(rng, 1, 3)):
-        y = (
-            look.heading(
-                sheet, 14, y, wide - 28, look.voice.title(rng, 1, 2), some(rng, 40, 120), over, align=align
-            )
-            + 4
-        )
+        title, most_pt = look.voice.title(rng, 1, 2), some(rng, 40, 120)
+        y = look.heading(sheet, 14, y, wide - 28, title, most_pt, over, align=align) + 4
     small = look.text(some(rng, 10, 16), over, align="left")
     set_paragraph(sheet, 14, y + 4, 0.6 * wide, look.voice.prose(rng, count(rng, 8, 40)), small)
     if often(rng, 0.6):
@@ -89,10 +84,8 @@ def cover(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     box, head = pick(rng, (ground, palette.deep, PAPER)), tall * (0.66 if below else 0.08)
     sheet.rect(0.07 * wide, head, 0.86 * wide, 0.24 * tall, box)
     over = PAPER if is_dark(box) else palette.strong
-    y = (
-        look.heading(sheet, 0.1 * wide, head + 0.02 * tall, 0.8 * wide, look.voice.title(rng, 1, 3), 60, over)
-        + 5
-    )
+    title = look.voice.title(rng, 1, 3)
+    y = look.heading(sheet, 0.1 * wide, head + 0.02 * tall, 0.8 * wide, title, 60, over) + 5
     sheet.words(0.1 * wide, y + 5, look.voice.title(rng, 2, 5)[:50], look.voice.italic, 14, over)
     sheet.words(0.1 * wide, tall - 14, look.voice.title(rng, 2, 3), look.voice.face, 11, palette.text)
 
@@ -105,8 +98,7 @@ def slides(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     ground = pick(rng, (PAPER, PAPER, look.palette.tint, look.palette.deep, look.palette.strong))
     over = PAPER if is_dark(ground) else look.palette.text
     size = float(np.clip(tall / 7, 5.5, 15))
-    for place in range(columns * rows):
-        x, y = margin + place % columns * (wide + margin), margin + place // columns * (tall + margin)
+    for x, y in cells(columns, rows, margin, margin, wide + margin, tall + margin):
         sheet.rect(x, y, wide, tall, ground)
         sheet.rect(x, y, wide, 0.16 * tall, look.palette.strong)
         look.heading(sheet, x + 3, y + 0.03 * tall, wide - 6, look.voice.title(rng, 2, 5), 0.26 * tall, PAPER)
@@ -131,19 +123,16 @@ def menu(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     margin = some(rng, 18, 30)
     wide = sheet.width_mm - 2 * margin
     graphics.border(sheet, rng, some(rng, 5, 10), over)
-    y = (
-        look.heading(sheet, margin, margin + 4, wide, look.voice.title(rng, 1, 2), 44, over, align="centre")
-        + 12
-    )
+    title = look.voice.title(rng, 1, 2)
+    y = look.heading(sheet, margin, margin + 4, wide, title, 44, over, align="centre") + 12
     while y < sheet.height_mm - margin - 25:
         y = look.heading(sheet, margin, y, wide, look.voice.title(rng, 1, 2), 18, over, align="centre") + 6
         for _ in range(count(rng, 3, 7)):
             if y > sheet.height_mm - margin - 8:
                 break
             sheet.words(margin, y, look.voice.title(rng, 2, 4)[:38], look.voice.face, 11, over)
-            sheet.words(
-                margin + wide, y, f"{some(rng, 3, 60):.2f}", look.voice.figures, 11, over, align="right"
-            )
+            price = f"{some(rng, 3, 60):.2f}"
+            sheet.words(margin + wide, y, price, look.voice.figures, 11, over, align="right")
             if often(rng, 0.6):
                 note = " ".join(look.voice.some_words(rng, count(rng, 4, 8)))[:60]
                 sheet.words(margin, y + 4, note, look.voice.italic, 7.5, over)
@@ -182,9 +171,8 @@ def invitation(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     for _ in range(count(rng, 3, 9)):
         size = pick(rng, (10, 12, 12, 16, 28))
         text, at = look.voice.title(rng, 2, 4), 0.15 * wide
-        y = look.heading(sheet, at, y, 0.7 * wide, text, size, look.palette.text, align="centre") + some(
-            rng, 2, 7
-        )
+        y = look.heading(sheet, at, y, 0.7 * wide, text, size, look.palette.text, align="centre")
+        y += some(rng, 2, 7)
         if y > 0.9 * tall:
             break
     if often(rng, 0.4):
@@ -195,8 +183,7 @@ def flyer(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     """Offers: blocks of picture and colour in a grid that fills the page, prices in bursts."""
     columns, rows = count(rng, 2, 3), count(rng, 2, 4)
     wide, tall = sheet.width_mm / columns, sheet.height_mm / rows
-    for place in range(columns * rows):
-        x, y = place % columns * wide, place // columns * tall
+    for x, y in cells(columns, rows, 0.0, 0.0, wide, tall):
         kind = count(rng, 0, 2)
         ground = pick(rng, (look.palette.strong, look.palette.bright, look.palette.deep, look.palette.tint))
         if kind == 0:
@@ -208,10 +195,8 @@ def flyer(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         if kind:
             over = PAPER if is_dark(ground) else look.palette.text
             top = look.heading(sheet, x + 5, y + 6, wide - 10, look.voice.title(rng, 1, 2), 26, over) + 4
-            style = look.text(9.0, over, align="left")
-            set_columns(
-                sheet, x + 5, top, wide - 10, tall - (top - y) - 24, look.paragraphs(rng, 60, 20), style
-            )
+            style, words = look.text(9.0, over, align="left"), look.paragraphs(rng, 60, 20)
+            set_columns(sheet, x + 5, top, wide - 10, tall - (top - y) - 24, words, style)
         if often(rng, 0.55):
             price, at = f"{some(rng, 1, 99):.2f}", (x + wide - 18, y + tall - 15)
             sheet.ellipse(*at, 14, 10, look.palette.bright, turn_deg=-10)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
-from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, lighter
+from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, between, grey, lighter
 from prooflight.simulation.corpus.designs.photographs import clouds
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def music(
         sheet.upright(start + wide, y, 4 * space, ink, 0.6)
         notes, beamed = count(rng, 2, 8), often(rng, 0.5)
         heights = np.clip(np.cumsum(rng.integers(-3, 4, notes)) + count(rng, 0, 7), -3, 11)
-        beam = y + (int(heights.max()) > 6) * 0 - 2.6 * space
+        beam = y - 2.6 * space
         for note, height in enumerate(heights.tolist()):
             at, level = start + (note + 0.6) * wide / (notes + 0.4), y + (8 - height) * space / 2
             hollow = not beamed and rng.random() < 0.3
@@ -41,9 +41,8 @@ def music(
                 sheet.ellipse(at, level, 0.4 * space, 0.2 * space, PAPER, turn_deg=-35)
             top = beam if beamed else level - 3.4 * space
             sheet.upright(at + 0.56 * space, top, level - top, ink, 0.5)
-            for ledger in range(5, (13 - min(height, 0)) // 2):
-                if height < 0:
-                    sheet.rule(at - space, y + ledger * space, 2 * space, ink, 0.35)
+            for ledger in range(5, (13 - height) // 2 if height < 0 else 5):
+                sheet.rule(at - space, y + ledger * space, 2 * space, ink, 0.35)
         if beamed:
             left, right = start + 0.6 * wide / (notes + 0.4), start + (notes - 0.4) * wide / (notes + 0.4)
             sheet.rect(left + 0.5 * space, beam, right - left, 0.5 * space, ink)
@@ -59,24 +58,13 @@ def contour_map(
     land = clouds(rng, rows, columns, falling=1.6, coarse=some(rng, 2, 5))
     colour = not look.separation.black_alone
     tone = np.digitize(land, np.linspace(-1.6, 2.0, 9)).astype(np.float32) / 9
-    low, high = look.palette.tint, lighter(look.palette.third, 0.5)
     if colour:
-        tinted = (
-            np.array(low, np.float32) * (1 - tone[..., None]) + np.array(high, np.float32) * tone[..., None]
-        )
+        tinted = between(look.palette.tint, lighter(look.palette.third, 0.5), tone)
         sheet.picture(x, y, width, height, tinted.astype(np.uint8))
-    sea = (land < some(rng, -1.2, -0.7)).astype(np.uint8)
+    sea = land < some(rng, -1.2, -0.7)
     _areas(sheet, sea, x, y, step, lighter(look.palette.strong, 0.35) if colour else grey(0.2))
     for level in np.linspace(-1.5, 2.4, count(rng, 9, 22)):
-        _areas(
-            sheet,
-            (land > level).astype(np.uint8),
-            x,
-            y,
-            step,
-            lighter(look.palette.strong, 0.7),
-            line_pt=0.35,
-        )
+        _areas(sheet, land > level, x, y, step, lighter(look.palette.strong, 0.7), line_pt=0.35)
     for _ in range(count(rng, 3, 8)):
         _road(sheet, rng, look, x, y, width, height)
     for _ in range(count(rng, 8, 30)):
@@ -89,14 +77,13 @@ def contour_map(
 def _areas(
     sheet: Sheet, inside: np.ndarray, x: float, y: float, step: float, ink: Ink, *, line_pt: float = 0.0
 ) -> None:
-    outlines, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    outlines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     for outline in outlines:
         points = np.array((x, y)) + (outline[:, 0] + 0.5) * step
         if len(points) > 8:
             kernel = np.ones(5) / 5  # takes the stairs out of a line that follows cells
-            smooth = np.stack(
-                [np.convolve(np.pad(c, 2, mode="wrap"), kernel, "valid") for c in points.T], axis=1
-            )
+            ring = np.pad(points, ((2, 2), (0, 0)), mode="wrap").T
+            smooth = np.stack([np.convolve(place, kernel, "valid") for place in ring], axis=1)
             if line_pt:
                 sheet.line(smooth, ink, line_pt, closed=True)
             else:
@@ -148,11 +135,11 @@ def floor_plan(
     """Rooms with walls, doors, dimensions and names."""
     _rooms(sheet, rng, look, x, y, width, height, depth=count(rng, 3, 4))
     sheet.frame(x, y, width, height, BLACK, 3.0)
-    for offset, size in ((y + height + 5, width),):
-        sheet.rule(x, offset, size, BLACK, 0.4)
-        for tick in np.linspace(x, x + size, count(rng, 4, 8)):
-            sheet.upright(float(tick), offset - 1.4, 2.8, BLACK, 0.5)
-            sheet.words(float(tick) + 1, offset - 0.8, look.voice.number(rng), look.voice.figures, 5.5)
+    below = y + height + 5
+    sheet.rule(x, below, width, BLACK, 0.4)
+    for tick in np.linspace(x, x + width, count(rng, 4, 8)).tolist():
+        sheet.upright(tick, below - 1.4, 2.8, BLACK, 0.5)
+        sheet.words(tick + 1, below - 0.8, look.voice.number(rng), look.voice.figures, 5.5)
 
 
 def _rooms(
@@ -169,10 +156,8 @@ def _rooms(
     if depth == 0 or min(width, height) < 22:
         if often(rng, 0.25):
             sheet.rect(x + 1, y + 1, width - 2, height - 2, look.palette.tint)
-        at = x + width / 2, y + height / 2
-        sheet.words(
-            *at, look.voice.title(rng, 1, 1)[:10], look.voice.face, 7, look.palette.text, align="centre"
-        )
+        at, name = (x + width / 2, y + height / 2), look.voice.title(rng, 1, 1)[:10]
+        sheet.words(*at, name, look.voice.face, 7, look.palette.text, align="centre")
         area = f"{width * height / 100:.1f}"
         sheet.words(at[0], at[1] + 3.4, area, look.voice.figures, 6, look.palette.text, align="centre")
         return
@@ -199,9 +184,8 @@ def wire_frame(
     sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
 ) -> None:
     """A surface or ring of lines in perspective."""
-    u, v = np.meshgrid(
-        np.linspace(0, 2 * np.pi, count(rng, 28, 60)), np.linspace(0, 2 * np.pi, count(rng, 14, 30))
-    )
+    around, across = (np.linspace(0, 2 * np.pi, count(rng, *lines)) for lines in ((28, 60), (14, 30)))
+    u, v = np.meshgrid(around, across)
     thick, tilt, lobes = some(rng, 0.2, 0.5), some(rng, 0.4, 1.2), count(rng, 0, 5)
     radius = 1 + thick * np.cos(v) + 0.12 * np.sin(lobes * u)
     if often(rng, 0.5):  # a surface over a plane instead of a ring

@@ -87,9 +87,8 @@ def bar_code(
     if voice is not None:
         digits = "".join(str(digit) for digit in rng.integers(0, 10, symbols))
         size = min(9.0, 1.6 * width / symbols / 0.35)
-        sheet.words(
-            x + width / 2, y + height + 0.4 * size, digits, voice.figures, size, align="centre", spread_em=0.2
-        )
+        at = x + width / 2, y + height + 0.4 * size
+        sheet.words(*at, digits, voice.figures, size, align="centre", spread_em=0.2)
 
 
 def _code_128(rng: np.random.Generator) -> list[int]:
@@ -107,13 +106,8 @@ def square_code(
     modules = 4 * count(rng, 1, 8) + 17
     dark = rng.random((modules, modules)) < 0.5
     dark[6, :], dark[:, 6] = np.arange(modules) % 2 == 0, np.arange(modules) % 2 == 0
-    for rows, columns in (
-        (slice(0, 8), slice(0, 8)),
-        (slice(0, 8), slice(-8, None)),
-        (slice(-8, None), slice(0, 8)),
-    ):
-        dark[rows, columns] = False
     for top, left in ((0, 0), (0, modules - 7), (modules - 7, 0)):
+        dark[max(top - 1, 0) : top + 8, max(left - 1, 0) : left + 8] = False
         dark[top : top + 7, left : left + 7] = _FINDER
     sheet.modules(x, y, side / modules, dark, ink)
 
@@ -122,10 +116,9 @@ def signature(sheet: Sheet, rng: np.random.Generator, x: float, y: float, width:
     """A hand's scrawl along a line."""
     along = np.linspace(0, 1, 160)
     waves = count(rng, 5, 11)
-    height = (
-        width * some(rng, 0.05, 0.12) * (1.2 - along) * np.sin(2 * np.pi * waves * along + some(rng, 0, 6))
-    )
-    sway = 0.05 * width * np.sin(2 * np.pi * waves * along + some(rng, 0, 6))
+    high, turns = some(rng, 0.05, 0.12), 2 * np.pi * waves * along
+    height = width * high * (1.2 - along) * np.sin(turns + some(rng, 0, 6))
+    sway = 0.05 * width * np.sin(turns + some(rng, 0, 6))
     slow = 0.06 * width * np.sin(2 * np.pi * some(rng, 0.5, 2) * along)
     sheet.line(np.stack([x + width * along + sway, y - height - slow], axis=1), ink, some(rng, 0.6, 1.4))
 
@@ -180,10 +173,9 @@ def pattern(
             left, top = x + (place + 0.5 * (row % 2)) * pitch, y + row * pitch
             size = pitch * some(rng, 0.2, 0.48)
             colour = (ink, second)[(place + row) % 2]
-            inside = (
-                left + size < x + width and top + size < y + height and left - size > x and top - size > y
-            )
-            if not inside:
+            if not (
+                x < left - size and left + size < x + width and y < top - size and top + size < y + height
+            ):
                 continue
             if kind == 0:
                 sheet.disc(left, top, size, colour)

@@ -78,6 +78,12 @@ def lighter(ink: Ink, share: float) -> Ink:
     return (c, m, y, k)
 
 
+def between(start: Ink, end: Ink, share: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Mixtures at a share (...) of the way from one to the other, (..., 4), rounded down."""
+    way = share[..., None]
+    return (np.array(start, np.float32) * (1 - way) + np.array(end, np.float32) * way).astype(np.uint8)
+
+
 def is_dark(ink: Ink) -> bool:
     """Whether type on it should be light. Weights: about what each ink takes from white light, K as good as all."""
     c, m, y, k = ink

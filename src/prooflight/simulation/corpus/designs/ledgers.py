@@ -41,7 +41,7 @@ def table(
     ground = pick(rng, (look.palette.strong, look.palette.deep, look.palette.tint))
     if head:
         sheet.rect(x, y, width, step, ground)
-    over = (PAPER if is_dark(ground) else look.palette.text) if head else look.palette.text
+    over = PAPER if head and is_dark(ground) else look.palette.text
     rows = max(int(height / step), 2)
     number_from = count(rng, 1, 2)
     money = often(rng, 0.5)
@@ -62,9 +62,8 @@ def table(
                 value = rng.lognormal(4, 1.8)
                 figure = f"{value:,.2f}" if money else f"{value:.0f}"
                 figures = cut(figure[::-1], look.voice.figures, size, right - left - 2)[::-1]
-                sheet.words(
-                    right - 1, base, figures, look.voice.figures, size, look.palette.text, align="right"
-                )
+                face, ink = look.voice.figures, look.palette.text
+                sheet.words(right - 1, base, figures, face, size, ink, align="right")
         if ruled:
             sheet.rule(x, top + step, width, grey(0.5) if row else look.palette.strong, 0.3 if row else 0.8)
     bottom = y + rows * step
@@ -97,7 +96,7 @@ def form(
         else:
             _fields(sheet, rng, look, x, y, width, tall, line, tinted=tinted)
         y += tall
-    sheet.frame(x, bottom - (bottom - y), width, 0.01, look.palette.text, line)
+    sheet.frame(x, y, width, 0.01, look.palette.text, line)
 
 
 def _fields(
@@ -161,11 +160,5 @@ def _letters(
         left = x + 1 + box * side
         sheet.frame(left, y + 3.4, side, side, look.palette.text, line)
         if filled and box < len(figures):
-            sheet.words(
-                left + side / 2,
-                y + 3.4 + 0.78 * side,
-                figures[box],
-                look.voice.figures,
-                2 * side,
-                align="centre",
-            )
+            at = left + side / 2, y + 3.4 + 0.78 * side
+            sheet.words(*at, figures[box], look.voice.figures, 2 * side, align="centre")

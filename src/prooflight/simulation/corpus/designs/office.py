@@ -8,6 +8,7 @@ from prooflight.simulation.corpus.designs import charts, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
 from prooflight.simulation.corpus.designs.inks import PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
+from prooflight.simulation.corpus.designs.sheet import cells
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,17 +27,8 @@ def _letterhead(sheet: Sheet, rng: np.random.Generator, look: Look, margin: floa
         graphics.logo(sheet, rng, margin, 5, side, lighter(look.palette.bright, 0.6), PAPER)
         look.heading(sheet, margin + side + 5, 6, 0.6 * wide, name, 22, PAPER)
         return 16 + side
-    left = kind == 1
-    graphics.logo(
-        sheet,
-        rng,
-        margin if left else margin + wide - side,
-        10,
-        side,
-        look.palette.strong,
-        look.palette.bright,
-    )
-    start = margin + side + 4 if left else margin
+    at, start = (margin, margin + side + 4) if kind == 1 else (margin + wide - side, margin)
+    graphics.logo(sheet, rng, at, 10, side, look.palette.strong, look.palette.bright)
     look.heading(sheet, start, 10, wide - side - 6, name, some(rng, 12, 24))
     for row in range(count(rng, 1, 3)):
         text = " ".join(look.voice.some_words(rng, count(rng, 3, 6)))
@@ -73,12 +65,10 @@ def letter(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     end = sheet.height_mm - 60
     for words in look.paragraphs(rng, count(rng, 30, 300), 60):
         y = set_paragraph(sheet, margin, y, wide, words, look.body, bottom=end) + 3
-    graphics.signature(
-        sheet, rng, margin, y + 16, some(rng, 30, 55), pick(rng, (look.palette.text, look.palette.strong))
-    )
-    sheet.words(
-        margin, y + 24, look.voice.title(rng, 2, 3), look.voice.face, look.body.size_pt, look.palette.text
-    )
+    length, ink = some(rng, 30, 55), pick(rng, (look.palette.text, look.palette.strong))
+    graphics.signature(sheet, rng, margin, y + 16, length, ink)
+    signed = look.voice.title(rng, 2, 3)
+    sheet.words(margin, y + 24, signed, look.voice.face, look.body.size_pt, look.palette.text)
     if often(rng, 0.15):
         graphics.stamp(sheet, rng, margin + 0.75 * wide, y + 12, 15, look.palette.bright, look.voice)
     _foot(sheet, rng, look, margin)
@@ -93,17 +83,15 @@ def invoice(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     look.heading(sheet, margin + 0.55 * wide, y, 0.45 * wide, look.voice.title(rng, 1, 1), some(rng, 16, 32))
     for row in range(3):
         at = y + 16 + 4.6 * row
-        sheet.words(
-            margin + 0.6 * wide, at, look.voice.title(rng, 1, 1), look.voice.face, 8, look.palette.text
-        )
+        fact = look.voice.title(rng, 1, 1)
+        sheet.words(margin + 0.6 * wide, at, fact, look.voice.face, 8, look.palette.text)
         sheet.words(margin + wide, at, look.voice.number(rng), look.voice.figures, 8, align="right")
     y += 38
     y = ledgers.table(sheet, rng, look, margin, y, wide, some(rng, 15, sheet.height_mm - y - 85))
     for row in range(count(rng, 2, 4)):
         at = y + 6 + 5 * row
-        sheet.words(
-            margin + 0.62 * wide, at, look.voice.title(rng, 1, 2)[:18], look.voice.face, 9, look.palette.text
-        )
+        name = look.voice.title(rng, 1, 2)[:18]
+        sheet.words(margin + 0.62 * wide, at, name, look.voice.face, 9, look.palette.text)
         figure = f"{rng.lognormal(6, 1):,.2f}"
         sheet.words(margin + wide, at, figure, look.voice.figures, 9, look.palette.text, align="right")
     foot = sheet.height_mm - 42
@@ -121,10 +109,8 @@ def form_page(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     y = look.heading(sheet, margin, margin, 0.7 * wide, look.voice.title(rng, 3, 6), some(rng, 13, 22))
     if often(rng, 0.5):
         graphics.bar_code(sheet, rng, margin + wide - 45, margin, 45, 9)
-    y = (
-        set_paragraph(sheet, margin, y + 3, wide, look.voice.prose(rng, count(rng, 15, 60)), look.text(7.0))
-        + 3
-    )
+    words = look.voice.prose(rng, count(rng, 15, 60))
+    y = set_paragraph(sheet, margin, y + 3, wide, words, look.text(7.0)) + 3
     ledgers.form(sheet, rng, look, margin, y, wide, (sheet.height_mm - margin - y) * some(rng, 0.5, 1.0))
 
 
@@ -142,9 +128,8 @@ def statement(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         sheet.rect(left, y, each, 22, ground)
         sheet.frame(left, y, each, 22, look.palette.strong, 0.6)
         sheet.words(left + 3, y + 6, look.voice.title(rng, 1, 2)[:16], look.voice.face, 7.5, over)
-        sheet.words(
-            left + 3, y + 17, f"{rng.lognormal(5, 1):,.2f}", look.voice.figures, some(rng, 13, 18), over
-        )
+        figure, size = f"{rng.lognormal(5, 1):,.2f}", some(rng, 13, 18)
+        sheet.words(left + 3, y + 17, figure, look.voice.figures, size, over)
     y += 28
     if often(rng, 0.7):
         tall = some(rng, 40, 65)
@@ -168,13 +153,8 @@ def report(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
         end *= some(rng, 0.3, 0.9)
     sheet.words(margin, y - 8, look.voice.title(rng, 2, 4), look.voice.italic, 7.5, grey(0.7))
     while y < end - 25:
-        number = f"{count(rng, 1, 9)}.{count(rng, 1, 9)}"
-        y = (
-            look.heading(
-                sheet, margin, y, wide, f"{number}  {look.voice.title(rng, 2, 5)}", some(rng, 11, 16)
-            )
-            + 3
-        )
+        title = f"{count(rng, 1, 9)}.{count(rng, 1, 9)}  {look.voice.title(rng, 2, 5)}"
+        y = look.heading(sheet, margin, y, wide, title, some(rng, 11, 16)) + 3
         for words in look.paragraphs(rng, count(rng, 40, 150)):
             y = set_paragraph(sheet, margin, y, wide, words, look.body, bottom=end) + 2
         tall, kind = some(rng, 35, 70), count(rng, 0, 3)
@@ -190,14 +170,8 @@ def report(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
                     point = look.voice.prose(rng, count(rng, 5, 24))
                     y = set_paragraph(sheet, margin + 6, y, wide - 6, point, plain, bottom=end) + 1
             y += 3
-    sheet.words(
-        sheet.width_mm / 2,
-        sheet.height_mm - 12,
-        look.voice.number(rng),
-        look.voice.figures,
-        8,
-        align="centre",
-    )
+    at = sheet.width_mm / 2, sheet.height_mm - 12
+    sheet.words(*at, look.voice.number(rng), look.voice.figures, 8, align="centre")
 
 
 def table_page(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -207,11 +181,8 @@ def table_page(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     y = look.heading(sheet, margin, margin, wide, look.voice.title(rng, 2, 5), some(rng, 12, 26)) + 4
     size, end = some(rng, 5.5, 8.5), sheet.height_mm * some(rng, 0.6, 1.0) - margin
     while y < end - 20:
-        tall = min(some(rng, 40, 240), end - y)
-        y = (
-            ledgers.table(sheet, rng, look, margin, y, wide, tall, columns=count(rng, 4, 11), size_pt=size)
-            + 6
-        )
+        tall, columns = min(some(rng, 40, 240), end - y), count(rng, 4, 11)
+        y = ledgers.table(sheet, rng, look, margin, y, wide, tall, columns=columns, size_pt=size) + 6
 
 
 def dashboard(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -223,10 +194,8 @@ def dashboard(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     columns, rows = count(rng, 1, 2), count(rng, 2, 4)
     wide = (sheet.width_mm - margin * (columns + 1)) / columns
     tall = (sheet.height_mm - head - margin * (rows + 1)) / rows
-    for row in range(rows):
-        for column in range(columns):
-            x, y = margin + column * (wide + margin), head + margin + row * (tall + margin)
-            if often(rng, 0.15):
-                set_columns(sheet, x, y, wide, tall, look.paragraphs(rng, 140), look.body)
-            else:
-                charts.chart(sheet, rng, look, x, y, wide, tall)
+    for x, y in cells(columns, rows, margin, head + margin, wide + margin, tall + margin):
+        if often(rng, 0.15):
+            set_columns(sheet, x, y, wide, tall, look.paragraphs(rng, 140), look.body)
+        else:
+            charts.chart(sheet, rng, look, x, y, wide, tall)

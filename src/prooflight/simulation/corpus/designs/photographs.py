@@ -70,8 +70,7 @@ def ramp(value: Field, *colours: tuple[float, float, float]) -> Field:
 
 def _developed(rng: np.random.Generator, rgb: Field) -> Field:
     rows, columns = rgb.shape[:2]
-    down = np.linspace(-1, 1, rows, dtype=np.float32)[:, None]
-    across = np.linspace(-1, 1, columns, dtype=np.float32)[None]
+    down, across = _grid(rows, columns, start=-1)
     balance = rng.normal(1.0, 0.04, 3).astype(np.float32) * np.float32(some(rng, 0.85, 1.12))
     vignette = 1 - np.float32(some(rng, 0.0, 0.16)) * (down**2 + across**2)
     grain = rng.standard_normal((rows, columns), dtype=np.float32)
@@ -86,12 +85,10 @@ def _developed(rng: np.random.Generator, rgb: Field) -> Field:
     return rgb
 
 
-def _grid(rows: int, columns: int) -> tuple[Field, Field]:
-    """Height 0..1 from the top (rows, 1) and place 0..1 from the left (1, columns)."""
-    return (
-        np.linspace(0, 1, rows, dtype=np.float32)[:, None],
-        np.linspace(0, 1, columns, dtype=np.float32)[None],
-    )
+def _grid(rows: int, columns: int, *, start: float = 0) -> tuple[Field, Field]:
+    """Height from the top (rows, 1) and place from the left (1, columns), both ``start`` to 1."""
+    down, across = (np.linspace(start, 1, count, dtype=np.float32) for count in (rows, columns))
+    return down[:, None], across[None]
 
 
 def _colour(rng: np.random.Generator, *middle: float, spread: float = 0.06) -> tuple[float, float, float]:
@@ -199,7 +196,8 @@ def still_life(rng: np.random.Generator, rows: int, columns: int) -> Field:
     """Balls, fruit or cups on a table by a window: highlights, cast shadows, out-of-focus lights behind."""
     down, _ = _grid(rows, columns)
     table = some(rng, 0.45, 0.7)
-    wall = ramp(clouds(rng, rows, columns, falling=1.8) * 0.15 + 0.5, *(_wall(rng) for _ in range(2)))
+    light = clouds(rng, rows, columns, falling=1.8) * 0.15 + 0.5
+    wall = ramp(light, *(_colour(rng, 0.55, 0.54, 0.52, spread=0.13) for _ in range(2)))
     grain = clouds(rng, 1, columns * 3, falling=0.8, coarse=10)[:, :columns]
     wood = ramp(
         clouds(rng, rows, columns, falling=1.2, coarse=4) * 0.12 + 0.1 * grain + down * 0.4 + 0.2,
@@ -216,10 +214,6 @@ def still_life(rng: np.random.Generator, rows: int, columns: int) -> Field:
         radius = min(rows, columns) * some(rng, 0.08, 0.22)
         _ball(rng, rgb, some(rng, 0.12, 0.88) * columns, some(rng, table, 0.9) * rows - 0.4 * radius, radius)
     return rgb
-
-
-def _wall(rng: np.random.Generator) -> tuple[float, float, float]:
-    return _colour(rng, 0.55, 0.54, 0.52, spread=0.13)
 
 
 def _ball(rng: np.random.Generator, rgb: Field, x: float, y: float, radius: float) -> None:
@@ -266,11 +260,7 @@ def town(rng: np.random.Generator, rows: int, columns: int) -> Field:
         for y in range(roof + pitch_y, rows - pitch_y, pitch_y):
             for x in range(x0 + pitch_x // 3, x1 - pitch_x // 2, pitch_x):
                 lit = rng.random() < 0.35
-                glass = (
-                    (0.95, 0.8, 0.45)
-                    if night and lit
-                    else tuple((wall * (0.5 if not lit else 0.75)).tolist())
-                )
+                glass = (0.95, 0.8, 0.45) if night and lit else wall * (0.75 if lit else 0.5)
                 rgb[y : y + pitch_y // 2, x : x + pitch_x // 2] = glass
     rgb *= (1 + 0.06 * clouds(rng, rows, columns, falling=0.8, coarse=10))[..., None]
     return cv2.GaussianBlur(rgb, (0, 0), 0.7)

@@ -14,7 +14,7 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.simulation.corpus.designs.inks import BLACK
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -43,7 +43,8 @@ class Sheet:
         """Rows and columns on the page of a box; at least one pixel of what is not empty."""
         top, left = self._px(y), self._px(x)
         bottom, right = max(self._px(y + height), top + 1), max(self._px(x + width), left + 1)
-        return slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
+        rows, columns = self.cmyk.shape[:2]
+        return slice(max(top, 0), min(max(bottom, 0), rows)), slice(max(left, 0), min(max(right, 0), columns))
 
     def rect(self, x: float, y: float, width: float, height: float, ink: Ink) -> None:
         """A filled rectangle."""
@@ -52,13 +53,10 @@ class Sheet:
     def frame(self, x: float, y: float, width: float, height: float, ink: Ink, line_pt: float = 0.5) -> None:
         """The outline of a rectangle, the line's middle on its edges."""
         line = line_pt * MM_PER_PT
-        for left, top, wide, tall in (
-            (x - line / 2, y - line / 2, width + line, line),
-            (x - line / 2, y + height - line / 2, width + line, line),
-            (x - line / 2, y, line, height),
-            (x + width - line / 2, y, line, height),
-        ):
-            self.rect(left, top, wide, tall, ink)
+        for top in (y, y + height):
+            self.rect(x - line / 2, top - line / 2, width + line, line, ink)
+        for left in (x, x + width):
+            self.upright(left, y, height, ink, line_pt)
 
     def rule(self, x: float, y: float, length: float, ink: Ink = BLACK, line_pt: float = 0.5) -> None:
         """A level line to the right of (x, y)."""
@@ -129,8 +127,6 @@ class Sheet:
         how = cv2.INTER_AREA if wide < cmyk.shape[1] else cv2.INTER_LINEAR
         seen = cv2.resize(cmyk, (wide, tall), interpolation=how)
         rows, columns = self._box(x, y, width, height)
-        rows, columns = slice(rows.start, min(rows.stop, self.cmyk.shape[0])), columns
-        columns = slice(columns.start, min(columns.stop, self.cmyk.shape[1]))
         if rows.start >= rows.stop or columns.start >= columns.stop:
             return
         part = seen[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
@@ -207,14 +203,10 @@ class Sheet:
         self._stamp(mask, edges_x[0], edges_y[0], _pack(ink), over=False)
 
     def _stamp(self, mask: NDArray[np.bool_], left: int, top: int, packed: np.uint32, *, over: bool) -> None:
-        rows, columns = mask.shape
-        if left < 0 or top < 0:
-            mask = mask[max(-top, 0) :, max(-left, 0) :]
-            left, top = max(left, 0), max(top, 0)
-            rows, columns = mask.shape
-        part = self._packed[top : top + rows, left : left + columns]
-        if part.shape != mask.shape:
-            mask = mask[: part.shape[0], : part.shape[1]]
+        mask = mask[max(-top, 0) :, max(-left, 0) :]
+        left, top = max(left, 0), max(top, 0)
+        part = self._packed[top : top + mask.shape[0], left : left + mask.shape[1]]
+        mask = mask[: part.shape[0], : part.shape[1]]
         if over:
             np.bitwise_or(part, packed, out=part, where=mask)
         else:
@@ -224,6 +216,14 @@ class Sheet:
         """Equal discs about points (n, 2)."""
         for x, y in points_mm.tolist():
             self.disc(x, y, radius, ink)
+
+
+def cells(
+    columns: int, rows: int, left: float, top: float, step_x: float, step_y: float
+) -> Iterator[tuple[float, float]]:
+    """Top-left corners of the cells of a grid, row by row. [mm]"""
+    for place in range(columns * rows):
+        yield left + place % columns * step_x, top + place // columns * step_y
 
 
 def _pack(ink: Sequence[int]) -> np.uint32:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from prooflight.simulation.corpus.designs import drawings, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark, lighter
+from prooflight.simulation.corpus.designs.photographs import PIXEL_MM, clouds, ramp
 from prooflight.simulation.corpus.designs.setting import cut, set_columns, set_paragraph
+from prooflight.simulation.corpus.designs.sheet import cells
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,16 +25,14 @@ def labels(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     wide = (sheet.width_mm - 2 * margin + gap) / columns - gap
     tall = (sheet.height_mm - 2 * margin + gap) / rows - gap
     kind, framed, headed = count(rng, 0, 2), often(rng, 0.6), often(rng, 0.4)
-    for place in range(columns * rows):
-        x, y = margin + place % columns * (wide + gap), margin + place // columns * (tall + gap)
+    for x, y in cells(columns, rows, margin, margin, wide + gap, tall + gap):
         if framed:
             sheet.frame(x, y, wide, tall, look.palette.text, 0.4)
         if headed:
             sheet.rect(x, y, wide, 0.22 * tall, look.palette.strong)
         for row in range(min(count(rng, 2, 4), int(tall / 6))):
-            text = cut(
-                f"{look.voice.title(rng, 1, 2)} {look.voice.number(rng)}", look.voice.face, 8, wide - 6
-            )
+            text = f"{look.voice.title(rng, 1, 2)} {look.voice.number(rng)}"
+            text = cut(text, look.voice.face, 8, wide - 6)
             ink = look.palette.text if row else look.palette.strong
             sheet.words(x + 3, y + 0.22 * tall + 4 + 3.8 * row, text, look.voice.face, 8, ink)
         if kind == 0:
@@ -41,9 +41,8 @@ def labels(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
             side = 0.6 * tall
             graphics.square_code(sheet, rng, x + wide - side - 2, y + 0.32 * tall, side)
         else:
-            graphics.logo(
-                sheet, rng, x + wide - 13, y + tall - 13, 10, look.palette.strong, look.palette.bright
-            )
+            colours = look.palette.strong, look.palette.bright
+            graphics.logo(sheet, rng, x + wide - 13, y + tall - 13, 10, *colours)
 
 
 def catalogue(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -53,8 +52,7 @@ def catalogue(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     wide = (sheet.width_mm - 2 * margin + 5) / columns - 5
     tall = (sheet.height_mm - y0 - margin + 5) / rows - 5
     high = tall * some(rng, 0.5, 0.66)
-    for place in range(columns * rows):
-        x, y = margin + place % columns * (wide + 5), y0 + place // columns * (tall + 5)
+    for x, y in cells(columns, rows, margin, y0, wide + 5, tall + 5):
         sheet.picture(x, y, wide, high, look.photograph(rng, wide, high))
         name = look.voice.title(rng, 1, 2)
         down = look.heading(sheet, x, y + high + 1.5, wide, name, 10, look.palette.strong) + 1
@@ -113,8 +111,7 @@ def tickets(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     wide, tall = (sheet.width_mm - 2 * margin) / columns, (sheet.height_mm - 2 * margin) / rows
     ground = pick(rng, (look.palette.strong, look.palette.deep, look.palette.tint, look.palette.bright))
     blended, over = often(rng, 0.5), PAPER if is_dark(ground) else look.palette.text
-    for place in range(columns * rows):
-        x, y = margin + place % columns * wide, margin + place // columns * tall
+    for x, y in cells(columns, rows, margin, margin, wide, tall):
         main = 0.74 * wide
         if blended:
             sheet.blend(x, y, main, tall - 2, ground, lighter(ground, some(rng, 0.4, 0.9)), turn_deg=0)
@@ -122,15 +119,8 @@ def tickets(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
             sheet.rect(x, y, main, tall - 2, ground)
         sheet.frame(x, y, wide - 2, tall - 2, look.palette.text, 0.6)
         down = look.heading(sheet, x + 5, y + 5, main - 10, look.voice.title(rng, 1, 3), 26, over) + 4
-        set_paragraph(
-            sheet,
-            x + 5,
-            down,
-            main - 30,
-            look.voice.prose(rng, 12),
-            look.text(8.0, over),
-            bottom=y + tall - 6,
-        )
+        words, style = look.voice.prose(rng, 12), look.text(8.0, over)
+        set_paragraph(sheet, x + 5, down, main - 30, words, style, bottom=y + tall - 6)
         side = min(0.2 * wide, 0.45 * tall)
         graphics.square_code(sheet, rng, x + main + 3, y + 4, side)
         sheet.turned_words(x + wide - 5, y + tall - 6, look.voice.number(rng), look.voice.figures, 10)
@@ -167,18 +157,10 @@ def puzzles(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     y = look.heading(sheet, margin, margin, wide, look.voice.title(rng, 1, 3), 26) + 5
     side = wide * some(rng, 0.55, 1.0)
     drawings.crossword(sheet, rng, look, margin, y, side)
-    clues = look.paragraphs(rng, 400, 7)
+    clues, columns = look.paragraphs(rng, 400, 7), count(rng, 2, 4)
     down = y + side + 6
-    set_columns(
-        sheet,
-        margin,
-        down,
-        wide,
-        sheet.height_mm - margin - down,
-        clues,
-        look.text(8.0),
-        columns=count(rng, 2, 4),
-    )
+    room = sheet.height_mm - margin - down
+    set_columns(sheet, margin, down, wide, room, clues, look.text(8.0), columns=columns)
 
 
 def wrapping(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
@@ -192,8 +174,6 @@ def wrapping(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
 def scan(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     """A scanned document: grey-brown paper with stains, dark edges, type and a stamp."""
     wide, tall = sheet.width_mm, sheet.height_mm
-    from prooflight.simulation.corpus.designs.photographs import PIXEL_MM, clouds, ramp
-
     paper = clouds(rng, round(tall / PIXEL_MM / 2), round(wide / PIXEL_MM / 2), falling=0.9, coarse=4) * 0.05
     dark, light = some(rng, 0.35, 0.6), some(rng, 0.8, 0.95)
     rgb = ramp(paper + 0.75, (dark, 0.94 * dark, 0.85 * dark), (light, 0.97 * light, 0.91 * light))
@@ -203,9 +183,8 @@ def scan(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     sheet.rect(0, 0, wide, 0.6 * edge, grey(0.9))
     margin, style = some(rng, 20, 30), look.text(some(rng, 9, 12), grey(some(rng, 0.75, 0.95)))
     y = look.heading(sheet, margin, margin, wide - 2 * margin, look.voice.title(rng, 2, 5), 16, style.ink) + 6
-    set_columns(
-        sheet, margin, y, wide - 2 * margin, tall - y - 40, look.paragraphs(rng, count(rng, 150, 600)), style
-    )
+    words = look.paragraphs(rng, count(rng, 150, 600))
+    set_columns(sheet, margin, y, wide - 2 * margin, tall - y - 40, words, style)
     graphics.stamp(sheet, rng, 0.7 * wide, tall - 45, 14, look.palette.strong, look.voice)
 
 
@@ -215,13 +194,11 @@ def coupons(sheet: Sheet, rng: np.random.Generator, look: Look) -> None:
     wide, tall = (sheet.width_mm - 2 * margin) / columns, (sheet.height_mm - 2 * margin) / rows
     square = often(rng, 0.6)
     side = 0.72 * min(wide, tall)
-    for place in range(columns * rows):
-        x, y = margin + place % columns * wide, margin + place // columns * tall
+    for x, y in cells(columns, rows, margin, margin, wide, tall):
         if square:
             graphics.square_code(sheet, rng, x + (wide - side) / 2, y, side)
         else:
             graphics.bar_code(sheet, rng, x + 3, y, wide - 6, 0.55 * tall, look.voice)
         name = cut(look.voice.title(rng, 1, 2), look.voice.face, 8, wide - 4)
-        sheet.words(
-            x + wide / 2, y + 0.9 * tall, name, look.voice.face, 8, look.palette.strong, align="centre"
-        )
+        at = x + wide / 2, y + 0.9 * tall
+        sheet.words(*at, name, look.voice.face, 8, look.palette.strong, align="centre")

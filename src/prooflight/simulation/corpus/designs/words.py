@@ -24,6 +24,7 @@ SCRIPTS = {
     "georgian": 2.0,
 }
 """Shares of designs; assumed: mostly Latin, and enough of the others that no detector learns letters by heart."""
+FROM_RIGHT = ("arabic", "hebrew")
 _LETTERS = {  # onsets, vowels, codas; the empty string is one of them where syllables may lack that part
     "latin": (
         "b br c ch d dr f fl g gr h j k l m n p pr qu r s sh st t th tr v w z",
@@ -44,23 +45,14 @@ _ARABIC_JOINING: tuple[int, ...] = (
 _ARABIC_ENDING = (0xFE8D, 0xFEA9, 0xFEAB, 0xFEAD, 0xFEAF, 0xFEED)
 """First of two forms (isolated, final) of letters after which a new run begins."""
 SANS, SERIF, MONO = "DejaVuSans", "DejaVuSerif", "DejaVuSansMono"
-_BOLD = {
-    "DejaVuSans": "DejaVuSans-Bold",
-    "DejaVuSerif": "DejaVuSerif-Bold",
-    "DejaVuSansMono": "DejaVuSansMono-Bold",
-    "STIXGeneral": "STIXGeneralBol",
-    "cmr10": "cmb10",
-    "cmss10": "DejaVuSans-Bold",
-    "cmtt10": "DejaVuSansMono-Bold",
-}
-_ITALIC = {
-    "DejaVuSans": "DejaVuSans-Oblique",
-    "DejaVuSerif": "DejaVuSerif-Italic",
-    "DejaVuSansMono": "DejaVuSansMono-Oblique",
-    "STIXGeneral": "STIXGeneralItalic",
-    "cmr10": "cmti10",
-    "cmss10": "DejaVuSans-Oblique",
-    "cmtt10": "DejaVuSansMono-Oblique",
+_BOLD_AND_ITALIC = {
+    SANS: ("DejaVuSans-Bold", "DejaVuSans-Oblique"),
+    SERIF: ("DejaVuSerif-Bold", "DejaVuSerif-Italic"),
+    MONO: ("DejaVuSansMono-Bold", "DejaVuSansMono-Oblique"),
+    "STIXGeneral": ("STIXGeneralBol", "STIXGeneralItalic"),
+    "cmr10": ("cmb10", "cmti10"),
+    "cmss10": ("DejaVuSans-Bold", "DejaVuSans-Oblique"),
+    "cmtt10": ("DejaVuSansMono-Bold", "DejaVuSansMono-Oblique"),
 }
 _FACES = {
     "latin": {
@@ -98,7 +90,7 @@ class Voice:
     @property
     def from_right(self) -> bool:
         """Whether lines begin at the right."""
-        return self.script in ("arabic", "hebrew")
+        return self.script in FROM_RIGHT
 
     def some_words(self, rng: np.random.Generator, number: int) -> list[str]:
         """Frequent words come often: Zipf's law, rank to the power of -1."""
@@ -147,13 +139,13 @@ class Voice:
         words = _vocabulary(rng, script)
         if stem.startswith("cm"):
             words = tuple(word.translate(_COMPUTER_MODERN_LACKS) for word in words)
-        plain = script in ("arabic", "hebrew")
+        bold, italic = _BOLD_AND_ITALIC[stem]
         return cls(
             script=script,
             words=words,
             face=OutlineFace(stem),
-            bold=OutlineFace(_BOLD[stem]),
-            italic=OutlineFace(stem if plain else _ITALIC[stem]),
+            bold=OutlineFace(bold),
+            italic=OutlineFace(stem if script in FROM_RIGHT else italic),
             figures=OutlineFace(pick(rng, (stem, SANS, MONO))),
         )
 

@@ -10,7 +10,6 @@ from reportlab.platypus import Paragraph
 from prooflight.simulation.corpus.sample_job import copy_text, faces, figures, inks
 from prooflight.simulation.corpus.sample_job.pictures import Shot, develop
 from prooflight.simulation.corpus.sample_job.sheet import (
-    BOTTOM_MM,
     HEIGHT_MM,
     LEFT_MM,
     RIGHT_MM,
@@ -19,6 +18,7 @@ from prooflight.simulation.corpus.sample_job.sheet import (
     Sheet,
     column,
     halves,
+    refuse_overset,
 )
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def contents(sheet: Sheet, entries: Sequence[tuple[str, str, int]]) -> None:
     for words in copy_text.COLOPHON:
         sheet.paragraph(x, y, width, words, faces.style(size_pt=8.2, leading_pt=11))
         x += width + 4
-    _folio(sheet)
+    sheet.folio()
 
 
 def chapter(sheet: Sheet, text: Chapter) -> None:
@@ -100,17 +100,15 @@ def chapter(sheet: Sheet, text: Chapter) -> None:
     foot = _footnote(sheet, text.note)
     top = _drop_cap(sheet, 92, text.paragraphs[0])
     sheet.flow(LEFT_MM, top, MEASURE_MM, foot - 5.5 - top, story)
-    _folio(sheet)
+    sheet.folio()
 
     sheet.begin(f"Chapter {text.number.lower()}, continued")
     _running_head(sheet, text.title)
     figures.beside(sheet, text, MARGIN_X_MM, TEXT_TOP_MM, MARGIN_MM)
     sheet.flow(LEFT_MM, TEXT_TOP_MM, MEASURE_MM, TEXT_BOTTOM_MM - TEXT_TOP_MM, story)
     figures.below(sheet, text, LEFT_MM, TEXT_BOTTOM_MM, MEASURE_MM)
-    if story:
-        message = f"chapter {text.number} does not fit its two pages: {len(story)} paragraphs are left"
-        raise ValueError(message)
-    _folio(sheet)
+    refuse_overset(story, f"chapter {text.number} does not fit its two pages")
+    sheet.folio()
 
 
 def glossary(sheet: Sheet) -> None:
@@ -122,30 +120,21 @@ def glossary(sheet: Sheet) -> None:
         tone = ((1.12, 0.98, 0.9), (1.0, 1.0, 1.0), (0.94, 1.06, 0.8))[place]
         sheet.picture(x, TEXT_TOP_MM, develop(Shot(name=name, tone=tone, zoom=1.6), width, 40))
     sheet.text(LEFT_MM, 98, "Words of the trade", faces.SERIF, 24, ink=inks.NIGHT)
-    sheet.paragraph(
-        LEFT_MM,
-        102,
-        column(0, 5)[1],
-        "Surfaces first: three that no printer has ever matched. Then the words in "
-        "which printers explain why.",
-        faces.style(faces.ITALIC, 11, 15, ink=inks.GREY),
-    )
+    lead = "Surfaces first: three that no printer has ever matched. Then the words in which printers explain why."
+    sheet.paragraph(LEFT_MM, 102, column(0, 5)[1], lead, faces.style(faces.ITALIC, 11, 15, ink=inks.GREY))
     small = faces.style(size_pt=8.0, leading_pt=10.4, align="justified", after_pt=2.6)
     story: list[Any] = [Paragraph(f"<b>{term}.</b> {meaning}", small) for term, meaning in copy_text.GLOSSARY]
     for x, width in halves():
         sheet.flow(x, 122, width, GLOSSARY_HEIGHT_MM, story)
-    if story:
-        message = f"the glossary does not fit its columns: {len(story)} terms are left"
-        raise ValueError(message)
-    _folio(sheet)
+    refuse_overset(story, "the glossary does not fit its columns", parts="terms")
+    sheet.folio()
 
 
 def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
     """Set a paragraph whose first letter is three lines tall; returns the lower edge. [mm]"""
     plain = faces.body(indent=False)
-    size_pt = (
-        DROP_LINES - 1
-    ) * plain.leading / 0.66 + plain.fontSize  # STIX capitals are 0.66 of the size tall
+    # STIX capitals are 0.66 of the size tall.
+    size_pt = (DROP_LINES - 1) * plain.leading / 0.66 + plain.fontSize
     gap_mm = faces.width_pt(words[0], faces.SERIF, size_pt) / mm + 1.6
     baseline = y + ((DROP_LINES - 1) * plain.leading + plain.fontSize) / mm
     sheet.text(LEFT_MM, baseline, words[0], faces.SERIF, size_pt, ink=inks.EMBER)
@@ -156,7 +145,7 @@ def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
     for part, x, width in ((beside, LEFT_MM + gap_mm, MEASURE_MM - gap_mm), (below, LEFT_MM, MEASURE_MM)):
         _, height = part.wrap(width * mm, HEIGHT_MM * mm)
         y += height / mm
-        part.drawOn(sheet.canvas, x * mm, (HEIGHT_MM - y) * mm)
+        part.drawOn(sheet.canvas, *sheet.at(x, y))
     return y
 
 
@@ -166,7 +155,7 @@ def _footnote(sheet: Sheet, words: str) -> float:
     block = Paragraph(faces.raised(words, small), small)
     _, height = block.wrap(MEASURE_MM * mm, HEIGHT_MM * mm)
     top = TEXT_BOTTOM_MM - height / mm
-    block.drawOn(sheet.canvas, LEFT_MM * mm, (HEIGHT_MM - TEXT_BOTTOM_MM) * mm)
+    block.drawOn(sheet.canvas, *sheet.at(LEFT_MM, TEXT_BOTTOM_MM))
     sheet.rule(LEFT_MM, top - 2, LEFT_MM + 25, top - 2, inks.GREY, 0.4)
     return top - 2
 
@@ -175,7 +164,3 @@ def _running_head(sheet: Sheet, words: str) -> None:
     sheet.label(LEFT_MM, TOP_MM + 3, copy_text.TITLE)
     sheet.text(RIGHT_MM, TOP_MM + 3, words, faces.ITALIC, 9.4, ink=inks.GREY, align="right")
     sheet.rule(LEFT_MM, TOP_MM + 5.6, RIGHT_MM, TOP_MM + 5.6, inks.HAIRLINE, 0.3)
-
-
-def _folio(sheet: Sheet) -> None:
-    sheet.text(RIGHT_MM, BOTTOM_MM + 3, str(sheet.number), faces.SERIF, 9.4, align="right")

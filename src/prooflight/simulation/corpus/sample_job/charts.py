@@ -59,10 +59,8 @@ def _bars(sheet: Sheet, x: float, y: float, width: float, height: float, kilos: 
             left = round(x + slot * month + 1.3 + 5.2 * series, 1)
             sheet.rect(left, y + height - tall, 5.0, tall, ink)
             sheet.know(left, y + height - tall + 0.5, 5.0, tall - 1.0, ink)
-            label = f"{kilos[series, month]:,.0f}"
-            sheet.text(
-                left + 2.5, y + height - tall - 1.0, label, faces.SANS, 4.6, ink=inks.GREY, align="centre"
-            )
+            top, label = y + height - tall - 1.0, f"{kilos[series, month]:,.0f}"
+            sheet.text(left + 2.5, top, label, faces.SANS, 4.6, ink=inks.GREY, align="centre")
         sheet.text(x + slot * (month + 0.5), y + height + 4, _MONTHS[month], faces.SANS, 6.8, align="centre")
 
 

@@ -1,11 +1,15 @@
-"""A run of invoices: one design, six addressees, amounts that add up."""
+"""A run of invoices: one design, six addressees, amounts that add up, bar codes on the 0.1 mm grid."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
-from prooflight.simulation.corpus.sample_job import codes, faces, inks, quay
+from reportlab.graphics.barcode import code128, qrencoder
+from reportlab.lib.units import mm
+
+from prooflight.simulation.corpus.sample_job import faces, inks, quay
 from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, column
 
 if TYPE_CHECKING:
@@ -17,17 +21,8 @@ COPIES = 6
 VAT_PERCENT = 20
 _CARRIAGE_PENCE = 695
 _CARRIAGE_FREE_PENCE = 50000
-
-_CUSTOMERS = (
-    ("Ms Adaeze Okonkwo-Hale", "The Copper Kettle", "4 Weaver’s Row", "Thornby TB1 7LD"),
-    ("Mr Søren Ågård", "Ågård & Daughters", "Flat 12, Lime Wharf", "Harrowick HK2 0AX"),
-    ("Mrs Zofia Wójcik", "Piekarnia Zofia", "88 Station Parade", "Great Ember GE5 3JN"),
-    ("Dr Iñigo Etxeberria", "Old Customs Hall", "1 Customs Square", "Harrowick HK4 1AA"),
-    ("Ms Eleni Παπαδάκη", "Reading Room Café", "27 Chandler Street", "Saltmarsh SM9 4TE"),
-    ("Mr Tomáš Křížek", "Hotel Lanterna", "Promenade 160–164", "Saltmarsh SM1 1LH"),
-    ("Mx Robin Featherstonehaugh", "Five Loaves Bakery", "Unit 3, Gasworks Yard", "Thornby TB6 2PP"),
-    ("Mrs Giulia D’Agostino", "Bar Centrale", "19 Market Place", "Little Ember GE2 8WS"),
-)
+_QR_VERSION = 2  # 25 modules a side, up to 26 bytes at error correction level M (ISO/IEC 18004, table 7)
+_QR_MODULES = 4 * _QR_VERSION + 17
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +78,7 @@ def draw_up(lots: tuple[quay.Lot, ...], rng: np.random.Generator) -> tuple[Invoi
     """Six invoices with consecutive numbers."""
     first = int(rng.integers(2000, 9000))
     invoices = []
-    for place, who in enumerate(rng.permutation(len(_CUSTOMERS))[:COPIES]):
+    for place, who in enumerate(rng.permutation(len(quay.CUSTOMERS))[:COPIES]):
         lines = tuple(
             _line(lots[int(lot)], rng) for lot in rng.permutation(len(lots))[: int(rng.integers(4, 10))]
         )
@@ -91,7 +86,7 @@ def draw_up(lots: tuple[quay.Lot, ...], rng: np.random.Generator) -> tuple[Invoi
         invoices.append(
             Invoice(
                 number=f"QSR-{first + place:06d}",
-                addressee=_CUSTOMERS[int(who)],
+                addressee=quay.CUSTOMERS[int(who)],
                 customer=f"{rng.integers(10000, 100000)}",
                 day=f"{day} March 2025",
                 due=f"{day} April 2025",
@@ -129,8 +124,7 @@ def draw(sheet: Sheet, invoice: Invoice) -> None:
 def _address(sheet: Sheet, invoice: Invoice) -> None:
     sheet.text(LEFT_MM, 54, f"{quay.NAME}, {', '.join(quay.ADDRESS)}", faces.SANS, 5.4, ink=inks.GREY)
     sheet.rule(LEFT_MM, 55.4, LEFT_MM + 82, 55.4, inks.HAIRLINE, 0.3)
-    for place, words in enumerate(invoice.addressee):
-        sheet.text(LEFT_MM, 63 + 5.2 * place, words, faces.SERIF, 11.4)
+    quay.address(sheet, invoice.addressee)
 
 
 def _facts(sheet: Sheet, invoice: Invoice) -> None:
@@ -148,23 +142,13 @@ def _facts(sheet: Sheet, invoice: Invoice) -> None:
         sheet.rule(x, y + 1.7, x + width, y + 1.7, inks.HAIRLINE, 0.3)
 
 
-_EDGES_MM = (LEFT_MM, 28.0, 46.0, 118.0, 144.0, 168.0, RIGHT_MM)
-
-
-def _row(sheet: Sheet, y: float, cells: tuple[str, ...], face: str, size_pt: float, ink: inks.Ink) -> None:
-    position, code, what, bag, unit, amount = cells
-    edges = _EDGES_MM
-    sheet.text(edges[0], y, position, face, size_pt, ink=ink)
-    sheet.text(edges[1], y, code, face, size_pt, ink=ink)
-    sheet.text(edges[2], y, what, face, size_pt, ink=ink)
-    sheet.text(edges[4], y, bag, face, size_pt, ink=ink, align="right")
-    sheet.text(edges[5], y, unit, face, size_pt, ink=ink, align="right")
-    sheet.text(edges[6], y, amount, face, size_pt, ink=ink, align="right")
+_EDGES_MM = (LEFT_MM, 28.0, 46.0, 144.0, 168.0, RIGHT_MM)
 
 
 def _table(sheet: Sheet, invoice: Invoice) -> float:
     y = 115.0
-    _row(sheet, y, ("No.", "Code", "Coffee", "Bags", "Each £", "Amount £"), faces.SANS_BOLD, 6.8, quay.TEAL)
+    heads = ("No.", "Code", "Coffee", "Bags", "Each £", "Amount £")
+    quay.row(sheet, y, _EDGES_MM, heads, faces.SANS_BOLD, 6.8, quay.TEAL)
     sheet.rule(LEFT_MM, y + 2.4, RIGHT_MM, y + 2.4, quay.TEAL, 0.9)
     for place, line in enumerate(invoice.lines, 1):
         y += 7.0
@@ -176,7 +160,7 @@ def _table(sheet: Sheet, invoice: Invoice) -> float:
             quay.money(line.unit_pence),
             quay.money(line.pence),
         )
-        _row(sheet, y, cells, faces.SANS, 7.6, inks.BLACK)
+        quay.row(sheet, y, _EDGES_MM, cells, faces.SANS, 7.6, inks.BLACK)
         sheet.rule(LEFT_MM, y + 2.4, RIGHT_MM, y + 2.4, inks.HAIRLINE, 0.3)
     return y
 
@@ -207,7 +191,7 @@ def _slip(sheet: Sheet, invoice: Invoice) -> None:
     sheet.rule(0, top - 5, 210, top - 5, inks.GREY, 0.4)
     sheet.canvas.setDash()
     sheet.label(LEFT_MM, top - 7, "Please return with your payment")
-    side = codes.square(sheet, LEFT_MM, top + 6, invoice.number)
+    side = _square_code(sheet, LEFT_MM, top + 6, invoice.number)
     x = column(1)[0] + 4
     sheet.text(x, top + 9, "Payment slip", faces.SERIF, 14, ink=quay.TEAL)
     facts = (*invoice.addressee[:2], f"Customer {invoice.customer}", f"Payable by {invoice.due}")
@@ -215,5 +199,35 @@ def _slip(sheet: Sheet, invoice: Invoice) -> None:
         sheet.text(x, top + 14 + 4 * place, words, faces.SANS, 7.0)
     sheet.text(x, top + 6 + side, f"£ {quay.money(invoice.total_pence)}", faces.SANS_BOLD, 11)
     bars = column(3)[0] + 14
-    codes.linear(sheet, bars, top + 6, invoice.number, module_mm=0.4, height_mm=20)
+    _bar_code(sheet, bars, top + 6, invoice.number)
     sheet.text(bars, top + 6 + side, invoice.number, faces.MONO, 9, spread_pt=1.2)
+
+
+def _bar_code(
+    sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 0.4, height_mm: float = 20.0
+) -> None:
+    """Code 128 (ISO/IEC 15417) with its first bar at x and its top edge at y."""
+    code = code128.Code128(
+        words,
+        barWidth=module_mm * mm,
+        barHeight=height_mm * mm,
+        quiet=0,
+        humanReadable=0,
+        barFillColor=inks.colour(inks.BLACK),
+    )
+    code.drawOn(sheet.canvas, *sheet.at(x, y + height_mm))
+
+
+def _square_code(sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 1.1) -> float:
+    """QR code (ISO/IEC 18004) with its corner at (x, y), without quiet zone; returns its side. [mm]"""
+    code = qrencoder.QRCode(_QR_VERSION, qrencoder.QRErrorCorrectLevel.M)
+    code.addData(words)
+    code.make()
+    for row in range(_QR_MODULES):
+        dark = [bool(code.isDark(row, step)) for step in range(_QR_MODULES)]
+        for is_dark, run in groupby(range(_QR_MODULES), dark.__getitem__):
+            if is_dark:
+                first, *more = run
+                wide = (1 + len(more)) * module_mm
+                sheet.rect(x + first * module_mm, y + row * module_mm, wide, module_mm, inks.BLACK)
+    return _QR_MODULES * module_mm

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from reportlab.lib.units import mm
-
 from prooflight.simulation.corpus.sample_job import copy_text, faces, inks, quay
-from prooflight.simulation.corpus.sample_job.sheet import BOTTOM_MM, HEIGHT_MM, LEFT_MM, RIGHT_MM, column
+from prooflight.simulation.corpus.sample_job.sheet import BOTTOM_MM, LEFT_MM, RIGHT_MM, column
 
 if TYPE_CHECKING:
     from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 _ROW_MM = 4.3
 _PRICE_EDGES_MM = (LEFT_MM, 36.0, 86.0, 122.0, 134.0, 148.0, 162.0, 176.0, RIGHT_MM)
-_PRICE_WORDS = 3
-"""Columns of words, which begin at their edge; numbers end at theirs."""
 
 
 def price_list(sheet: Sheet, lots: tuple[quay.Lot, ...]) -> None:
@@ -27,7 +23,7 @@ def price_list(sheet: Sheet, lots: tuple[quay.Lot, ...]) -> None:
     sheet.text(RIGHT_MM, 50, lead, faces.ITALIC, 10.6, ink=inks.GREY, align="right")
     y = 58.0
     heads = ("Code", "Lot", "Process", "Altitude m", "Score", "250 g", "1 kg", "5 kg", "15 kg")
-    _cells(sheet, y, heads, faces.SANS_BOLD, 6.4, quay.TEAL)
+    quay.row(sheet, y, _PRICE_EDGES_MM, heads, faces.SANS_BOLD, 6.4, quay.TEAL)
     sheet.rule(LEFT_MM, y + 1.6, RIGHT_MM, y + 1.6, quay.TEAL, 0.9)
     y += 1.6
     country = ""
@@ -44,15 +40,10 @@ def price_list(sheet: Sheet, lots: tuple[quay.Lot, ...]) -> None:
         stripe += 1
         prices = tuple(quay.money(lot.pence(grams)) for grams in quay.BAGS_G)
         cells = (lot.code, lot.name, lot.process, f"{lot.altitude_m:,}", f"{lot.cupping_score:.2f}", *prices)
-        _cells(sheet, y - 1.3, cells, faces.SANS, 6.8, inks.BLACK)
+        quay.row(sheet, y - 1.3, _PRICE_EDGES_MM, cells, faces.SANS, 6.8, inks.BLACK)
     sheet.rule(LEFT_MM, y + 0.4, RIGHT_MM, y + 0.4, quay.TEAL, 0.9)
     note = "Score: mean of three cuppings on the hundred-point scale. Prices hold while the lot lasts."
     sheet.text(LEFT_MM, y + 6, note, faces.ITALIC, 9, ink=inks.GREY)
-
-
-def _cells(sheet: Sheet, y: float, cells: tuple[str, ...], face: str, size_pt: float, ink: inks.Ink) -> None:
-    for place, (edge, words) in enumerate(zip(_PRICE_EDGES_MM, cells, strict=True)):
-        sheet.text(edge, y, words, face, size_pt, ink=ink, align="left" if place < _PRICE_WORDS else "right")
 
 
 def form(sheet: Sheet) -> None:
@@ -120,9 +111,7 @@ def letter(sheet: Sheet) -> None:
     """A short letter: mostly white paper."""
     sheet.begin("Letter")
     quay.letterhead(sheet)
-    address = ("Ms Adaeze Okonkwo-Hale", "The Copper Kettle", "4 Weaver’s Row", "Thornby TB1 7LD")
-    for place, line in enumerate(address):
-        sheet.text(LEFT_MM, 63 + 5.2 * place, line, faces.SERIF, 11.4)
+    quay.address(sheet, quay.CUSTOMERS[0])
     sheet.text(RIGHT_MM, 100, "Harrowick, 14 March 2025", faces.SERIF, 11.4, align="right")
     y = 112.0
     text = faces.style(size_pt=11.4, leading_pt=16)
@@ -143,7 +132,7 @@ def _signature(sheet: Sheet, x: float, y: float) -> None:
     )
     path = sheet.canvas.beginPath()
     for stroke in strokes:
-        points = [((x + across) * mm, (HEIGHT_MM - y - down) * mm) for across, down in stroke]
+        points = [sheet.at(x + across, y + down) for across, down in stroke]
         path.moveTo(*points[0])
         path.curveTo(*points[1], *points[2], *points[3])
         path.curveTo(*points[4], *points[5], *points[6])

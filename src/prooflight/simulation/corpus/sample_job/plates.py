@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from reportlab.platypus import Paragraph
 
@@ -10,7 +10,6 @@ from prooflight.simulation.corpus.sample_job import copy_text as words
 from prooflight.simulation.corpus.sample_job import faces, inks, quay
 from prooflight.simulation.corpus.sample_job.pictures import Shot, develop
 from prooflight.simulation.corpus.sample_job.sheet import (
-    BOTTOM_MM,
     LEFT_MM,
     RIGHT_MM,
     TOP_MM,
@@ -18,10 +17,8 @@ from prooflight.simulation.corpus.sample_job.sheet import (
     Sheet,
     column,
     halves,
+    refuse_overset,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 BALANCED_MM = 110.0
 BRICK_TONE = (1.12, 0.98, 0.9)
@@ -80,12 +77,12 @@ def wrapped(sheet: Sheet) -> None:
     sheet.picture(x, top, develop(Shot(name="chelsea", centre=(0.5, 0.42), soften=0.6), width, tall))
     sheet.paragraph(x, top + tall + 2, width, words.CAT_CAPTION, faces.caption())
     plain = faces.style(size_pt=11.8, leading_pt=17, align="justified", indent_pt=17)
-    story = _paragraphs(words.CAT, plain)
+    story: list[Any] = [Paragraph(text, plain) for text in words.CAT]
     narrow, below = column(0, 2), top + tall + 11
     sheet.flow(narrow[0], top - 1.6, narrow[1] - 1, below - top, story)
     for half_x, half_width in halves():
         sheet.flow(half_x, below - 0.6, half_width, BALANCED_MM, story)
-    _refuse_overset(story)
+    refuse_overset(story, "text does not fit its columns")
     _folio(sheet)
 
 
@@ -102,15 +99,8 @@ def brochure(sheet: Sheet) -> None:
     sheet.know(0, 132, 18, 30, quay.TEAL)
     sheet.text(LEFT_MM, 148, "Slow beans, short walk.", faces.SERIF, 36, ink=inks.PAPER)
     sheet.text(LEFT_MM, 156, quay.NAME, faces.SERIF, 12, ink=quay.FOAM)
-    sheet.text(
-        RIGHT_MM,
-        156,
-        "Open from seven, shut when the tide turns",
-        faces.ITALIC,
-        12,
-        ink=quay.FOAM,
-        align="right",
-    )
+    hours = "Open from seven, shut when the tide turns"
+    sheet.text(RIGHT_MM, 156, hours, faces.ITALIC, 12, ink=quay.FOAM, align="right")
     for place, (title, text) in enumerate(words.BROCHURE):
         x, width = column(2 * place, 2)
         sheet.rect(x, 174, 12, 1.0, quay.APRICOT)
@@ -139,10 +129,10 @@ def night_launch(sheet: Sheet) -> None:
     sheet.text(LEFT_MM, 170, "Eleven minutes to orbit", faces.SERIF, 34, ink=inks.PAPER)
     sheet.text(LEFT_MM, 180, "A talk with pictures, and one loud noise", faces.ITALIC, 14, ink=inks.STRAW)
     light = faces.style(size_pt=10.6, leading_pt=15.2, ink=inks.SAND, align="justified", indent_pt=14)
-    story = _paragraphs(words.LAUNCH, light)
+    story: list[Any] = [Paragraph(text, light) for text in words.LAUNCH]
     for x, width in halves():
         sheet.flow(x, 190, width, 52, story)
-    _refuse_overset(story)
+    refuse_overset(story, "text does not fit its columns")
     sheet.rule(LEFT_MM, 260, RIGHT_MM, 260, inks.STRAW, 0.5)
     for place, (when, what) in enumerate(words.LECTURES):
         x, width = column(2 * place, 2)
@@ -150,16 +140,6 @@ def night_launch(sheet: Sheet) -> None:
         sheet.paragraph(x, 267.6, width, what, faces.style(size_pt=9.4, leading_pt=12, ink=inks.SAND))
 
 
-def _paragraphs(texts: Iterable[str], style: Any) -> list[Any]:
-    return [Paragraph(text, style) for text in texts]
-
-
-def _refuse_overset(story: list[Any]) -> None:
-    if story:
-        message = f"text does not fit its columns: {len(story)} paragraphs are left"
-        raise ValueError(message)
-
-
 def _folio(sheet: Sheet) -> None:
-    sheet.text(RIGHT_MM, BOTTOM_MM + 3, str(sheet.number), faces.SERIF, 9.4, align="right")
+    sheet.folio()
     sheet.label(LEFT_MM, TOP_MM + 3, "Ink, Light & Paper")

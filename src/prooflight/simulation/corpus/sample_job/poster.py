@@ -26,15 +26,13 @@ def spot_page(sheet: Sheet) -> None:
     with sheet.overprinting():
         sheet.text(LEFT_MM, 62, "Lantern", faces.SERIF, 84)
         sheet.text(LEFT_MM, 92, "Orange", faces.SERIF, 84)
-        sheet.paragraph(
-            LEFT_MM, 106, column(0, 4)[1], copy_text.SPOT, faces.style(size_pt=11.4, leading_pt=16)
-        )
+        style = faces.style(size_pt=11.4, leading_pt=16)
+        sheet.paragraph(LEFT_MM, 106, column(0, 4)[1], copy_text.SPOT, style)
     for place in range(5):
         sheet.spot(LEFT_MM + 34 * place, 158, 34, 22, place + 1)
         sheet.text(LEFT_MM + 34 * place, 185, f"{20 * (place + 1)} %", faces.SANS, 6.8, ink=inks.GREY)
-    pairs = ((0, copy_text.OVERPRINTED, "overprint"), (3, copy_text.KNOCKED_OUT, "knock-out"))
-    for first, words, name in pairs:
-        _pair(sheet, first, words, name)
+    _pair(sheet, 0, copy_text.OVERPRINTED, "overprint")
+    _pair(sheet, 3, copy_text.KNOCKED_OUT, "knock-out")
 
 
 def _pair(sheet: Sheet, first: int, words: str, name: str) -> None:
@@ -82,15 +80,8 @@ def poster(sheet: Sheet) -> None:
         sheet.text(LEFT_MM - 1, 52 + 25 * place, words, faces.BOLD, 68, ink=_SEAS[2])
     sheet.text(LEFT_MM, 266, "Regatta", faces.BOLD, 40, ink=_SKY)
     sheet.text(RIGHT_MM, 258, "Saturday 21 June", faces.BOLD, 15, ink=inks.PAPER, align="right")
-    sheet.text(
-        RIGHT_MM,
-        266,
-        "first gun at ten, off the Customs House",
-        faces.ITALIC,
-        13,
-        ink=inks.PAPER,
-        align="right",
-    )
+    start = "first gun at ten, off the Customs House"
+    sheet.text(RIGHT_MM, 266, start, faces.ITALIC, 13, ink=inks.PAPER, align="right")
 
 
 def _wave(sheet: Sheet, y: float, swell: float, phase: float, ink: Ink) -> None:

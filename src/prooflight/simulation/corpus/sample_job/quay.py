@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.sample_job import faces, inks
+from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,6 +22,18 @@ BEAN = inks.percent(38, 66, 76, 52)
 FOAM = inks.percent(3, 5, 12, 0)
 APRICOT = inks.percent(0, 44, 72, 0)
 LEAF = inks.percent(54, 12, 60, 6)
+
+CUSTOMERS = (
+    ("Ms Adaeze Okonkwo-Hale", "The Copper Kettle", "4 Weaver’s Row", "Thornby TB1 7LD"),
+    ("Mr Søren Ågård", "Ågård & Daughters", "Flat 12, Lime Wharf", "Harrowick HK2 0AX"),
+    ("Mrs Zofia Wójcik", "Piekarnia Zofia", "88 Station Parade", "Great Ember GE5 3JN"),
+    ("Dr Iñigo Etxeberria", "Old Customs Hall", "1 Customs Square", "Harrowick HK4 1AA"),
+    ("Ms Eleni Παπαδάκη", "Reading Room Café", "27 Chandler Street", "Saltmarsh SM9 4TE"),
+    ("Mr Tomáš Křížek", "Hotel Lanterna", "Promenade 160–164", "Saltmarsh SM1 1LH"),
+    ("Mx Robin Featherstonehaugh", "Five Loaves Bakery", "Unit 3, Gasworks Yard", "Thornby TB6 2PP"),
+    ("Mrs Giulia D’Agostino", "Bar Centrale", "19 Market Place", "Little Ember GE2 8WS"),
+)
+"""Name, firm, street and town of those who buy of it."""
 
 _ORIGINS: tuple[tuple[str, str, str, tuple[int, int], int], ...] = (
     # country, code, lots, altitude range [m], pence for 250 g of an ordinary lot
@@ -100,10 +113,28 @@ def mark(
     sheet.text(x + size / 2, y + size * 0.72, "Q", faces.SERIF, size * 1.95, ink=letter, align="centre")
 
 
+def address(sheet: Sheet, lines: tuple[str, ...]) -> None:
+    """Where a window envelope shows it."""
+    for place, words in enumerate(lines):
+        sheet.text(LEFT_MM, 63 + 5.2 * place, words, faces.SERIF, 11.4)
+
+
+def row(
+    sheet: Sheet,
+    y: float,
+    edges_mm: tuple[float, ...],
+    cells: tuple[str, ...],
+    face: str,
+    size_pt: float,
+    ink: inks.Ink,
+) -> None:
+    """A row of a table: three columns of words, which begin at their edge, and numbers, which end at theirs."""
+    for place, (edge, words) in enumerate(zip(edges_mm, cells, strict=True)):
+        sheet.text(edge, y, words, face, size_pt, ink=ink, align="left" if place < 3 else "right")
+
+
 def letterhead(sheet: Sheet) -> None:
     """Mark and name on the left, address on the right, at the top of a commercial page."""
-    from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM
-
     mark(sheet, LEFT_MM, TOP_MM, 14)
     sheet.text(LEFT_MM + 18, TOP_MM + 6.6, NAME, faces.SERIF, 15, ink=TEAL)
     sheet.label(LEFT_MM + 18, TOP_MM + 12, "Coffee since 1987")

@@ -237,6 +237,10 @@ class Sheet:
         block.drawOn(self.canvas, x * mm, _up(y) - height)
         return float(y + height / mm)
 
+    def folio(self) -> None:
+        """The page's number, at its foot."""
+        self.text(RIGHT_MM, BOTTOM_MM + 3, str(self.number), faces.SERIF, 9.4, align="right")
+
     def flow(self, x: float, y: float, width: float, height: float, story: list[Any]) -> None:
         """Fill a column from ``story``, taking out of it what was set."""
         frame = Frame(x * mm, _up(y + height), width * mm, height * mm, 0, 0, 0, 0, showBoundary=0)
@@ -305,6 +309,13 @@ class Sheet:
 def _up(y: float) -> float:
     """Height above the page's lower edge, where PDF counts from. [pt]"""
     return float((HEIGHT_MM - y) * mm)
+
+
+def refuse_overset(story: list[Any], what: str, *, parts: str = "paragraphs") -> None:
+    """ValueError if ``flow`` left anything of a story."""
+    if story:
+        message = f"{what}: {len(story)} {parts} are left"
+        raise ValueError(message)
 
 
 def _only_cmyk(wanted: object) -> object:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from reportlab.lib.units import mm
 
 from prooflight.simulation.corpus.sample_job import copy_text, faces, inks
-from prooflight.simulation.corpus.sample_job.sheet import HEIGHT_MM, LEFT_MM, RIGHT_MM, TOP_MM, Sheet, column
+from prooflight.simulation.corpus.sample_job.sheet import LEFT_MM, RIGHT_MM, TOP_MM, Sheet, column
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,11 +38,8 @@ def _head(sheet: Sheet, title: str, lead: str) -> None:
 def wedges(sheet: Sheet) -> None:
     """Tint steps of each ink and of their overprints, and fine detail."""
     sheet.begin("Test form: tints and fine detail")
-    _head(
-        sheet,
-        "Step wedges",
-        "Each ink alone, each pair, all three. The two palest steps go first when a head clogs.",
-    )
+    lead = "Each ink alone, each pair, all three. The two palest steps go first when a head clogs."
+    _head(sheet, "Step wedges", lead)
     pitch, tall = 12.0, 13.0
     for row, (name, weights) in enumerate(_WEDGES):
         y = 64 + 16.0 * row
@@ -52,15 +48,8 @@ def wedges(sheet: Sheet) -> None:
             ink = inks.percent(*(step * weight for weight in weights))
             sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink, known=True)
     for place, step in enumerate(_STEPS_PERCENT):
-        sheet.text(
-            LEFT_MM + 26 + pitch * (place + 0.5),
-            62.6,
-            f"{step}",
-            faces.SANS,
-            6,
-            ink=inks.GREY,
-            align="centre",
-        )
+        middle = LEFT_MM + 26 + pitch * (place + 0.5)
+        sheet.text(middle, 62.6, f"{step}", faces.SANS, 6, ink=inks.GREY, align="centre")
     _fine_lines(sheet, 204)
     _small_type(sheet, 240)
 
@@ -98,11 +87,8 @@ def _small_type(sheet: Sheet, y: float) -> None:
 def gradients(sheet: Sheet) -> None:
     """Smooth ramps with known values, one smooth shading, and the grey-balance square."""
     sheet.begin("Test form: gradients and grey balance")
-    _head(
-        sheet,
-        "Gradients",
-        "Ramps from paper to full ink, then between colours. Look for steps and stripes.",
-    )
+    lead = "Ramps from paper to full ink, then between colours. Look for steps and stripes."
+    _head(sheet, "Gradients", lead)
     x, width = column(1, 5)
     columns = round(width * 10)
     full = inks.FULL
@@ -137,18 +123,17 @@ def _shading(sheet: Sheet, x: float, y: float, width: float, height: float) -> N
     sheet.canvas.saveState()
     clip = sheet.path([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
     sheet.canvas.clipPath(clip, stroke=0, fill=0)
-    middle = HEIGHT_MM - y - height / 2
+    left, right = sheet.at(x, y + height / 2), sheet.at(x + width, y + height / 2)
     colours = [inks.colour(inks.percent(0, 90, 30, 0)), inks.colour(inks.percent(100, 10, 60, 0))]
-    sheet.canvas.linearGradient(x * mm, middle * mm, (x + width) * mm, middle * mm, colours, extend=True)
+    sheet.canvas.linearGradient(*left, *right, colours, extend=True)
     sheet.canvas.restoreState()
 
 
 def _grey_balance(sheet: Sheet, y: float) -> None:
     """Cyan fixed at 50 %, magenta and yellow from 32 to 48 %: the neutral one lies near the middle."""
     sheet.text(LEFT_MM, y, "Grey balance", faces.SERIF, 16, ink=inks.NIGHT)
-    sheet.text(
-        RIGHT_MM, y, "cyan 50 %, on a ground of 40 % black", faces.ITALIC, 10, ink=inks.GREY, align="right"
-    )
+    recipe = "cyan 50 %, on a ground of 40 % black"
+    sheet.text(RIGHT_MM, y, recipe, faces.ITALIC, 10, ink=inks.GREY, align="right")
     steps = (32, 36, 40, 44, 48)
     x, width = column(1, 5)
     ground = inks.percent(0, 0, 0, 40)
@@ -162,9 +147,8 @@ def _grey_balance(sheet: Sheet, y: float) -> None:
             across = round(x + 5 + pitch_x * place, 1)
             sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0), known=True)
     for place, magenta in enumerate(steps):
-        sheet.text(
-            x + 16 + pitch_x * place, y + 91, f"M {magenta}", faces.SANS, 6.4, ink=inks.GREY, align="centre"
-        )
+        middle = x + 16 + pitch_x * place
+        sheet.text(middle, y + 91, f"M {magenta}", faces.SANS, 6.4, ink=inks.GREY, align="centre")
 
 
 def two_blacks(sheet: Sheet) -> None:
@@ -179,9 +163,8 @@ def two_blacks(sheet: Sheet) -> None:
     sheet.know(x + 2, 130, 210 - x - 2, 56, inks.BLACK)
     sheet.text(LEFT_MM, 70, "Two", faces.SERIF, 72, ink=inks.PAPER)
     sheet.text(x + 8, 70, "blacks", faces.SERIF, 72, ink=inks.PAPER)
-    sheet.paragraph(
-        LEFT_MM, 84, width - 8, copy_text.RICH, faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.SAND)
-    )
+    rich = faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.SAND)
+    sheet.paragraph(LEFT_MM, 84, width - 8, copy_text.RICH, rich)
     alone = faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.PAPER)
     sheet.paragraph(x + 8, 84, width - 8, copy_text.ALONE, alone)
     for place, grey in enumerate((100, 98, 95, 92, 88, 84)):

@@ -42,7 +42,8 @@ def lens_correction(camera: Camera, sensor: LineSensor, footprint: Footprint) ->
     Lines may lie further apart than pixels (binning, other speeds): weights are of lines along and pixels across.
     """
     frequency = np.arange(_PERIOD // 2 + 1) / _PERIOD
-    exact, ours = _transfers(camera, sensor, footprint, frequency)
+    per_line = frequency / (camera.line_pitch_mm / camera.pixel_pitch_mm)
+    exact, ours = transfers(camera, sensor, footprint, per_line, frequency)
     radius = np.hypot(frequency, frequency[:, None])
     weight = 1 / np.maximum(radius, 1 / _PERIOD)
     weight /= weight.mean()
@@ -63,21 +64,24 @@ def lens_correction(camera: Camera, sensor: LineSensor, footprint: Footprint) ->
     )
 
 
-def _transfers(
-    camera: Camera, sensor: LineSensor, footprint: Footprint, frequency: NDArray[np.float64]
+def transfers(
+    camera: Camera,
+    sensor: LineSensor,
+    footprint: Footprint,
+    fy: NDArray[np.float64],
+    fx: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exact and separable transfer functions, (along, across) at frequencies [cycles/line, cycles/pixel]."""
+    """Exact and separable transfer functions, (along, across) at frequencies fy and fx [cycles/pixel]."""
     blur = spectral_blur(camera, sensor)
     pitch = camera.line_pitch_mm / camera.pixel_pitch_mm
-    travel = camera.line_travel_mm / camera.pixel_pitch_mm
-    fy = frequency / pitch
-    along = np.sinc(fy) * np.sinc(fy * pitch) * np.sinc(fy * sensor.tdi_stages * abs(travel - 1))
-    steps = np.hypot(frequency, fy[:, None]) * ((blur.shapes.shape[1] - 1) / blur.cutoff_per_pixel)
+    along = np.sinc(fy) * np.sinc(fy * pitch)
+    along *= np.sinc(fy * sensor.tdi_stages * abs(camera.travel_pixels - 1))
+    steps = np.hypot(fx, fy[:, None]) * ((blur.shapes.shape[1] - 1) / blur.cutoff_per_pixel)
     # What a coarse lens cuts off within the scan's own frequencies is 0: the last shape's.
     lens = blur.shapes[0][np.minimum(np.rint(steps), blur.shapes.shape[1] - 1).astype(np.int64)]
-    exact = lens * np.sinc(frequency) * along[:, None]
+    exact = lens * np.sinc(fx) * along[:, None]
     reach = footprint.reach_mm / camera.pixel_pitch_mm
-    ours = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, frequency)
+    ours = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, fx)
     return exact, ours
 
 

@@ -24,7 +24,7 @@ from prooflight.inks.chart_layout import (
 )
 from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.pages.files import page_name, write_tiff
-from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DPI: Final = STEPS_PER_MM * MM_PER_INCH
-_POINTS_PER_MM: Final = 72.0 / MM_PER_INCH
+_POINTS_PER_MM: Final = POINTS_PER_INCH / MM_PER_INCH
 _FEWEST_PATCHES: Final = 16  # solids and overprints
 _BLACK: Final = (0, 0, 0, 255)
 _WHITE: Final = (0, 0, 0, 0)

@@ -142,13 +142,7 @@ def _opened(source: JobSource, _changed_ns: int) -> Job:
 def _files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    inside = [
-        file
-        for file in path.iterdir()
-        if file.suffix.lower() in (".pdf", *files.SUFFIXES)
-        and not file.name.startswith(".")
-        and not file.is_dir()
-    ]
+    inside = [file for file in files_in(path, (".pdf", *files.SUFFIXES)) if not file.is_dir()]
     for file in inside:  # one that is passed over would give all that follow other numbers
         if not file.exists():
             raise JobError(file, "is a link to nothing", remedy="put the page there, or take the link away")
@@ -156,7 +150,15 @@ def _files_of(path: Path) -> list[Path]:
         raise JobError(
             path, "the folder holds no job", remedy="put PDF, CMYK TIFF or CMYK JPEG files into it"
         )
-    return sorted(inside, key=lambda file: natural_order(file.name))
+    return inside
+
+
+def files_in(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """What of a folder has one of the suffixes, in natural order of names; hidden files are none of it."""
+    inside = [
+        path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    ]
+    return sorted(inside, key=lambda path: natural_order(path.name))
 
 
 def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:

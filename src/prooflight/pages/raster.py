@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MM_PER_INCH = 25.4
+POINTS_PER_INCH = 72
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ import tifffile
 
 from prooflight.errors import ScanError
 from prooflight.files.atomic import whole_file
-from prooflight.pages.job import natural_order
+from prooflight.pages.job import files_in
 from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
 from prooflight.scans.lines import BLOCK_LINES, LineBlock
 from prooflight.scans.pacing import Pacer
@@ -84,14 +84,7 @@ def recorded_scans(path: Path, *, sensors: int, damaged: bool = False) -> list[R
     cannot even be counted is one scan, which says so when it is read. ScanError if there is nothing to read, or else.
     """
     if path.is_dir():
-        files = sorted(
-            (
-                file
-                for file in path.iterdir()
-                if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
-            ),
-            key=lambda file: natural_order(file.name),
-        )
+        files = files_in(path, SUFFIXES)
         if not files:
             raise ScanError(
                 path, "holds no TIFF files", remedy="give the folder that `prooflight simulate` wrote"

@@ -16,8 +16,8 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from prooflight.commissioning.build import SUPERSAMPLING
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles
-from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
-from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.press.press_file import PressFile
 from prooflight_studies.edges.rig import (
     BAND_CENTRES,

@@ -29,9 +29,8 @@ FAR_REACH: Final = 2
 FARTHER_REACH: Final = 3
 """Blocks to each side; beyond 3.5 x 16 pixels lies 0.02 % of an edge."""
 _PERIOD: Final = 256  # pixels; frequencies are a cycle in so many apart
-_RIDGE: Final = (
-    1e-3  # of the mean square: keeps blocks' weights small, whose own aliasing the fit does not see
-)
+# of the mean square: keeps blocks' weights small, whose own aliasing the fit does not see
+_RIDGE: Final = 1e-3
 _EVEN_LIGHT: Final = 100.0  # weight of frequency 0 over that of its neighbours
 
 

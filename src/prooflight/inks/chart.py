@@ -151,20 +151,17 @@ def read_chart(path: Path) -> Chart:
     """Read CGATS.17 / ISO 28178 text or an ArgyllCMS .ti3: CMYK in per cent, spectra as factors or per cent.
 
     Of several tables the first with inks and spectra is taken. Spectral columns may be called SPECTRAL_NM380,
-    SPECTRAL_380, SPEC_380, nm380, R_380, D_380 and the like; per cent is known by SPECTRAL_NORM, else by its
-    size. ChartError: no such table, cut off, not a number, columns twice, CMYK not in per cent, spectra not
-    reflectance.
+    SPECTRAL_380, SPEC_380, nm380, R_380, D_380 and the like; per cent is known by SPECTRAL_NORM, else by its size.
+    ChartError: no such table, cut off, not a number, columns twice, CMYK not in per cent, spectra not reflectance.
     """
     tables = read_tables(path)
     for table in tables:
         inks, bands = _ink_columns(table), _spectral_columns(table)
         if inks and bands:
+            _refuse_empty(path, table)
             return _chart(path, table, inks, bands)
     fullest = next((table for table in tables if _ink_columns(table)), tables[0])
-    if not fullest.rows:
-        raise ChartError(
-            path, "the chart has no patches", remedy="export the measurement, not the empty form"
-        )
+    _refuse_empty(path, fullest)
     if not _ink_columns(fullest):
         names = ", ".join(map(shortly, fullest.fields[:6]))
         what = f"columns CMYK_C, CMYK_M, CMYK_Y, CMYK_K are missing (it has {names}, ...)"
@@ -209,11 +206,13 @@ def _spectral_columns(table: Table) -> dict[float, str]:
     return dict(sorted(largest.items())) if len(largest) >= _FEWEST_BANDS else {}
 
 
-def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dict[float, str]) -> Chart:
+def _refuse_empty(path: Path, table: Table) -> None:
     if not table.rows:
-        raise ChartError(
-            path, "the chart has no patches", remedy="export the measurement, not the empty form"
-        )
+        what = "the chart has no patches"
+        raise ChartError(path, what, remedy="export the measurement, not the empty form")
+
+
+def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dict[float, str]) -> Chart:
     cmyk = _numbers(path, table, inks)
     _check_percent(path, table, cmyk)
     wave_nm = np.array(list(bands))
@@ -245,12 +244,11 @@ def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dic
 
 
 def _numbers(path: Path, table: Table, names: tuple[str, ...]) -> NDArray[np.float64]:
-    places = [table.fields.index(name) for name in names]
-    values = np.array([[number(row[place]) for place in places] for row in table.rows])
+    values = table.numbers(names)
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, column = bad[0]
-        cell = table.rows[row][places[column]] or "empty"
+        cell = table.rows[row][table.fields.index(names[column])] or "empty"
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
         what = f"{table.line(row)}, column {shortly(names[column])}: {shortly(cell)} is no number{more}"
         raise ChartError(path, what, remedy="measure that patch again or take it out")
@@ -273,9 +271,7 @@ def _check_percent(path: Path, table: Table, cmyk: NDArray[np.float64]) -> None:
 
 
 def _scale(path: Path, table: Table, measured: NDArray[np.float64]) -> float:
-    """1 or 100, by ArgyllCMS's keyword if it is there, else by size: no print reflects twice what falls on
-    it.
-    """
+    """1 or 100, by ArgyllCMS's keyword if it is there, else by size: no print reflects twice what falls on it."""
     norm = table.keyword("SPECTRAL_NORM")
     if norm is not None:
         if not _LEAST_NORM <= number(norm) <= _GREATEST_NORM:

@@ -78,13 +78,12 @@ def make_chart(
     return files
 
 
-def raster(placed: PlacedRecipes, page: int) -> NDArray[np.uint8]:
-    """One page as CMYK, (rows, columns, 4), ten pixels a millimetre."""
-    layout = placed.layout
-    size = (round(layout.height_mm * STEPS_PER_MM), round(layout.width_mm * STEPS_PER_MM), INKS)
-    paper = np.zeros(size, dtype=np.uint8)
+def raster(placed: PlacedRecipes, page: int, *, dpi: float = DPI) -> NDArray[np.uint8]:
+    """One page as CMYK, (rows, columns, 4); at other resolutions edges lie on the nearest raster pixel."""
+    layout, scale = placed.layout, dpi / MM_PER_INCH
+    paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), INKS), dtype=np.uint8)
     for (x, y, width, height), ink in painted(placed, page):
-        left, top, right, bottom = (round(edge * STEPS_PER_MM) for edge in (x, y, x + width, y + height))
+        left, top, right, bottom = (round(edge * scale) for edge in (x, y, x + width, y + height))
         paper[top:bottom, left:right] = ink
     return paper
 

@@ -1,11 +1,10 @@
 """Measured wavelengths brought to the package's grid, by one rule.
 
-Data finer than 10 nm is averaged over a triangle of 10 nm half width, the bandpass of an instrument that
-measures every 10 nm; where the triangle sticks out of the data the band takes the value at its centre. Data
-on the grid stays as it is. Coarser or shifted data is interpolated by a natural cubic spline and kept within
-the patch's own range (thinning a 10 nm offset chart to 20 nm and restoring it errs by 0.03 CIEDE2000 this
-way, by 0.09 with a monotone cubic and 0.23 linearly). Outside the measured range the last value holds, as
-ASTM E308 does by adding its weights.
+Data finer than 10 nm is averaged over a triangle of 10 nm half width, the bandpass of an instrument that measures every
+10 nm; where the triangle sticks out of the data the band takes the value at its centre. Data on the grid stays as it
+is. Coarser or shifted data is interpolated by a natural cubic spline and kept within the patch's own range (thinning a
+10 nm offset chart to 20 nm and restoring it errs by 0.03 CIEDE2000 this way, by 0.09 with a monotone cubic and 0.23
+linearly). Outside the measured range the last value holds, as ASTM E308 does by adding its weights.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ def run_edge_study(
     results: Path,
     *,
     quick: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
     rig: Rig | None = None,
     pdfs: Sequence[Path] | None = None,
 ) -> EdgeStudy:
@@ -177,16 +177,15 @@ def run_edge_study(
 
     quick: one page of each stratum. rig: the prototype's if absent. RequestError: a page cannot be used.
     """
-    tell = progress or (lambda _: None)
     chosen = list(pdfs) if pdfs else choose_pages(pages, 1 if quick else PAGES_A_STRATUM)
     if rig is None:
-        tell("building the press")
+        progress("building the press")
         rig = Rig.build(PressFile.prototype())
     sums: dict[str, ErrorSum] = {}
     for pdf in chosen:
-        tell(f"{pdf.stem} ({chosen.index(pdf) + 1} of {len(chosen)})")
+        progress(f"{pdf.stem} ({chosen.index(pdf) + 1} of {len(chosen)})")
         _study_page(rig, Sheet.lay(rig, pdf), sums)
-    tell("the truth itself")
+    progress("the truth itself")
     itself = _truth_itself(rig, Sheet.lay(rig, chosen[0], band_mm=FINER_BAND_MM))
     rows = {name: gathered.row() for name, gathered in sums.items()}
     study = EdgeStudy(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from prooflight.files.atomic import whole_file
+from prooflight_studies.harness.picture import write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +26,6 @@ _COLOURS = {
 def draw_learning(path: Path, learning: Sequence[LearningRow], noise_median_delta_e00: float) -> None:
     """Median error on unseen recipes against patches printed, clean on the left, with noise on the right."""
     figure = Figure(figsize=(9.0, 4.0), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     noises = sorted({row.noise_delta_e00 for row in learning})
     first = None
     for place, noise in enumerate(noises, start=1):
@@ -59,5 +57,4 @@ def draw_learning(path: Path, learning: Sequence[LearningRow], noise_median_delt
         if place == 1:
             axes.set_ylabel("median CIEDE2000 on all other recipes")
             axes.legend(fontsize=8, frameon=False, loc="lower left")
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png", metadata={"Software": None})
+    write_figure(figure, path)

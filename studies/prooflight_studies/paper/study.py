@@ -10,8 +10,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import varied
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.protocol import PilotWork, Plan, WatchWork, variation_models
-from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.harness.protocol import JUDGED, Plan, watched_rows
 from prooflight_studies.paper.plots import draw_costs, draw_roc
 from prooflight_studies.paper.results import Part, paper_results, world_result
 
@@ -115,7 +114,6 @@ def run_part(
     started = time.perf_counter()
     where = f"{plan.world} world, {pitch_mm:.3f} mm"
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    digest = digest_of(plan.facts(press, repr(designs)))
     found: list[int] = []  # how many days each step began with
 
     def told(what: str) -> Callable[[int, int], None]:
@@ -128,27 +126,8 @@ def run_part(
 
         return tell
 
-    pilot = run_pieces(
-        PilotWork(press=press, pages=designs, plan=plan),
-        plan.days("pilot"),
-        cache / "pilot",
-        digest=digest,
-        processes=processes,
-        cluster=cluster,
-        progress=told("pilot"),
-    )
-    work = WatchWork(press=press, pages=designs, plan=plan, variations=variation_models(pilot))
-    days = plan.days("learn", "tune", "test")
-    rows = run_pieces(
-        work,
-        days,
-        cache / "rows",
-        digest=digest,
-        processes=processes,
-        cluster=cluster,
-        progress=told("scans"),
-    )
-    share = 1 - found[-1] / len(days)
+    rows = watched_rows(press, designs, plan, cache, processes=processes, cluster=cluster, told=told)
+    share = 1 - found[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,
         press=press,

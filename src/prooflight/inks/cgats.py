@@ -165,9 +165,8 @@ class _TableReader:
 
     def _rows(self, tokens: list[str]) -> Table:
         if not self.fields:
-            raise ChartError(
-                self.where, f"BEGIN_DATA on line {self.at} without BEGIN_DATA_FORMAT before", remedy=_EXPORT
-            )
+            what = f"BEGIN_DATA on line {self.at} without BEGIN_DATA_FORMAT before"
+            raise ChartError(self.where, what, remedy=_EXPORT)
         if len(self.fields) > _MOST_COLUMNS:
             what = f"there are {len(self.fields)} columns"
             raise ChartError(self.where, what, remedy=f"export at most {_MOST_COLUMNS}")
@@ -192,9 +191,8 @@ class _TableReader:
         seen: set[str] = set()
         for name in table.fields:
             if name.upper() in seen:
-                raise ChartError(
-                    self.where, f"the column {shortly(name)} stands there twice", remedy="keep one of the two"
-                )
+                what = f"the column {shortly(name)} stands there twice"
+                raise ChartError(self.where, what, remedy="keep one of the two")
             seen.add(name.upper())
         for name, count in (("NUMBER_OF_FIELDS", len(table.fields)), ("NUMBER_OF_SETS", len(table.rows))):
             for key, value in self.keywords:

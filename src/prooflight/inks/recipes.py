@@ -119,9 +119,8 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
         what = f"the first line is {shortly(header)!r}" if header else "the file is empty"
         raise RequestError(path, what, remedy="the first line must be C,M,Y,K, then recipes in per cent")
     if len(rows) == 1:
-        raise RequestError(
-            path, "there are no recipes below the header", remedy="give one recipe a line, in per cent"
-        )
+        what = "there are no recipes below the header"
+        raise RequestError(path, what, remedy="give one recipe a line, in per cent")
     percent = np.array([_recipe(path, at, cells, names) for at, cells in rows[1:]])
     if 0 < percent.max() <= 1:
         what = f"no ink goes beyond {percent.max():g} %; the recipes look like 0..1"
@@ -148,10 +147,7 @@ def _recipe(path: Path, line: int, cells: list[str], names: list[str]) -> list[f
         cell = cells[names.index(ink)]
         value = number(cell)
         if not 0 <= value <= 100:
-            raise RequestError(
-                path,
-                f"line {line}: {ink} is {shortly(cell) or 'empty'}",
-                remedy="give a number from 0 to 100",
-            )
+            what = f"line {line}: {ink} is {shortly(cell) or 'empty'}"
+            raise RequestError(path, what, remedy="give a number from 0 to 100")
         values.append(value)
     return values

@@ -106,9 +106,8 @@ def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -
     RequestError: no such model. ChartError: the chart does not determine it.
     """
     if model not in MODELS:
-        raise RequestError(
-            "--model", f"there is no ink model {model}", remedy=f"take {AUTO}, {', '.join(MODELS)}"
-        )
+        what = f"there is no ink model {model}"
+        raise RequestError("--model", what, remedy=f"take {AUTO}, {', '.join(MODELS)}")
     recipes = chart.recipes()
     rows = np.ones(len(recipes.cmyk), dtype=bool) if rows is None else rows
     if rows.sum() < _FEWEST_RECIPES:

@@ -20,7 +20,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.pages.memory import file_size, refuse_oversize
 from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page
-from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
+from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ PAGE_BYTES_PER_PIXEL = 4
 DPI_MAX = 100_000.0
 """Above, and below 1, a resolution is a slip: a hair is some 60 micrometres across, a pixel at the limit a quarter."""
 ANISOTROPY_MAX = 0.01  # x against y resolution; above, the file is not a page raster but a fax
-SUFFIXES = (".tif", ".tiff", ".jpg", ".jpeg")
+SUFFIXES = (*TIFF_SUFFIXES, ".jpg", ".jpeg")
 _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # classic and BigTIFF
 _XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT, _ORIENTATION = 282, 283, 296, 274  # TIFF 6.0; EXIF has the same
 NO_UNIT, _INCH, _CENTIMETRE = 1, 2, 3  # TIFF 6.0, ResolutionUnit

@@ -147,9 +147,8 @@ def _files_of(path: Path) -> list[Path]:
         if not file.exists():
             raise JobError(file, "is a link to nothing", remedy="put the page there, or take the link away")
     if not inside:
-        raise JobError(
-            path, "the folder holds no job", remedy="put PDF, CMYK TIFF or CMYK JPEG files into it"
-        )
+        what = "the folder holds no job"
+        raise JobError(path, what, remedy="put PDF, CMYK TIFF or CMYK JPEG files into it")
     return inside
 
 
@@ -189,14 +188,12 @@ def parse_pages(text: str, count: int) -> tuple[int, ...]:
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
         if not match:
-            raise RequestError(
-                where, f"{shortly(part.strip())!r} is not a page or a range", remedy="write 1,4-6"
-            )
+            what = f"{shortly(part.strip())!r} is not a page or a range"
+            raise RequestError(where, what, remedy="write 1,4-6")
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
-            raise RequestError(
-                where, f"{shortly(part.strip())!r} runs backwards", remedy=f"write {last}-{first}"
-            )
+            what = f"{shortly(part.strip())!r} runs backwards"
+            raise RequestError(where, what, remedy=f"write {last}-{first}")
         if first < 1 or last > count:
             what = f"there is no page {first if first < 1 or first > count else last}"
             raise RequestError(where, what, remedy=f"the job has pages 1 to {count}")

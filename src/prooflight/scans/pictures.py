@@ -12,7 +12,7 @@ from prooflight.errors import ScanError
 from prooflight.pages.files import DPI_MAX, NO_UNIT, resolution_tags, tag_dpi
 from prooflight.pages.job import files_in
 from prooflight.pages.picture_files import bands, opened_picture
-from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
+from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-TIFF_SUFFIXES: Final = (".tif", ".tiff")
 SUFFIXES: Final = (*TIFF_SUFFIXES, ".jpg", ".jpeg", ".png")
 PLAIN: Final = {"P": "RGB", "RGBA": "RGB", "1": "L", "LA": "L"}
 """Pillow's modes and what they are read as."""
@@ -111,9 +110,8 @@ def _read_tiff(file: PictureFile) -> Picture:
         if pages[0].tags.valueof(274) not in (None, 1):
             raise ScanError(path, "is stored turned", remedy="save it with its first line on top")
         if len({(page.imagelength, page.imagewidth) for page in pages}) > 1:
-            raise ScanError(
-                path, "holds images of different sizes", remedy="give images of one size for each page"
-            )
+            what = "holds images of different sizes"
+            raise ScanError(path, what, remedy="give images of one size for each page")
         shape = (sum(map(_channels, pages)), pages[0].imagelength, pages[0].imagewidth)
         for page in pages:
             images.check(path, page, kept_bytes=BYTES_PER_SAMPLE * prod(shape))

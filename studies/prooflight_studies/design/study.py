@@ -64,16 +64,9 @@ def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = N
     more: how many times as many page designs. world: one alone. RequestError: there is no such world.
     """
     pilot, learn, tune, test = (2, 12, 8, 12) if quick else (4, 30 * more, 20 * more, 40 * more)
+    a_day = 4 if quick else 10
     ideal = Plan(
-        seed=seed,
-        world="ideal",
-        pilot=pilot,
-        learn=learn,
-        tune=tune,
-        test=test,
-        good_copies=1,
-        misprints=2,
-        designs_per_day=4 if quick else 10,
+        seed=seed, world="ideal", pilot=pilot, learn=learn, tune=tune, test=test, designs_per_day=a_day
     )
     fewer = {"learn": 16 * more, "tune": 10 * more, "test": 20 * more, "designs_per_day": 2}
     return in_both_worlds(ideal, world=world, **({} if quick else fewer))

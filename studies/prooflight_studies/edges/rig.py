@@ -133,9 +133,8 @@ def rip_part(pdf: Path, top_mm: float, bottom_mm: float, *, dpi: float) -> Page:
         box = first.mediabox
         wrong = max(abs(box.width - width_mm * to_points), abs(box.height - height_mm * to_points))
         if wrong > 0.01 or first.rotation:
-            raise RequestError(
-                pdf, "is turned, scaled or cropped", remedy="choose a page printed as its MediaBox"
-            )
+            what = "is turned, scaled or cropped"
+            raise RequestError(pdf, what, remedy="choose a page printed as its MediaBox")
         part = (box.x0, box.y1 - bottom_mm * to_points, box.x1, box.y1 - top_mm * to_points)
         document.xref_set_key(first.xref, "TrimBox", f"[{' '.join(f'{edge:.6f}' for edge in part)}]")
         document.save(Path(folder) / "part.pdf")

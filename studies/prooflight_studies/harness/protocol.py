@@ -56,8 +56,8 @@ class Plan:
     learn: int
     tune: int
     test: int
-    good_copies: int
-    misprints: int
+    good_copies: int = 1
+    misprints: int = 2
     """Copies of each design with a misprint; kinds take turns."""
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)

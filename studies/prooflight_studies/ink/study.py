@@ -14,8 +14,7 @@ from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of
 from prooflight.rng import stream
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.ink.picture import draw_learning
-from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow
+from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow, draw_learning
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -34,14 +34,10 @@ def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[fl
     at the camera's own. Fewer in the press world, where scans cost more.
     """
     if quick:
-        ideal = Plan(
-            seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40, good_copies=1, misprints=2
-        )
+        ideal = Plan(seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40)
         press = replace(ideal, world="press")
         return [(QUICK_PITCH_MM, replace(ideal, noises=(1.0, 2.0, 3.0, 4.0))), (QUICK_PITCH_MM, press)]
-    ideal = Plan(
-        seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500, good_copies=1, misprints=2
-    )
+    ideal = Plan(seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500)
     # A press-world scan costs seven ideal ones: fewer designs. `study press` has the paper's detectors on more of them.
     press = replace(ideal, world="press", pilot=20, learn=150, tune=75, test=300)
     noises = (1.0, 2.0, 3.0, 4.0)

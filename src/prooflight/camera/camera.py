@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.camera.light import Light
-    from prooflight.camera.optics import Lens
+    from prooflight.camera.optics import Lens, Light
 
 REACH_PIXELS = 4.0
 """How far a footprint reaches from its centre; diffraction leaves 0.2 % of an edge beyond (2 / (pi^3 f_c d))."""

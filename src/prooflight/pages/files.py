@@ -17,7 +17,7 @@ import tifffile
 
 from prooflight.errors import JobError, RequestError
 from prooflight.files.atomic import whole_file
-from prooflight.pages.memory import file_size, refuse_oversize
+from prooflight.pages.memory import file_head, refuse_oversize
 from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
@@ -123,9 +123,7 @@ class _Stored:
 
 
 def _is_jpeg(path: Path) -> bool:
-    file_size(path, JobError)
-    with path.open("rb") as file:  # OSError for what the system cannot open
-        head = file.read(4)
+    head = file_head(path, JobError, 4)
     if not head:
         raise JobError(path, "the file is empty", remedy=_REMEDY)
     if not head.startswith((JPEG_MAGIC, *_TIFF_MAGICS)):

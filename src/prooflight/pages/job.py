@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 from prooflight.errors import JobError, RequestError
 from prooflight.files.given import shortly
 from prooflight.pages import files
-from prooflight.pages.memory import file_size
-from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.memory import file_head
+from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PdfJob
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
@@ -172,10 +172,7 @@ def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def _is_pdf(path: Path) -> bool:
-    file_size(path, JobError)
-    with path.open("rb") as file:  # OSError for what the system cannot open
-        head = file.read(1024)
-    return b"%PDF-" in head or (path.suffix.lower() == ".pdf")
+    return b"%PDF-" in file_head(path, JobError, PDF_HEAD_BYTES) or path.suffix.lower() == ".pdf"
 
 
 def parse_pages(text: str, count: int) -> tuple[int, ...]:

@@ -15,13 +15,16 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages.files import check_dpi, page_name
-from prooflight.pages.memory import file_size, file_stamp
+from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
+
+PDF_HEAD_BYTES: Final = 1024
+"""Within the first so many a PDF says that it is one (ISO 32000-1, annex H.3.4.1)."""
 
 
 class PdfJob:
@@ -40,10 +43,7 @@ class PdfJob:
         self._count = int(self._asked("opening it", do="open")["pages"])
 
     def _about_file(self) -> dict[str, Any]:
-        file_size(self.path, JobError)
-        with self.path.open("rb") as file:  # OSError for what the system cannot open
-            head = file.read(1024)
-        if b"%PDF-" not in head:  # ISO 32000-1, annex H.3.4.1: within the first 1024 bytes
+        if b"%PDF-" not in file_head(self.path, JobError, PDF_HEAD_BYTES):
             raise JobError(self.path, "not a PDF", remedy="give a PDF file")
         absolute = str(self.path.absolute())
         return {"path": absolute, "shown": str(self.path), "stamp": file_stamp(self.path)}

@@ -14,8 +14,7 @@ from hypothesis import settings
 from tests.stand_ins import SHARED
 
 from prooflight.camera.camera import Camera
-from prooflight.camera.light import Light
-from prooflight.camera.optics import Lens
+from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.commissioning.build import build_press
 from prooflight.pages.raster import Page

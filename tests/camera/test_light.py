@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from prooflight import spectra
-from prooflight.camera.light import Light
+from prooflight.camera.optics import Light
 
 D65 = spectra.illuminant("D65")
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from prooflight.inks.wavelengths import to_grid
+from prooflight.inks.chart import to_grid
 from prooflight.spectra import WAVE_NM
 
 

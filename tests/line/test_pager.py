@@ -22,7 +22,7 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
-from prooflight_studies.soak.repeated_job import RepeatedJob
+from prooflight_studies.soak.sheets import RepeatedJob
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.camera.light import Light
-    from prooflight.camera.optics import Lens
+    from prooflight.camera.optics import Lens, Light
 
 REACH_PIXELS = 4.0
 """How far a footprint reaches from its centre; diffraction leaves 0.2 % of an edge beyond (2 / (pi^3 f_c d))."""
@@ -79,6 +78,15 @@ class Camera:
         return self.speed_mm_s / self.sensors[0].line_rate_hz
 
     @property
+    def travel_pixels(self) -> float:
+        """How far the page moves in one line, over what a pixel covers of it. [-]"""
+        return self.line_travel_mm / self.pixel_pitch_mm
+
+    def smear_pixels(self, sensor: LineSensor) -> float:
+        """Box by which TDI smears where paper and charge are out of step, the limit of many stages. [pixel]"""
+        return sensor.tdi_stages * abs(self.travel_pixels - 1)
+
+    @property
     def line_pitch_mm(self) -> float:
         """Distance of the lines of a scan on the page, after binning. [mm]"""
         return self.line_travel_mm * self.binning_along
@@ -91,6 +99,15 @@ class Camera:
     def irradiance_photons(self, reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
         """On-axis image irradiance of uniform reflectances, both (..., 36) [photons s-1 m-2 nm-1]."""
         return reflectance * (self.light.radiance_photons * self.lens.irradiance_per_radiance)
+
+    def white_mtf(self, sensor: LineSensor, frequency_per_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The lens's MTF at frequencies (...) [cycles/mm on the sensor] for white paper's photo-electrons: light x QE.
+
+        NaN if ``sensor`` sees nothing of this light.
+        """
+        weight = self.light.radiance_photons * sensor.quantum_efficiency
+        mtf = self.lens.mtf(frequency_per_mm[..., None], wave_nm=spectra.WAVE_NM)
+        return np.asarray(mtf @ (weight / weight.sum()), dtype=np.float64)
 
     def column_light(self) -> NDArray[np.float64]:
         """Relative illumination of each column by cos^4, (pixels,), 1 on the axis."""
@@ -105,26 +122,16 @@ class Camera:
         light x QE, cut at ``reach_pixels`` and scaled back to 1. The aperture is the whole pixel: its fill factor
         scales light, not its shape (ISETCam's box).
         """
-        weight = self.light.radiance_photons * sensor.quantum_efficiency
-        pitch_mm = self.pixel_pitch_mm
-        travel_pixels = self.line_travel_mm / pitch_mm
-        smear_pixels = sensor.tdi_stages * abs(travel_pixels - 1)
         # Binned lines follow one another without a gap, so their motion is one box.
-        along_widths = (1.0, self.binning_along * travel_pixels, smear_pixels)
+        along_widths = (1.0, self.binning_along * self.travel_pixels, self.smear_pixels(sensor))
         steps = np.ceil((reach_pixels + sum(along_widths) - 2) * FOOTPRINT_STEPS_PER_PIXEL)
         reach = float(steps / FOOTPRINT_STEPS_PER_PIXEL)
-        lens = self.lens
-
-        def cumulative(widths: Sequence[float]) -> NDArray[np.float64]:
-            return _cumulative_spread(
-                widths, reach=reach, pitch_mm=sensor.pixel_pitch_um * 1e-3, lens=lens, weight=weight
-            )
-
-        return Footprint(reach_mm=reach * pitch_mm, across=cumulative((1.0,)), along=cumulative(along_widths))
+        across, along = (_cumulative_spread(self, sensor, widths, reach) for widths in ((1.0,), along_widths))
+        return Footprint(reach_mm=reach * self.pixel_pitch_mm, across=across, along=along)
 
 
 def _cumulative_spread(
-    widths: Sequence[float], *, reach: float, pitch_mm: float, lens: Lens, weight: NDArray[np.float64]
+    camera: Camera, sensor: LineSensor, widths: Sequence[float], reach: float
 ) -> NDArray[np.float64]:
     """Integral of a line-spread function over -reach .. reach pixels, from 0 to 1; lens and boxes of given widths.
 
@@ -134,7 +141,7 @@ def _cumulative_spread(
     steps = 2 * round(reach * FOOTPRINT_STEPS_PER_PIXEL)
     size = 8 * steps
     frequency = np.fft.rfftfreq(size, d=1 / FOOTPRINT_STEPS_PER_PIXEL)  # cycles per pixel
-    mtf = lens.mtf(frequency[:, None] / pitch_mm, wave_nm=spectra.WAVE_NM) @ (weight / weight.sum())
+    mtf = camera.white_mtf(sensor, frequency / (sensor.pixel_pitch_um * 1e-3))
     for width in widths:
         mtf = mtf * np.sinc(width * frequency)
     spread = np.fft.fftshift(np.fft.irfft(mtf, size))

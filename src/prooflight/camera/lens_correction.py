@@ -29,9 +29,8 @@ FAR_REACH: Final = 2
 FARTHER_REACH: Final = 3
 """Blocks to each side; beyond 3.5 x 16 pixels lies 0.02 % of an edge."""
 _PERIOD: Final = 256  # pixels; frequencies are a cycle in so many apart
-_RIDGE: Final = (
-    1e-3  # of the mean square: keeps blocks' weights small, whose own aliasing the fit does not see
-)
+# of the mean square: keeps blocks' weights small, whose own aliasing the fit does not see
+_RIDGE: Final = 1e-3
 _EVEN_LIGHT: Final = 100.0  # weight of frequency 0 over that of its neighbours
 
 
@@ -42,7 +41,8 @@ def lens_correction(camera: Camera, sensor: LineSensor, footprint: Footprint) ->
     Lines may lie further apart than pixels (binning, other speeds): weights are of lines along and pixels across.
     """
     frequency = np.arange(_PERIOD // 2 + 1) / _PERIOD
-    exact, ours = _transfers(camera, sensor, footprint, frequency)
+    per_line = frequency / (camera.line_pitch_mm / camera.pixel_pitch_mm)
+    exact, ours = transfers(camera, sensor, footprint, per_line, frequency)
     radius = np.hypot(frequency, frequency[:, None])
     weight = 1 / np.maximum(radius, 1 / _PERIOD)
     weight /= weight.mean()
@@ -63,21 +63,24 @@ def lens_correction(camera: Camera, sensor: LineSensor, footprint: Footprint) ->
     )
 
 
-def _transfers(
-    camera: Camera, sensor: LineSensor, footprint: Footprint, frequency: NDArray[np.float64]
+def transfers(
+    camera: Camera,
+    sensor: LineSensor,
+    footprint: Footprint,
+    fy: NDArray[np.float64],
+    fx: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exact and separable transfer functions, (along, across) at frequencies [cycles/line, cycles/pixel]."""
+    """Exact and separable transfer functions, (along, across) at frequencies fy and fx [cycles/pixel]."""
     blur = spectral_blur(camera, sensor)
     pitch = camera.line_pitch_mm / camera.pixel_pitch_mm
-    travel = camera.line_travel_mm / camera.pixel_pitch_mm
-    fy = frequency / pitch
-    along = np.sinc(fy) * np.sinc(fy * pitch) * np.sinc(fy * sensor.tdi_stages * abs(travel - 1))
-    steps = np.hypot(frequency, fy[:, None]) * ((blur.shapes.shape[1] - 1) / blur.cutoff_per_pixel)
+    along = np.sinc(fy) * np.sinc(fy * pitch)
+    along *= np.sinc(fy * sensor.tdi_stages * abs(camera.travel_pixels - 1))
+    steps = np.hypot(fx, fy[:, None]) * ((blur.shapes.shape[1] - 1) / blur.cutoff_per_pixel)
     # What a coarse lens cuts off within the scan's own frequencies is 0: the last shape's.
     lens = blur.shapes[0][np.minimum(np.rint(steps), blur.shapes.shape[1] - 1).astype(np.int64)]
-    exact = lens * np.sinc(frequency) * along[:, None]
+    exact = lens * np.sinc(fx) * along[:, None]
     reach = footprint.reach_mm / camera.pixel_pitch_mm
-    ours = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, frequency)
+    ours = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, fx)
     return exact, ours
 
 

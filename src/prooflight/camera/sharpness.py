@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight import spectra
-
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -41,30 +39,20 @@ def sharpness(
     limit of many stages).
     """
     frequency = np.asarray(frequency_per_mm, dtype=np.float64)
-    lens = _lens_mtf(camera, sensor, frequency, wave_nm)
+    if wave_nm is not None:
+        lens = camera.lens.mtf(frequency, wave_nm=wave_nm)
+    elif (camera.light.radiance_photons * sensor.quantum_efficiency).any():
+        lens = camera.white_mtf(sensor, frequency)
+    else:
+        message = f"sensor {sensor.name} sees nothing of this light"
+        raise ValueError(message)
     per_pixel = frequency * (sensor.pixel_pitch_um * 1e-3)
-    travel_pixels = camera.line_travel_mm / camera.pixel_pitch_mm
-    smear_pixels = sensor.tdi_stages * abs(travel_pixels - 1)
     across = lens * np.abs(np.sinc(per_pixel))
-    motion = np.sinc(camera.binning_along * travel_pixels * per_pixel) * np.sinc(smear_pixels * per_pixel)
+    motion = np.sinc(camera.binning_along * camera.travel_pixels * per_pixel)
+    motion = motion * np.sinc(camera.smear_pixels(sensor) * per_pixel)
     return Sharpness(lens=lens, across=across, along=across * np.abs(motion))
 
 
 def nyquist_per_mm(sensor: LineSensor) -> float:
     """The finest pattern that pixels across the web can show, half a cycle a pixel. [cycles/mm on the sensor]"""
     return 1 / (2 * sensor.pixel_pitch_um * 1e-3)
-
-
-def _lens_mtf(
-    camera: Camera, sensor: LineSensor, frequency: NDArray[np.float64], wave_nm: float | None
-) -> NDArray[np.float64]:
-    if wave_nm is not None:
-        return camera.lens.mtf(frequency, wave_nm=wave_nm)
-    weight = camera.light.radiance_photons * sensor.quantum_efficiency
-    if not weight.any():
-        message = f"sensor {sensor.name} sees nothing of this light"
-        raise ValueError(message)
-    return np.asarray(
-        camera.lens.mtf(frequency[..., None], wave_nm=spectra.WAVE_NM) @ (weight / weight.sum()),
-        dtype=np.float64,
-    )

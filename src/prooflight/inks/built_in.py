@@ -77,9 +77,7 @@ COEFFICIENTS: Final[Mapping[str, float]] = MappingProxyType(
 
 
 def built_in_spectra(coefficients: Mapping[str, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Reflectance factor of the paper (36,) and natural densities of the inks (4, 36), from named
-    coefficients.
-    """
+    """Reflectance factor of the paper (36,) and natural densities of the inks (4, 36), from named coefficients."""
     x = (WAVE_NM - 555.0) / 175.0
 
     def band(name: str) -> NDArray[np.float64]:
@@ -109,8 +107,7 @@ def built_in_spectra(coefficients: Mapping[str, float]) -> tuple[NDArray[np.floa
 def built_in_inks() -> LogLinear:
     """The built-in press: overprints multiply (equation 1), tints carry ISO tone value increase.
 
-    Its colours lie within 4 CIEDE2000 of every aim of ISO 12647-2:2004/Amd 1:2007, paper types 1 and 2; a test
-    says so.
+    Its colours lie within 4 CIEDE2000 of every aim of ISO 12647-2:2004/Amd 1:2007, paper types 1 and 2; a test says so.
     """
     paper, density = built_in_spectra(COEFFICIENTS)
     return LogLinear(paper=paper, density=density, tvi=TONE_VALUE_INCREASE, name="built-in")

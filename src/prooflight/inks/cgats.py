@@ -13,6 +13,8 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from prooflight.errors import ChartError
 from prooflight.files.atomic import whole_file
 from prooflight.files.given import GivenFiles, shortly
@@ -20,6 +22,8 @@ from prooflight.files.given import GivenFiles, shortly
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 _TOKEN: Final = re.compile(r'"[^"]*(?:""[^"]*)*"|[^\s"]\S*|"\S*')
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
@@ -40,8 +44,7 @@ class Table:
     """One table of a CGATS file, as text."""
 
     kind: str
-    """The identifier it stands under, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``; empty if the file has
-    none."""
+    """The identifier it stands under, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``; empty if the file has none."""
     keywords: tuple[tuple[str, str], ...]
     """Keywords and values in their order; repeated keywords and KEYWORD declarations included."""
     fields: tuple[str, ...]
@@ -54,6 +57,11 @@ class Table:
     def keyword(self, name: str) -> str | None:
         """Value of the first keyword of that name, None without one."""
         return next((value for key, value in self.keywords if key.upper() == name.upper()), None)
+
+    def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Values of some columns, (rows, names); NaN where a cell is no finite number."""
+        places = [self.fields.index(name) for name in names]
+        return np.array([[number(row[place]) for place in places] for row in self.rows])
 
     def line(self, row: int) -> str:
         """Where a row stands, for messages."""
@@ -157,9 +165,8 @@ class _TableReader:
 
     def _rows(self, tokens: list[str]) -> Table:
         if not self.fields:
-            raise ChartError(
-                self.where, f"BEGIN_DATA on line {self.at} without BEGIN_DATA_FORMAT before", remedy=_EXPORT
-            )
+            what = f"BEGIN_DATA on line {self.at} without BEGIN_DATA_FORMAT before"
+            raise ChartError(self.where, what, remedy=_EXPORT)
         if len(self.fields) > _MOST_COLUMNS:
             what = f"there are {len(self.fields)} columns"
             raise ChartError(self.where, what, remedy=f"export at most {_MOST_COLUMNS}")
@@ -184,9 +191,8 @@ class _TableReader:
         seen: set[str] = set()
         for name in table.fields:
             if name.upper() in seen:
-                raise ChartError(
-                    self.where, f"the column {shortly(name)} stands there twice", remedy="keep one of the two"
-                )
+                what = f"the column {shortly(name)} stands there twice"
+                raise ChartError(self.where, what, remedy="keep one of the two")
             seen.add(name.upper())
         for name, count in (("NUMBER_OF_FIELDS", len(table.fields)), ("NUMBER_OF_SETS", len(table.rows))):
             for key, value in self.keywords:

@@ -1,6 +1,6 @@
 """Characterisation charts: measured patches of known recipes, read from and written to CGATS text.
 
-Spectra come to the package's wavelength grid by the rule in ``wavelengths``.
+Spectra come to the package's wavelength grid by one rule, ``to_grid``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError
 from prooflight.files.given import shortly
 from prooflight.inks.cgats import Table, number, read_tables, write_tables
-from prooflight.inks.wavelengths import to_grid
-from prooflight.spectra import WAVE_NM, delta_e00, lab
+from prooflight.spectra import BANDS, STEP_NM, WAVE_NM, delta_e00, lab
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -147,24 +147,54 @@ class Chart:
         return np.asarray(self.reflectance[bare].mean(axis=0), dtype=np.float64)
 
 
+def to_grid(wave_nm: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Bring spectra (..., n) at rising wavelengths (n,) [nm] to the package's grid, (..., 36).
+
+    Data finer than 10 nm is averaged over a triangle of 10 nm half width, the bandpass of an instrument that measures
+    every 10 nm; where the triangle sticks out of the data the band takes the value at its centre. Data on the grid
+    stays as it is. Coarser or shifted data is interpolated by a natural cubic spline and kept within the patch's own
+    range (thinning a 10 nm offset chart to 20 nm and restoring it errs by 0.03 CIEDE2000 this way, by 0.09 with a
+    monotone cubic and 0.23 linearly). Outside the measured range the last value holds, as ASTM E308 does by adding its
+    weights.
+    """
+    if np.array_equal(wave_nm, WAVE_NM):
+        return np.array(values, dtype=np.float64)
+    if np.median(np.diff(wave_nm)) < 0.9 * STEP_NM:  # 0.9: a 10 nm instrument may round its wavelengths
+        return np.asarray(values @ _bandpass(wave_nm).T, dtype=np.float64)
+    held = np.clip(WAVE_NM, wave_nm[0], wave_nm[-1])
+    smooth = CubicSpline(wave_nm, values, axis=-1, bc_type="natural")(held)
+    low, high = values.min(axis=-1, keepdims=True), values.max(axis=-1, keepdims=True)
+    return np.asarray(np.clip(smooth, low, high), dtype=np.float64)
+
+
+def _bandpass(wave_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights (36, n) of fine data in each band; each row sums to 1."""
+    triangle = np.maximum(1.0 - np.abs(WAVE_NM[:, None] - wave_nm) / STEP_NM, 0.0) * np.gradient(wave_nm)
+    inside = (wave_nm[0] <= WAVE_NM - STEP_NM) & (wave_nm[-1] >= WAVE_NM + STEP_NM)
+    right = np.clip(np.searchsorted(wave_nm, WAVE_NM), 1, wave_nm.size - 1)
+    share = np.clip((WAVE_NM - wave_nm[right - 1]) / (wave_nm[right] - wave_nm[right - 1]), 0.0, 1.0)
+    centre = np.zeros((BANDS, wave_nm.size))
+    centre[np.arange(BANDS), right] = share
+    centre[np.arange(BANDS), right - 1] = 1.0 - share
+    weights = np.where(inside[:, None], triangle, centre)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
+
+
 def read_chart(path: Path) -> Chart:
     """Read CGATS.17 / ISO 28178 text or an ArgyllCMS .ti3: CMYK in per cent, spectra as factors or per cent.
 
     Of several tables the first with inks and spectra is taken. Spectral columns may be called SPECTRAL_NM380,
-    SPECTRAL_380, SPEC_380, nm380, R_380, D_380 and the like; per cent is known by SPECTRAL_NORM, else by its
-    size. ChartError: no such table, cut off, not a number, columns twice, CMYK not in per cent, spectra not
-    reflectance.
+    SPECTRAL_380, SPEC_380, nm380, R_380, D_380 and the like; per cent is known by SPECTRAL_NORM, else by its size.
+    ChartError: no such table, cut off, not a number, columns twice, CMYK not in per cent, spectra not reflectance.
     """
     tables = read_tables(path)
     for table in tables:
         inks, bands = _ink_columns(table), _spectral_columns(table)
         if inks and bands:
+            _refuse_empty(path, table)
             return _chart(path, table, inks, bands)
     fullest = next((table for table in tables if _ink_columns(table)), tables[0])
-    if not fullest.rows:
-        raise ChartError(
-            path, "the chart has no patches", remedy="export the measurement, not the empty form"
-        )
+    _refuse_empty(path, fullest)
     if not _ink_columns(fullest):
         names = ", ".join(map(shortly, fullest.fields[:6]))
         what = f"columns CMYK_C, CMYK_M, CMYK_Y, CMYK_K are missing (it has {names}, ...)"
@@ -209,11 +239,13 @@ def _spectral_columns(table: Table) -> dict[float, str]:
     return dict(sorted(largest.items())) if len(largest) >= _FEWEST_BANDS else {}
 
 
-def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dict[float, str]) -> Chart:
+def _refuse_empty(path: Path, table: Table) -> None:
     if not table.rows:
-        raise ChartError(
-            path, "the chart has no patches", remedy="export the measurement, not the empty form"
-        )
+        what = "the chart has no patches"
+        raise ChartError(path, what, remedy="export the measurement, not the empty form")
+
+
+def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dict[float, str]) -> Chart:
     cmyk = _numbers(path, table, inks)
     _check_percent(path, table, cmyk)
     wave_nm = np.array(list(bands))
@@ -245,12 +277,11 @@ def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dic
 
 
 def _numbers(path: Path, table: Table, names: tuple[str, ...]) -> NDArray[np.float64]:
-    places = [table.fields.index(name) for name in names]
-    values = np.array([[number(row[place]) for place in places] for row in table.rows])
+    values = table.numbers(names)
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, column = bad[0]
-        cell = table.rows[row][places[column]] or "empty"
+        cell = table.rows[row][table.fields.index(names[column])] or "empty"
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
         what = f"{table.line(row)}, column {shortly(names[column])}: {shortly(cell)} is no number{more}"
         raise ChartError(path, what, remedy="measure that patch again or take it out")
@@ -261,9 +292,8 @@ def _check_percent(path: Path, table: Table, cmyk: NDArray[np.float64]) -> None:
     row = int(np.unravel_index(np.argmax(cmyk), cmyk.shape)[0])
     if cmyk.min() < 0:
         row = int(np.unravel_index(np.argmin(cmyk), cmyk.shape)[0])
-        raise ChartError(
-            path, f"{table.line(row)}: ink of {cmyk.min():g} %", remedy="ink goes from 0 to 100 %"
-        )
+        what = f"{table.line(row)}: ink of {cmyk.min():g} %"
+        raise ChartError(path, what, remedy="ink goes from 0 to 100 %")
     if cmyk.max() > 100.01:
         what = f"{table.line(row)}: ink of {cmyk.max():g} %; the recipes look like 0..255"
         raise ChartError(path, what, remedy="CMYK must be in per cent, 0..100")
@@ -273,9 +303,7 @@ def _check_percent(path: Path, table: Table, cmyk: NDArray[np.float64]) -> None:
 
 
 def _scale(path: Path, table: Table, measured: NDArray[np.float64]) -> float:
-    """1 or 100, by ArgyllCMS's keyword if it is there, else by size: no print reflects twice what falls on
-    it.
-    """
+    """1 or 100, by ArgyllCMS's keyword if it is there, else by size: no print reflects twice what falls on it."""
     norm = table.keyword("SPECTRAL_NORM")
     if norm is not None:
         if not _LEAST_NORM <= number(norm) <= _GREATEST_NORM:

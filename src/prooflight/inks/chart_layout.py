@@ -1,21 +1,16 @@
-"""A chart to print: patches between registration marks, as PDF and CMYK TIFF, and the file that says what is
-where.
+"""A chart to print: patches between registration marks, as PDF and CMYK TIFF, and the file that says what is where.
 
 A page, seen as printed, (0, 0) its top-left corner, millimetres:
 
-- a registration mark in each corner, a black square with a white square of a third of its side in the middle;
-the one
+- a registration mark in each corner, a black square with a white square of a third of its side in the middle; the one
   at the top left has a companion, a black bar on its right, so that a turned page is noticed;
-- between the upper marks the page number in binary, eight squares, black for 1, most significant first, after
-a black
+- between the upper marks the page number in binary, eight squares, black for 1, most significant first, after a black
   start square and before a white and a black stop square;
-- patches in rows and columns with paper between them, in an order shuffled over the whole chart, so that an
-uneven press
-  does not look like a property of a recipe.
+- patches in rows and columns with paper between them, in an order shuffled over the whole chart, so that an uneven
+  press does not look like a property of a recipe.
 
-Everything is a multiple of 0.1 mm. The recipe file
-is CGATS text; its keywords PROOFLIGHT_* hold the geometry, its columns PAGE, ROW and COLUMN (from 1) the
-place of each patch. Measured spectra are added to it as columns.
+Everything is a multiple of 0.1 mm. The recipe file is CGATS text; its keywords PROOFLIGHT_* hold the geometry, its
+columns PAGE, ROW and COLUMN (from 1) the place of each patch. Measured spectra are added to it as columns.
 """
 
 from __future__ import annotations
@@ -39,6 +34,7 @@ SMALLEST_PATCH_MM: Final = 5.0  # the aperture of a hand-held spectrophotometer,
 LARGEST_MM: Final = 3000.0  # the widest digital presses; a page's TIFF then takes 3.6 GB
 _BITS: Final = 8
 _LAYOUT: Final = "1"  # version of the keywords
+_AS_WRITTEN: Final = "give the file that `chart make` wrote"
 _FIELDS: Final = ("width_mm", "height_mm", "margin_mm", "mark_mm", "patch_mm", "gap_mm")
 
 Box = tuple[float, float, float, float]
@@ -212,15 +208,10 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
     wanted = ("PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INK_LETTERS))
     missing = [name for name in wanted if name not in table.fields]
     if missing:
-        raise ChartError(
-            path, f"the column {missing[0]} is missing", remedy="give the file that `chart make` wrote"
-        )
-    at = [table.fields.index(name) for name in wanted]
-    values = np.array([[number(row[place]) for place in at] for row in table.rows])
+        raise ChartError(path, f"the column {missing[0]} is missing", remedy=_AS_WRITTEN)
+    values = table.numbers(wanted)
     if not np.isfinite(values).all() or not values.size:
-        raise ChartError(
-            path, "places or recipes are no numbers", remedy="give the file that `chart make` wrote"
-        )
+        raise ChartError(path, "places or recipes are no numbers", remedy=_AS_WRITTEN)
     _refuse_places(path, table, layout, values[:, :3])
     outside = (values[:, 3:] < 0) | (values[:, 3:] > 100)
     if outside.any():
@@ -239,8 +230,8 @@ def _refuse_places(path: Path, table: Table, layout: Layout, places: NDArray[np.
         row = int(wrong.argmax())
         page, line, column = places[row]
         what = f"{table.line(row)}: there is no row {line:g}, column {column:g} on a page {page:g}"
-        raise ChartError(path, what, remedy="give the file that `chart make` wrote")
+        raise ChartError(path, what, remedy=_AS_WRITTEN)
     _, first, patches = np.unique(places, axis=0, return_index=True, return_counts=True)
     if patches.max() > 1:
         what = f"{table.line(int(first[patches.argmax()]))}: another patch lies on the same place"
-        raise ChartError(path, what, remedy="give the file that `chart make` wrote")
+        raise ChartError(path, what, remedy=_AS_WRITTEN)

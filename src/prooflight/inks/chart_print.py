@@ -24,7 +24,7 @@ from prooflight.inks.chart_layout import (
 )
 from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.pages.files import page_name, write_tiff
-from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DPI: Final = STEPS_PER_MM * MM_PER_INCH
-_POINTS_PER_MM: Final = 72.0 / MM_PER_INCH
+_POINTS_PER_MM: Final = POINTS_PER_INCH / MM_PER_INCH
 _FEWEST_PATCHES: Final = 16  # solids and overprints
 _BLACK: Final = (0, 0, 0, 255)
 _WHITE: Final = (0, 0, 0, 0)
@@ -78,13 +78,12 @@ def make_chart(
     return files
 
 
-def raster(placed: PlacedRecipes, page: int) -> NDArray[np.uint8]:
-    """One page as CMYK, (rows, columns, 4), ten pixels a millimetre."""
-    layout = placed.layout
-    size = (round(layout.height_mm * STEPS_PER_MM), round(layout.width_mm * STEPS_PER_MM), INKS)
-    paper = np.zeros(size, dtype=np.uint8)
+def raster(placed: PlacedRecipes, page: int, *, dpi: float = DPI) -> NDArray[np.uint8]:
+    """One page as CMYK, (rows, columns, 4); at other resolutions edges lie on the nearest raster pixel."""
+    layout, scale = placed.layout, dpi / MM_PER_INCH
+    paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), INKS), dtype=np.uint8)
     for (x, y, width, height), ink in painted(placed, page):
-        left, top, right, bottom = (round(edge * STEPS_PER_MM) for edge in (x, y, x + width, y + height))
+        left, top, right, bottom = (round(edge * scale) for edge in (x, y, x + width, y + height))
         paper[top:bottom, left:right] = ink
     return paper
 

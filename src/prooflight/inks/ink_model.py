@@ -1,5 +1,4 @@
-"""The inks of one press, as a chart taught them: a model, what it is worth, and how far to trust each
-prediction.
+"""The inks of one press, as a chart taught them: a model, what it is worth, and how far to trust each prediction.
 
 File: safetensors; metadata carries kind, schema, model, digest of the chart, digest of the arrays. Schema
 history: 1: arrays of the model under ``model.``, of the spread under ``spread.``.
@@ -38,9 +37,8 @@ if TYPE_CHECKING:
 SCHEMA: Final = 1
 KIND: Final = "prooflight ink model"
 _AGAIN: Final = "fit it again from its chart"
-_NEIGHBOURS: Final = (
-    24  # with 12 the spread is noisy (rms z 1.11 on an offset chart), with 48 it blurs; 24: 1.03
-)
+# With 12 the spread is noisy (rms z 1.11 on an offset chart), with 48 it blurs; 24: 1.03
+_NEIGHBOURS: Final = 24
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,9 +1,7 @@
-"""Prediction from the nearest measured recipes: the paper's interpolation, and a smooth local-linear
-regression.
+"""Prediction from the nearest measured recipes: the paper's interpolation, and a smooth local-linear regression.
 
-Both fit, for each wanted recipe, a plane over its nearest recipes in CMYK by weighted least squares and read
-it there; the plane's value is a weighted sum of the neighbours' spectra with weights that reproduce any
-linear function.
+Both fit, for each wanted recipe, a plane over its nearest recipes in CMYK by weighted least squares and read it there;
+the plane's value is a weighted sum of the neighbours' spectra with weights that reproduce any linear function.
 """
 
 from __future__ import annotations
@@ -26,9 +24,8 @@ if TYPE_CHECKING:
 
 _NEAREST: Final = 8  # of 6, 8, 12, 16, 24, 32 the one with the least median error on an offset chart, with 6
 _LOCAL: Final = (8, 12, 16, 24, 32)
-_FLATTEST: Final = (
-    1e-6  # slopes that the neighbours do not determine are taken as 0; others stay what they are
-)
+# Slopes that the neighbours do not determine are taken as 0; others stay what they are
+_FLATTEST: Final = 1e-6
 
 
 def inverse_square(distance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -45,8 +42,7 @@ def tricube(distance: NDArray[np.float64]) -> NDArray[np.float64]:
 def plane_weights(
     measured: NDArray[np.float64], wanted: NDArray[np.float64], neighbours: int, weighting: Weighting
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Indices (queries, k) of the nearest recipes and the weights (queries, k) that sum their values to the
-    plane's.
+    """Indices (queries, k) of the nearest recipes and the weights (queries, k) that sum their values to the plane's.
 
     measured (n, 4), wanted (queries, 4) ink fractions. The weights sum to 1.
     """
@@ -114,9 +110,7 @@ class Neighbours:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LocalLinear:
-    """Local-linear regression (tricube weights) of the square root of reflectance, which ink makes nearly
-    linear.
-    """
+    """Local-linear regression (tricube weights) of the square root of reflectance, which ink makes nearly linear."""
 
     cmyk: NDArray[np.float64]
     """(n, 4) measured recipes, ink fractions. [-]"""
@@ -137,16 +131,12 @@ class LocalLinear:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Choose the number of neighbours by leave-one-out mean CIEDE2000; ``count`` makes no difference
-        here.
-        """
+        """Choose the number of neighbours by leave-one-out mean CIEDE2000; ``count`` makes no difference here."""
         root = np.sqrt(np.maximum(reflectance, DARKEST))
         wanted_lab = lab(reflectance)
 
         def left_out(neighbours: int) -> float:
-            """Mean error when each recipe is predicted from the others, its own value taken out of its
-            plane.
-            """
+            """Mean error when each recipe is predicted from the others, its own value taken out of its plane."""
             nearest, weight = plane_weights(cmyk, cmyk, neighbours + 1, tricube)
             own = nearest == np.arange(len(cmyk))[:, None]
             leverage = np.minimum((weight * own).sum(axis=1, keepdims=True), 0.999)

@@ -1,13 +1,11 @@
-"""Yule-Nielsen spectral Neugebauer: a page is a mosaic of paper, solids and overprints, seen through paper
-that blurs.
+"""Yule-Nielsen spectral Neugebauer: a page is a mosaic of paper, solids and overprints, seen through paper that blurs.
 
     R(lambda) = ( sum_p w_p(e) P_p(lambda)^(1/n) )^n,   w_p = product over inks of e_i or 1 - e_i (Demichel),
 
-with effective dot areas e_i = a_i + 4 a_i (1 - a_i) (t_i + s_i (2 a_i - 1)): tone value increase t at 50 %,
-skewed by s. Source: Yule and Nielsen (1951) for n, Viggiano (1985) for the spectral form, as in Wyble and
-Berns, "A critical review of spectral models applied to binary color printing", Color Research and Application
-25 (2000). Heuberger, Jing and Persiev (1992) cut the ink cube into cells, so that w becomes multilinear
-interpolation between measured nodes.
+with effective dot areas e_i = a_i + 4 a_i (1 - a_i) (t_i + s_i (2 a_i - 1)): tone value increase t at 50 %, skewed by
+s. Source: Yule and Nielsen (1951) for n, Viggiano (1985) for the spectral form, as in Wyble and Berns, "A critical
+review of spectral models applied to binary color printing", Color Research and Application 25 (2000). Heuberger, Jing
+and Persiev (1992) cut the ink cube into cells, so that w becomes multilinear interpolation between measured nodes.
 """
 
 from __future__ import annotations
@@ -33,9 +31,8 @@ if TYPE_CHECKING:
 _TVI: Final = (-0.10, 0.18)  # of t; with _SKEW every curve in these bounds rises from 0 to 1
 _SKEW: Final = (-0.06, 0.06)
 _YULE_NIELSEN: Final = (1.0, 10.0)  # n: 1 no spread of light; beyond 10 the model hardly changes
-_TOWARDS_LOG_LINEAR: Final = (
-    1e-3  # patches' worth of belief in the log-linear model, for overprints never measured
-)
+# Patches' worth of belief in the log-linear model, for overprints never measured
+_TOWARDS_LOG_LINEAR: Final = 1e-3
 _TOWARDS_PRIMARIES: Final = 0.1  # patches' worth of belief in the 16-primary model, for nodes never measured
 _TOWARDS_STRAIGHT: Final = 1e-2  # keeps curves straight where no tint says otherwise
 _NODES_MEASURED: Final = 0.6  # assumed: with more of the nodes missing, cells only copy the 16-primary model
@@ -130,9 +127,7 @@ class CellularNeugebauer(Neugebauer):
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Keep n and curves of the 16-primary model and fit the nodes; ValueError if too few of them are
-        measured.
-        """
+        """Keep n and curves of the 16-primary model and fit the nodes; ValueError if too few of them are measured."""
         levels = cell_levels(cmyk)
         primaries = Neugebauer.fit(cmyk, reflectance, count)
         weight = np.sqrt(np.ones(len(cmyk)) if count is None else count)[:, None]

@@ -58,9 +58,7 @@ class RadialBasis:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Interpolate or smooth the spectra as such; ValueError for fewer than 12 recipes or an ink never
-        varied.
-        """
+        """Interpolate or smooth the spectra as such; ValueError for fewer than 12 recipes or an ink never varied."""
         return cls._on(None, cmyk, reflectance, count)
 
     @classmethod
@@ -126,9 +124,7 @@ class RadialBasis:
 
 
 class Hybrid(RadialBasis):
-    """Radial basis functions of what a Neugebauer model leaves: physics far from patches, measurements near
-    them.
-    """
+    """Radial basis functions of what a Neugebauer model leaves: physics far from patches, measurements near them."""
 
     __slots__ = ()
 

@@ -29,9 +29,8 @@ _LATTICE: Final = {
     100: (0, 40, 100),
 }
 _RAMP: Final = (2, 3, 5, 7, 15, 25, 50, 60, 75, 80, 90, 95, 98)
-_LENGTH: Final = (
-    1.0  # ink fraction; of 0.5, 1 and 2 it makes no difference to the accuracy reached, within 10 %
-)
+# Ink fraction; of 0.5, 1 and 2 it makes no difference to the accuracy reached, within 10 %
+_LENGTH: Final = 1.0
 RECIPE_FILES: Final = GivenFiles(
     error=RequestError, remedy="give a CSV file of recipes, header C,M,Y,K, in per cent", largest_mb=8
 )
@@ -104,9 +103,8 @@ class _Process:
 def read_recipes(path: Path) -> NDArray[np.float64]:
     """Recipes of a CSV file with header C,M,Y,K (any order), per cent -> (n, 4) ink fractions.
 
-    Cells are separated by comma, semicolon or tab; with the latter two decimals may have a comma.
-    RequestError: no such header, no rows, a cell that is no number from 0 to 100, or nothing above 1 %
-    (recipes as fractions).
+    Cells are separated by comma, semicolon or tab; with the latter two decimals may have a comma. RequestError: no such
+    header, no rows, a cell that is no number from 0 to 100, or nothing above 1 % (recipes as fractions).
     """
     text = RECIPE_FILES.read_text(path, any_encoding=True)
     lines = [(at, line) for at, line in enumerate(text.split("\n"), start=1) if line.strip(" ,;\t")]
@@ -121,9 +119,8 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
         what = f"the first line is {shortly(header)!r}" if header else "the file is empty"
         raise RequestError(path, what, remedy="the first line must be C,M,Y,K, then recipes in per cent")
     if len(rows) == 1:
-        raise RequestError(
-            path, "there are no recipes below the header", remedy="give one recipe a line, in per cent"
-        )
+        what = "there are no recipes below the header"
+        raise RequestError(path, what, remedy="give one recipe a line, in per cent")
     percent = np.array([_recipe(path, at, cells, names) for at, cells in rows[1:]])
     if 0 < percent.max() <= 1:
         what = f"no ink goes beyond {percent.max():g} %; the recipes look like 0..1"
@@ -150,10 +147,7 @@ def _recipe(path: Path, line: int, cells: list[str], names: list[str]) -> list[f
         cell = cells[names.index(ink)]
         value = number(cell)
         if not 0 <= value <= 100:
-            raise RequestError(
-                path,
-                f"line {line}: {ink} is {shortly(cell) or 'empty'}",
-                remedy="give a number from 0 to 100",
-            )
+            what = f"line {line}: {ink} is {shortly(cell) or 'empty'}"
+            raise RequestError(path, what, remedy="give a number from 0 to 100")
         values.append(value)
     return values

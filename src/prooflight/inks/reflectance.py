@@ -69,9 +69,7 @@ def in_chunks(
     bands: int,
     chunk: int = _CHUNK,
 ) -> NDArray[np.float64]:
-    """``function`` of recipes (m, 4) -> (m, bands), applied to recipes (..., 4) a chunk at a time -> (...,
-    bands).
-    """
+    """``function`` of recipes (m, 4) -> (m, bands), applied to recipes (..., 4) a chunk at a time -> (..., bands)."""
     recipes = np.asarray(cmyk, dtype=np.float64).reshape(-1, INKS)
     result = np.empty((len(recipes), bands))
     for start in range(0, len(recipes), chunk):
@@ -87,8 +85,7 @@ class LogLinear:
     paper as printed fits r to log((a . v)^2), while the sentence around it says log-linear; we minimise sum
     (log r - a . v)^2 per band.
 
-    Without tone curve the amount of ink is its nominal dot area. With ``tvi`` the amount of ink i at dot area
-    a is
+    Without tone curve the amount of ink is its nominal dot area. With ``tvi`` the amount of ink i at dot area a is
 
         amount_i(a) = -ln(1 - a_eff (1 - T_i)) / D_i,  a_eff = a + 4 tvi_i a (1 - a),  T_i = exp(-D_i),
 
@@ -102,8 +99,7 @@ class LogLinear:
     density: NDArray[np.float64]
     """Natural-logarithm density of each full solid over paper, (4, 36), rows C, M, Y, K. [-]"""
     tvi: tuple[float, float, float, float] | None = None
-    """Tone value increase at 50 % of C, M, Y, K, each in [0, 0.25) so that curves rise; None: no tone curve.
-    [-]"""
+    """Tone value increase at 50 % of C, M, Y, K, each in [0, 0.25) so that curves rise; None: no tone curve. [-]"""
     name: str = "log-linear"
 
     def __post_init__(self) -> None:

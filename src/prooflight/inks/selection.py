@@ -44,9 +44,7 @@ _AS_GOOD: Final = 1.02  # a simpler model within 2 % of the best is preferred
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """Error over the patches of a chart, each predicted by a model that has not seen its recipe (D50, 2
-    degrees).
-    """
+    """Error over the patches of a chart, each predicted by a model that has not seen its recipe (D50, 2 degrees)."""
 
     mean_delta_e00: float
     median_delta_e00: float
@@ -108,9 +106,8 @@ def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -
     RequestError: no such model. ChartError: the chart does not determine it.
     """
     if model not in MODELS:
-        raise RequestError(
-            "--model", f"there is no ink model {model}", remedy=f"take {AUTO}, {', '.join(MODELS)}"
-        )
+        what = f"there is no ink model {model}"
+        raise RequestError("--model", what, remedy=f"take {AUTO}, {', '.join(MODELS)}")
     recipes = chart.recipes()
     rows = np.ones(len(recipes.cmyk), dtype=bool) if rows is None else rows
     if rows.sum() < _FEWEST_RECIPES:
@@ -128,8 +125,7 @@ def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -
 
 
 def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS, seed: int = 0) -> CrossValidation:
-    """Predict every recipe by a model fitted without its fold; folds go by recipe, so repeats never straddle
-    them.
+    """Predict every recipe by a model fitted without its fold; folds go by recipe, so repeats never straddle them.
 
     RequestError: no such model, or folds outside 2..recipes. ChartError: the chart does not determine it.
     """

@@ -17,10 +17,10 @@ import tifffile
 
 from prooflight.errors import JobError, RequestError
 from prooflight.files.atomic import whole_file
-from prooflight.pages.memory import file_size, refuse_oversize
+from prooflight.pages.memory import file_head, refuse_oversize
 from prooflight.pages.picture_files import JPEG_MAGIC, bands, opened_picture
 from prooflight.pages.raster import MM_PER_INCH, Page
-from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
+from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,15 +32,11 @@ PAGE_BYTES_PER_PIXEL = 4
 DPI_MAX = 100_000.0
 """Above, and below 1, a resolution is a slip: a hair is some 60 micrometres across, a pixel at the limit a quarter."""
 ANISOTROPY_MAX = 0.01  # x against y resolution; above, the file is not a page raster but a fax
-SUFFIXES = (".tif", ".tiff", ".jpg", ".jpeg")
+SUFFIXES = (*TIFF_SUFFIXES, ".jpg", ".jpeg")
 _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # classic and BigTIFF
-_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT, _ORIENTATION = (
-    282,
-    283,
-    296,
-    274,
-)  # TIFF 6.0; EXIF uses the same
-_UNITS_PER_INCH = {2: 1.0, 3: MM_PER_INCH / 10}  # TIFF 6.0: 2 inch, 3 centimetre
+_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT, _ORIENTATION = 282, 283, 296, 274  # TIFF 6.0; EXIF has the same
+NO_UNIT, _INCH, _CENTIMETRE = 1, 2, 3  # TIFF 6.0, ResolutionUnit
+_UNITS_PER_INCH = {_INCH: 1.0, _CENTIMETRE: MM_PER_INCH / 10}
 _PHOTOSHOP_RESOLUTION = 0x03ED  # Adobe Photoshop file formats: ResolutionInfo, in pixels per inch
 _JPEG_BYTES_PER_SAMPLE = 2.1  # measured: Pillow's own, the page's, and a band of rows
 _REMEDY = "give CMYK TIFF or JPEG, 8 or 16 bits a channel"
@@ -127,9 +123,7 @@ class _Stored:
 
 
 def _is_jpeg(path: Path) -> bool:
-    file_size(path, JobError)
-    with path.open("rb") as file:  # OSError for what the system cannot open
-        head = file.read(4)
+    head = file_head(path, JobError, 4)
     if not head:
         raise JobError(path, "the file is empty", remedy=_REMEDY)
     if not head.startswith((JPEG_MAGIC, *_TIFF_MAGICS)):
@@ -147,12 +141,11 @@ def _tiff_page(path: Path, number: int) -> Iterator[_Stored]:
         _check_tiff(where, page)
         refuse_oversize(where, page.imagelength, page.imagewidth)
         images.check(where, page, kept_bytes=PAGE_BYTES_PER_PIXEL * page.imagelength * page.imagewidth)
-        tags = {code: page.tags.valueof(code) for code in (_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT)}
         yield _Stored(
             where=where,
             rows=page.imagelength,
             columns=page.imagewidth,
-            dpi=_tag_dpi(tags),
+            dpi=tag_dpi(resolution_tags(page)),
             decode=partial(decode_into, page, convert=_eight_bits if page.dtype == np.uint16 else None),
         )
 
@@ -199,19 +192,26 @@ def _jpeg_dpi(image: ImageFile) -> tuple[float, float]:
     if unit in (1, 2):  # JFIF 1.02: 1 inch, 2 centimetre
         x, y = image.info["jfif_density"]
         return x * _UNITS_PER_INCH[unit + 1], y * _UNITS_PER_INCH[unit + 1]
-    by_exif = _tag_dpi(dict(image.getexif()))
+    by_exif = tag_dpi(dict(image.getexif()))
     if by_exif[0] > 0:
         return by_exif
     record = image.info.get("photoshop", {}).get(_PHOTOSHOP_RESOLUTION, {})
     return float(record.get("XResolution", 0)), float(record.get("YResolution", 0))
 
 
-def _tag_dpi(tags: dict[int, Any]) -> tuple[float, float]:
-    """Resolution by TIFF or EXIF tags; 0 where there is none [pixels/inch]."""
+def resolution_tags(page: Any) -> dict[int, Any]:
+    """What ``tag_dpi`` needs of a page of tifffile's."""
+    return {code: page.tags.valueof(code) for code in (_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT)}
+
+
+def tag_dpi(tags: dict[int, Any], *, unit_unstated: int = _INCH) -> tuple[float, float]:
+    """Resolution across and along by TIFF or EXIF tags; 0 where there is none [pixels/inch].
+
+    unit_unstated: what it counts by where no tag says so; TIFF 6.0 has the inch.
+    """
     unit = tags.get(_RESOLUTION_UNIT)
-    scale = _UNITS_PER_INCH.get(
-        2 if unit is None else unit, 0.0
-    )  # "unit or 2": tifffile's RESUNIT.NONE is false
+    # Not "unit or": tifffile's RESUNIT.NONE is false.
+    scale = _UNITS_PER_INCH.get(unit_unstated if unit is None else unit, 0.0)
     x, y = (_ratio(tags.get(code)) for code in (_XRESOLUTION, _YRESOLUTION))
     return x * scale, y * scale
 

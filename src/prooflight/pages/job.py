@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 from prooflight.errors import JobError, RequestError
 from prooflight.files.given import shortly
 from prooflight.pages import files
-from prooflight.pages.memory import file_size
-from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.memory import file_head
+from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PdfJob
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
@@ -142,21 +142,22 @@ def _opened(source: JobSource, _changed_ns: int) -> Job:
 def _files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    inside = [
-        file
-        for file in path.iterdir()
-        if file.suffix.lower() in (".pdf", *files.SUFFIXES)
-        and not file.name.startswith(".")
-        and not file.is_dir()
-    ]
+    inside = [file for file in files_in(path, (".pdf", *files.SUFFIXES)) if not file.is_dir()]
     for file in inside:  # one that is passed over would give all that follow other numbers
         if not file.exists():
             raise JobError(file, "is a link to nothing", remedy="put the page there, or take the link away")
     if not inside:
-        raise JobError(
-            path, "the folder holds no job", remedy="put PDF, CMYK TIFF or CMYK JPEG files into it"
-        )
-    return sorted(inside, key=lambda file: natural_order(file.name))
+        what = "the folder holds no job"
+        raise JobError(path, what, remedy="put PDF, CMYK TIFF or CMYK JPEG files into it")
+    return inside
+
+
+def files_in(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """What of a folder has one of the suffixes, in natural order of names; hidden files are none of it."""
+    inside = [
+        path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    ]
+    return sorted(inside, key=lambda path: natural_order(path.name))
 
 
 def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -171,10 +172,7 @@ def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def _is_pdf(path: Path) -> bool:
-    file_size(path, JobError)
-    with path.open("rb") as file:  # OSError for what the system cannot open
-        head = file.read(1024)
-    return b"%PDF-" in head or (path.suffix.lower() == ".pdf")
+    return b"%PDF-" in file_head(path, JobError, PDF_HEAD_BYTES) or path.suffix.lower() == ".pdf"
 
 
 def parse_pages(text: str, count: int) -> tuple[int, ...]:
@@ -187,14 +185,12 @@ def parse_pages(text: str, count: int) -> tuple[int, ...]:
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
         if not match:
-            raise RequestError(
-                where, f"{shortly(part.strip())!r} is not a page or a range", remedy="write 1,4-6"
-            )
+            what = f"{shortly(part.strip())!r} is not a page or a range"
+            raise RequestError(where, what, remedy="write 1,4-6")
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
-            raise RequestError(
-                where, f"{shortly(part.strip())!r} runs backwards", remedy=f"write {last}-{first}"
-            )
+            what = f"{shortly(part.strip())!r} runs backwards"
+            raise RequestError(where, what, remedy=f"write {last}-{first}")
         if first < 1 or last > count:
             what = f"there is no page {first if first < 1 or first > count else last}"
             raise RequestError(where, what, remedy=f"the job has pages 1 to {count}")

@@ -54,6 +54,19 @@ def refuse_unaffordable(
         raise refused(where, what, remedy=f"{free / 1e9:.1f} GB of memory are free: lower the resolution")
 
 
+def file_stamp(path: Path) -> list[int]:
+    """What tells a file from one that takes its place."""
+    facts = path.stat()
+    return [facts.st_ino, facts.st_mtime_ns, facts.st_size]
+
+
+def file_head(path: Path, refused: type[InputError], size: int) -> bytes:
+    """The first bytes of a file, at most so many; ``refused`` as by ``file_size``."""
+    file_size(path, refused)
+    with path.open("rb") as file:  # OSError for what the system cannot open
+        return file.read(size)
+
+
 def file_size(path: Path, refused: type[InputError]) -> int:
     """Size of a file [bytes]; ``refused`` if it is a pipe, a device or a folder, which could not be read to its end."""
     facts = path.stat()  # OSError for what the system cannot open

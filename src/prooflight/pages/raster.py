@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MM_PER_INCH = 25.4
+POINTS_PER_INCH = 72
+SHOWN_PX = 360
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,10 +66,20 @@ class Page:
         return self.cmyk.shape[0] * self.pixel_mm
 
     def _repr_png_(self) -> bytes:
-        """What notebooks show."""
-        from prooflight.pages.thumbnail import thumbnail_png
+        """What notebooks show: at most ``SHOWN_PX`` a side, never enlarged; the press's own colours are not asked.
 
-        return thumbnail_png(self.cmyk)
+        Each ink takes its share of red, green or blue and black takes of all, as screens show CMYK without a profile.
+        """
+        import cv2  # imported late, as Pillow is: only this needs them
+        from PIL import Image
+
+        rows, columns = self.cmyk.shape[:2]
+        scale = min(SHOWN_PX / max(rows, columns), 1.0)
+        size = max(round(columns * scale), 1), max(round(rows * scale), 1)
+        left = 1 - cv2.resize(self.cmyk, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+        file = io.BytesIO()
+        Image.fromarray(np.rint(255 * left[..., :3] * left[..., 3:]).astype(np.uint8)).save(file, "PNG")
+        return file.getvalue()
 
 
 def turned(page: Page) -> Page:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+TIFF_SUFFIXES: Final = (".tif", ".tiff")
 REMEDY: Final = "export or copy it again"
 CHUNKS_MAX: Final = 1 << 17
 """Strips or tiles of one image: A0 at 1200 dpi has 40,000 lines, and each takes some 20 microseconds to look after."""

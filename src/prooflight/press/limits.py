@@ -62,10 +62,9 @@ def _line_rate(camera: Camera) -> str:
 
 
 def _refuse_blur(path: Path, camera: Camera) -> None:
-    travel = camera.line_travel_mm / camera.pixel_pitch_mm
+    travel = camera.travel_pixels
     for sensor in camera.sensors:
-        smear = sensor.tdi_stages * abs(travel - 1)
-        blur = camera.binning_along * travel + smear
+        blur = camera.binning_along * travel + camera.smear_pixels(sensor)
         if blur > LONGEST_BLUR_PIXELS:
             what = (
                 f"a line of sensor {sensor.name} would be smeared over {blur:.4g} pixels: the paper moves by"

@@ -14,8 +14,7 @@ import numpy as np
 
 from prooflight import spectra
 from prooflight.camera.camera import Camera
-from prooflight.camera.light import Light
-from prooflight.camera.optics import Lens
+from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.detectors.cost import RunningCosts
 from prooflight.errors import PressFileError

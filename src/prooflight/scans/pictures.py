@@ -9,24 +9,21 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.errors import ScanError
-from prooflight.pages.files import DPI_MAX
-from prooflight.pages.job import natural_order
+from prooflight.pages.files import DPI_MAX, NO_UNIT, resolution_tags, tag_dpi
+from prooflight.pages.job import files_in
 from prooflight.pages.picture_files import bands, opened_picture
-from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
+from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-TIFF_SUFFIXES: Final = (".tif", ".tiff")
 SUFFIXES: Final = (*TIFF_SUFFIXES, ".jpg", ".jpeg", ".png")
 PLAIN: Final = {"P": "RGB", "RGBA": "RGB", "1": "L", "LA": "L"}
 """Pillow's modes and what they are read as."""
 REMEDY: Final = "give grey or RGB, as TIFF of any depth, JPEG or PNG"
-INCHES: Final = {2: 1.0, 3: 2.54}
-"""TIFF 6.0, ResolutionUnit: 2 inch, 3 centimetre; what one of them multiplies to inches."""
 BYTES_PER_SAMPLE: Final = 8.0
 """While a picture is read: 4 of the light, and of Pillow's own picture 1, or 4 where it has 16 bits."""
 _AGAIN: Final = "scan the page again"
@@ -80,11 +77,10 @@ def picture_files(path: Path, *, images: int | None = None) -> list[PictureFile]
     when it is read. ScanError if there is nothing to read.
     """
     if path.is_dir():
-        inside = [file for file in path.iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != "."]
+        inside = files_in(path, SUFFIXES)
         if not inside:
             raise ScanError(path, "holds no scans", remedy=REMEDY)
-        ordered = sorted(inside, key=lambda file: natural_order(file.name))
-        return [picture for file in ordered for picture in _pictures_of(file, images, one_of_many=True)]
+        return [picture for file in inside for picture in _pictures_of(file, images, one_of_many=True)]
     if not path.is_file():
         raise ScanError(path, "there is no such file or folder", remedy="give a scan or a folder of scans")
     return _pictures_of(path, images)
@@ -114,9 +110,8 @@ def _read_tiff(file: PictureFile) -> Picture:
         if pages[0].tags.valueof(274) not in (None, 1):
             raise ScanError(path, "is stored turned", remedy="save it with its first line on top")
         if len({(page.imagelength, page.imagewidth) for page in pages}) > 1:
-            raise ScanError(
-                path, "holds images of different sizes", remedy="give images of one size for each page"
-            )
+            what = "holds images of different sizes"
+            raise ScanError(path, what, remedy="give images of one size for each page")
         shape = (sum(map(_channels, pages)), pages[0].imagelength, pages[0].imagewidth)
         for page in pages:
             images.check(path, page, kept_bytes=BYTES_PER_SAMPLE * prod(shape))
@@ -128,7 +123,7 @@ def _read_tiff(file: PictureFile) -> Picture:
             if page.photometric == _MIN_IS_WHITE:
                 np.subtract(part.max(initial=0), part, out=part)
             start += len(part)
-        dpi = _dpi({code: pages[0].tags.valueof(code) for code in (282, 283, 296)})  # TIFF 6.0
+        dpi = _sane(tag_dpi(resolution_tags(pages[0]), unit_unstated=NO_UNIT))
     return Picture(light=_checked(path, light), dpi=dpi)
 
 
@@ -141,12 +136,6 @@ def _check_colours(path: Path, page: Any) -> None:
     if page.photometric not in (_MIN_IS_WHITE, _MIN_IS_BLACK, _RGB, 6):  # 6: YCbCr, decoded to RGB
         what = f"is {getattr(page.photometric, 'name', 'of unknown colours').lower()}"
         raise ScanError(path, what, remedy=REMEDY)
-
-
-def _dpi(tags: Mapping[int, Any]) -> tuple[float, float] | None:
-    unit = INCHES.get(tags[296] or 0)
-    x, y = (_ratio(tags[code]) for code in (282, 283))
-    return None if unit is None else _sane((x * unit, y * unit))
 
 
 def _sane(dpi: Sequence[float]) -> tuple[float, float] | None:
@@ -172,9 +161,3 @@ def _checked(path: Path, light: NDArray[np.float32]) -> NDArray[np.float32]:
     if not all(np.isfinite(rows).all() for rows in light.reshape(-1, light.shape[-1])):
         raise ScanError(path, "holds values that are not finite", remedy=_AGAIN)
     return light
-
-
-def _ratio(value: Any) -> float:
-    if isinstance(value, tuple) and len(value) == 2 and value[1]:
-        return float(value[0] / value[1])
-    return 0.0

@@ -11,8 +11,8 @@ import tifffile
 
 from prooflight.errors import ScanError
 from prooflight.files.atomic import whole_file
-from prooflight.pages.job import natural_order
-from prooflight.pages.tiff_images import decode_into, image_count, opened_tiff
+from prooflight.pages.job import files_in
+from prooflight.pages.tiff_images import TIFF_SUFFIXES, decode_into, image_count, opened_tiff
 from prooflight.scans.lines import BLOCK_LINES, LineBlock
 from prooflight.scans.pacing import Pacer
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SUFFIXES = (".tif", ".tiff")
 _REMEDY = "scan the page again"
 
 
@@ -84,23 +83,14 @@ def recorded_scans(path: Path, *, sensors: int, damaged: bool = False) -> list[R
     cannot even be counted is one scan, which says so when it is read. ScanError if there is nothing to read, or else.
     """
     if path.is_dir():
-        files = sorted(
-            (
-                file
-                for file in path.iterdir()
-                if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
-            ),
-            key=lambda file: natural_order(file.name),
-        )
+        files = files_in(path, TIFF_SUFFIXES)
         if not files:
-            raise ScanError(
-                path, "holds no TIFF files", remedy="give the folder that `prooflight simulate` wrote"
-            )
+            what = "holds no TIFF files"
+            raise ScanError(path, what, remedy="give the folder that `prooflight simulate` wrote")
         return [scan for file in files for scan in _scans_of(file, sensors, damaged=damaged)]
     if not path.is_file():
-        raise ScanError(
-            path, "there is no such file or folder", remedy="give a folder of scans or a TIFF file"
-        )
+        what = "there is no such file or folder"
+        raise ScanError(path, what, remedy="give a folder of scans or a TIFF file")
     return _scans_of(path, sensors)
 
 

@@ -17,10 +17,11 @@ from scipy import ndimage
 
 from prooflight.commissioning.accuracy import trial_recipes
 from prooflight.commissioning.build import build_press
+from prooflight.commissioning.camera.exploring import varied
 from prooflight.commissioning.chart.calibrate import calibrate_from
 from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes
-from prooflight.inks.chart_print import painted
+from prooflight.inks.chart_print import raster
 from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.kernels.prediction.look_up import NODE_STEP
 from prooflight.kernels.simulation.inks import TRUE_NODES
@@ -85,35 +86,12 @@ class Printed:
 
 def camera_at(dpi: float) -> PressFile:
     """The preset of a colour line camera, so far from the page that its pixels lie 25.4 mm / dpi apart on it."""
-    from importlib import resources
-
-    text = (
-        resources.files("prooflight.press").joinpath("presets", "rgb-line.toml").read_text(encoding="utf-8")
-    )
-    preset = PressFile(Path("rgb-line.toml"), text)
+    preset = PressFile.preset("rgb-line.toml")
     lens, sensor = preset.camera().lens, preset.camera().sensors[0]
     magnification = sensor.pixel_pitch_um * 1e-3 * dpi / MM_PER_INCH
     distance = lens.focal_length_mm * (1 + 1 / magnification)
     pixels = int(np.ceil(216.0 * dpi / MM_PER_INCH))
-    for old, new in (
-        (f"object_distance_mm = {lens.object_distance_mm:g}", f"object_distance_mm = {distance!r}"),
-        (f"pixels = {sensor.pixels}", f"pixels = {pixels}"),
-    ):
-        if old not in text:
-            message = f"the preset has no {old!r}"
-            raise ValueError(message)
-        text = text.replace(old, new)
-    return PressFile(Path(f"rgb-line-{dpi:g}-dpi.toml"), text)
-
-
-def chart_page(placed: PlacedRecipes, page: int, dpi: float) -> Page:
-    """One page of a chart at any resolution; edges on the nearest raster pixel, as a press would put them."""
-    layout, scale = placed.layout, dpi / MM_PER_INCH
-    paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), 4), np.uint8)
-    for (x, y, width, height), ink in painted(placed, page):
-        left, top, right, bottom = (round(edge * scale) for edge in (x, y, x + width, y + height))
-        paper[top:bottom, left:right] = ink
-    return Page(cmyk=paper, dpi=dpi, name=f"chart-{page}", number=page)
+    return varied(preset, {"lens.object_distance_mm": distance, "sensor.pixels": pixels})
 
 
 def calm(amounts: Amounts) -> Amounts:
@@ -149,7 +127,8 @@ def print_charts(
         pages = []
         for page_number in range(1, placed.pages + 1):
             progress(f"{len(placed.cmyk)} patches, print {number + 1} of {prints}, page {page_number}")
-            page = chart_page(placed, page_number, press.dpi)
+            cmyk = raster(placed, page_number, dpi=press.dpi)
+            page = Page(cmyk=cmyk, dpi=press.dpi, name=f"chart-{page_number}", number=page_number)
             done = Print.draw(session, press, page, rng)
             path = folder / f"print{number + 1}-page{page_number}.tif"
             write_scan(path, fast_scan(page, press, session, done, rng=rng), facts={})

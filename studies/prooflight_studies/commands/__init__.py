@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add them to ``prooflight``."""
-    for part in (world, paper, press, golden, detectability, running, soak):
-        part.register(study.app)
+    for command in (
+        *(world.misprints, world.corpus, world.worlds, world.registration, world.calibration),
+        *(paper.paper, paper.robustness, paper.design, press.press, golden.golden),
+        *(detectability.detectability, running.running, soak.soak),
+    ):
+        study.app.command()(command)
     app.add_typer(study.app, name="study")
     app.command()(bench.bench)

@@ -7,9 +7,9 @@ from statistics import median
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
+from prooflight_studies.commands.study import show_table
 
 
 def bench(
@@ -42,11 +42,9 @@ def bench(
     if json:
         show.print_json(rows)
         return
-    table = Table(title="Megapixels a second of processor time, one core", title_justify="left")
-    table.add_column("step")
-    for name in ("Mpx/s", "range", "ratio"):
-        table.add_column(name, justify="right")
+    cells = []
     for row in rows:
         spread = f"{row.lowest_mpx_per_cpu_s:,.0f} .. {row.highest_mpx_per_cpu_s:,.0f}"
-        table.add_row(row.name, f"{row.mpx_per_cpu_s:,.1f}", spread, f"{row.ratio:.2f}")
-    show.people.print(table)
+        cells.append((row.name, f"{row.mpx_per_cpu_s:,.1f}", spread, f"{row.ratio:.2f}"))
+    headings = ("step", "Mpx/s", "range", "ratio")
+    show_table("Megapixels a second of processor time, one core", headings, cells)

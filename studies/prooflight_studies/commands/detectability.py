@@ -6,18 +6,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 QUICK_TRIALS = 3
 QUICK_LEARNING = 16
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command to ``prooflight study``."""
-    app.command()(detectability)
 
 
 def detectability(
@@ -60,14 +54,12 @@ def detectability(
     if json:
         show.print_json(rows)
         return
-    table = Table(title="Caught of what should be caught at 99 %", title_justify="left")
-    table.add_column("page")
-    for name in (*NAMES.values(), "good prints that alarmed"):
-        table.add_column(name, justify="right")
+    cells = []
     for page in found.pages:
-        cells = (page.verified[name] for name in (*NAMES, "none"))
-        table.add_row(page.name, *(f"{one.caught} of {one.of}" for one in cells))
-    show.people.print(table)
+        verified = (page.verified[name] for name in (*NAMES, "none"))
+        cells.append((page.name, *(f"{one.caught} of {one.of}" for one in verified)))
+    headings = ("page", *NAMES.values(), "good prints that alarmed")
+    show_table("Caught of what should be caught at 99 %", headings, cells)
     for name in found.alarming:
         show.people.print(
             f"{name}: good prints of it alarm; most likely no design that taught the press is like it."

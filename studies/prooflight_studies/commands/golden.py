@@ -6,15 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command to ``prooflight study``."""
-    app.command()(golden)
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 
 def golden(
@@ -45,16 +39,10 @@ def golden(
     if json:
         show.print_json(plain(rows))
         return
-    table = Table(title="Marked defects found against a golden scan", title_justify="left")
-    for heading in ("method", "tuned on", "found %", "false an image", "mean overlap"):
-        table.add_column(heading, justify="left" if heading in ("method", "tuned on") else "right")
+    cells = []
     for row in rows:
-        table.add_row(
-            row.method,
-            row.tuned_on,
-            f"{row.found_percent:.1f}",
-            f"{row.false_per_image:.2f}",
-            f"{row.mean_overlap:.2f}",
-        )
-    show.people.print(table)
+        numbers = (f"{row.found_percent:.1f}", f"{row.false_per_image:.2f}", f"{row.mean_overlap:.2f}")
+        cells.append((row.method, row.tuned_on, *numbers))
+    headings = ("method", "tuned on", "found %", "false an image", "mean overlap")
+    show_table("Marked defects found against a golden scan", headings, cells, words=2)
     show.written(out / "golden.md")

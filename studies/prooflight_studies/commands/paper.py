@@ -11,8 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, PressFileAt, Quick, Results
-from prooflight_studies.commands.world import CACHE, Cache
+from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,12 +27,6 @@ Cluster = Annotated[
 OneWorld = Annotated[
     str | None, typer.Option("--world", metavar="ideal|press", help="One world; default both.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands to ``prooflight study``."""
-    for command in (paper, robustness, design):
-        app.command()(command)
 
 
 def paper(
@@ -59,10 +52,7 @@ def paper(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(parts)
-    else:
-        show.written(out / "paper.md")
+    told(parts, out / "paper.md", json=json)
 
 
 def robustness(
@@ -90,10 +80,7 @@ def robustness(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(parts)
-    else:
-        show.written(out / "robustness.md")
+    told(parts, out / "robustness.md", json=json)
 
 
 def design(

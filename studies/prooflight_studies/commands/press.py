@@ -8,13 +8,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, PressFileAt, Quick, Results
-from prooflight_studies.commands.world import CACHE, Cache, PagesDir
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command to ``prooflight study``."""
-    app.command()(press)
+from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, PressFileAt, Quick, Results
 
 
 def press(

@@ -11,13 +11,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import Json, Quick, Results
-from prooflight_studies.commands.world import CACHE, Cache
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command to ``prooflight study``."""
-    app.command()(running)
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, told
 
 
 def running(
@@ -62,7 +56,4 @@ def running(
         progress=show.steps(quiet=json),
     )
     found = study.run(tuple(part) if part else PARTS, again=again)
-    if json:
-        show.print_json(found)
-    else:
-        show.written(out / "running.md")
+    told(found, out / "running.md", json=json)

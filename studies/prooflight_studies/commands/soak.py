@@ -7,15 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command to ``prooflight study``."""
-    app.command()(soak)
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 
 def soak(
@@ -32,10 +26,9 @@ def soak(
     if json:
         show.print_json(asdict(found))
         return
-    table = Table(title=f"{found.sheets} sheets", title_justify="left")
-    for heading in ("fault", "drawn", "named", "in step"):
-        table.add_column(heading, justify="left" if heading == "fault" else "right")
-    for kind, row in found.kinds.items():
-        table.add_row(kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
-    show.people.print(table)
+    cells = (
+        (kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
+        for kind, row in found.kinds.items()
+    )
+    show_table(f"{found.sheets} sheets", ("fault", "drawn", "named", "in step"), cells)
     show.written(out / "soak.md")

@@ -13,7 +13,7 @@ from rich.table import Table
 from prooflight.cli import show
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
 app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
 
@@ -23,7 +23,32 @@ JobFile = Annotated[Path | None, typer.Option(metavar="F.pdf", help="A job; defa
 PressFileAt = Annotated[
     Path | None, typer.Option(metavar="PRESS.toml", help="Press file; default the prototype.")
 ]
+Cache = Annotated[
+    Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
+]
+CACHE = Path("study-cache")
+PagesDir = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
+]
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
+
+
+def told(found: object, written: Path, *, json: bool) -> None:
+    """What was found, for programs, or where it is written, for people."""
+    if json:
+        show.print_json(found)
+    else:
+        show.written(written)
+
+
+def show_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1) -> None:
+    """Rows for people; words: so many columns stand to the left, numbers to the right."""
+    table = Table(title=title, title_justify="left")
+    for place, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if place < words else "right")
+    for row in rows:
+        table.add_row(*row)
+    show.people.print(table)
 
 
 @app.command()
@@ -43,15 +68,15 @@ def ink(
     if json:
         show.print_json(rows)
         return
-    table = Table(title="Ink models", title_justify="left")
-    for heading in ("model", "median", "95 %", "greatest", "rms reflectance"):
-        table.add_column(heading, justify="left" if heading == "model" else "right")
-    for row in rows:
-        delta = row["delta_e00"]
-        assert isinstance(delta, dict)
-        cells = (f"{delta[key]:.3f}" for key in ("median", "p95", "max"))
-        table.add_row(str(row["model"]), *cells, f"{row['rms_reflectance']:.5f}")
-    show.people.print(table)
+    cells = (
+        (
+            row["model"],
+            *(f"{each:.3f}" for each in row["delta_e00"].values()),
+            f"{row['rms_reflectance']:.5f}",
+        )
+        for row in rows
+    )
+    show_table("Ink models", ("model", "median", "95 %", "greatest", "rms reflectance"), cells)
     show.written(out / "ink.md")
 
 
@@ -69,12 +94,8 @@ def inks(
     if json:
         show.print_json({"delta_e00": differences, "coefficients": coefficients})
         return
-    table = Table(title="Built-in inks, CIEDE2000 from the coated aims", title_justify="left")
-    table.add_column("colour")
-    table.add_column("difference", justify="right")
-    for name, difference in differences.items():
-        table.add_row(name, f"{difference:.2f}")
-    show.people.print(table)
+    cells = ((name, f"{difference:.2f}") for name, difference in differences.items())
+    show_table("Built-in inks, CIEDE2000 from the coated aims", ("colour", "difference"), cells)
 
 
 @app.command()
@@ -98,7 +119,7 @@ def tables(
     from prooflight.press.press_file import PressFile
     from prooflight_studies.tables.study import run_table_study, with_chart
 
-    press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
+    press = PressFile.read(press_file) if press_file else PressFile.prototype()
     presses = [press] if chart is None else [press, with_chart(press, chart)]
     tell = show.steps(quiet=json)
     with job_or_sample(job) as job_path:
@@ -109,16 +130,13 @@ def tables(
     if json:
         show.print_json(rows)
         return
-    table = Table(title="Tables against the exact model, errors in sigma", title_justify="left")
-    for heading in ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma"):
-        table.add_column(
-            heading, justify="left" if heading in ("press", "inks", "sensor", "colours") else "right"
-        )
+    cells = []
     for row in rows:
-        numbers = (row.rms_sigma, row.rms_sigma_by_pixels, row.max_sigma, row.white_sigma)
-        cells = (f"{number:.4f}" for number in numbers)
-        table.add_row(row.press, row.inks, row.sensor, row.colours, *cells, f"{row.sigma_percent:.3f} %")
-    show.people.print(table)
+        errors = (row.rms_sigma, row.rms_sigma_by_pixels, row.max_sigma, row.white_sigma)
+        numbers = (*(f"{error:.4f}" for error in errors), f"{row.sigma_percent:.3f} %")
+        cells.append((row.press, row.inks, row.sensor, row.colours, *numbers))
+    headings = ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma")
+    show_table("Tables against the exact model, errors in sigma", headings, cells, words=4)
     show.written(out / "tables.md")
 
 
@@ -166,10 +184,7 @@ def page(
     from prooflight_studies.harness.page import page_again
 
     path = page_again(results, out)
-    if json:
-        show.print_json({"page": str(path)})
-    else:
-        show.written(path)
+    told({"page": str(path)}, path, json=json)
 
 
 @contextlib.contextmanager
@@ -196,16 +211,15 @@ def edges(
     """Prediction at the edges of letters and lines against the exact camera; writes edges.md."""
     from prooflight_studies.edges.study import run_edge_study
 
-    study = run_edge_study(pages, out, quick=quick, progress=None if json else show.step)
+    study = run_edge_study(pages, out, quick=quick, progress=show.steps(quiet=json))
     if json:
         show.print_json(study)
         return
-    table = Table(title="Errors at edges, in sigma", title_justify="left")
-    for heading in ("truth", "prediction", "rms", "median", "all pixels, rms"):
-        table.add_column(heading, justify="left" if heading in ("truth", "prediction") else "right")
+    cells = []
     for truth, rows in (("vector page", study.from_vector), ("the same raster", study.same_raster)):
         for row in rows:
             errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
-            table.add_row(truth, row.name, *(f"{error:.2f}" for error in errors))
-    show.people.print(table)
+            cells.append((truth, row.name, *(f"{error:.2f}" for error in errors)))
+    headings = ("truth", "prediction", "rms", "median", "all pixels, rms")
+    show_table("Errors at edges, in sigma", headings, cells, words=2)
     show.written(out / "edges.md")

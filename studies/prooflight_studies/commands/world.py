@@ -8,22 +8,17 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import JobFile, Json, Quick, Results, job_or_sample
-
-PagesDir = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
-]
-
-Cache = Annotated[
-    Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
-]
-CACHE = Path("study-cache")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands to ``prooflight study``."""
-    for command in (misprints, corpus, worlds, registration, calibration):
-        app.command()(command)
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    JobFile,
+    Json,
+    PagesDir,
+    Quick,
+    Results,
+    job_or_sample,
+    told,
+)
 
 
 def misprints(
@@ -42,7 +37,7 @@ def misprints(
     with job_or_sample(job) as job_path:
         table = appearance_srgb(built_in_inks())
         draw_misprint_sheet(path, job_path, table, seed=seed, progress=show.steps(quiet=json))
-    _told({"picture": str(path)}, path, json=json)
+    told({"picture": str(path)}, path, json=json)
 
 
 def corpus(
@@ -57,7 +52,7 @@ def corpus(
 
     out.mkdir(parents=True, exist_ok=True)
     found = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    _told(found, out / "corpus.md", json=json)
+    told(found, out / "corpus.md", json=json)
 
 
 def worlds(
@@ -72,7 +67,7 @@ def worlds(
 
     out.mkdir(parents=True, exist_ok=True)
     rows = run_world_study(pages, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    _told(rows, out / "worlds.md", json=json)
+    told(rows, out / "worlds.md", json=json)
 
 
 def registration(
@@ -100,7 +95,7 @@ def registration(
         **({"designs": 6, "prints": 2, "crop_designs": 4} if quick else {}),
         progress=show.steps(quiet=json),
     )
-    _told(found, out / "registration.md", json=json)
+    told(found, out / "registration.md", json=json)
 
 
 def calibration(
@@ -117,11 +112,4 @@ def calibration(
     with job_or_sample(None) as sample:
         jobs = {"sample job": sample} | ({} if pages is None else {"real pages": pages})
         rows = run_calibration_study(jobs, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    _told(rows, out / "calibration.md", json=json)
-
-
-def _told(found: object, written: Path, *, json: bool) -> None:
-    if json:
-        show.print_json(found)
-    else:
-        show.written(written)
+    told(rows, out / "calibration.md", json=json)

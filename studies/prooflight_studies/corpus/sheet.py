@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from matplotlib.figure import Figure
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
 from prooflight.simulation.corpus.corpus import Corpus
-from prooflight_studies.corpus.figures import PageFigures, corpus_results, page_figures, summary, table
-from prooflight_studies.corpus.picture import draw_distributions
+from prooflight_studies.corpus.figures import NAMES, PageFigures, corpus_results, page_figures, summary, table
 from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.picture import write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,6 +66,22 @@ def write_contact_sheet(
     _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     with whole_file(path) as unfinished:
         unfinished.write_bytes(encoded.tobytes())
+
+
+def draw_distributions(path: Path, drawn: NDArray[np.float64], real: NDArray[np.float64]) -> None:
+    """Share of pages at or below a value, for every figure, designs and real pages."""
+    figure = Figure(figsize=(9.2, 4.4), dpi=110, layout="constrained")
+    for axes, name, ours, theirs in zip(
+        figure.subplots(2, 4, sharey=True).flat, NAMES.values(), drawn.T, real.T, strict=True
+    ):
+        axes.ecdf(theirs, color="0.6", linewidth=2.5, label="real pages")
+        axes.ecdf(ours, color="#0a6ebd", linewidth=1.2, label="designs")
+        axes.set_title(name.split(",")[0], fontsize=9)
+        axes.tick_params(labelsize=7)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].legend(fontsize=7, frameon=False, loc="upper left")
+    figure.supylabel("share of pages", fontsize=8)
+    write_figure(figure, path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

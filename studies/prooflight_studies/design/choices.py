@@ -72,9 +72,8 @@ def _steps(text: str) -> list[Choice]:
     names, equals, rows = text.partition("=")
     fields = names.split("+")
     if not equals or not all(field.strip() for field in fields):
-        raise RequestError(
-            "--vary", f"{shortly(text)!r} does not name a field and its values", remedy=_REMEDY
-        )
+        what = f"{shortly(text)!r} does not name a field and its values"
+        raise RequestError("--vary", what, remedy=_REMEDY)
     cells = [row.split("+") if len(fields) > 1 else [row] for row in rows.split(",")]
     if any(len(row) != len(fields) or not all(cell.strip() for cell in row) for row in cells):
         what = f"{shortly(text)!r} does not give {'a value' if len(fields) == 1 else f'{len(fields)} values'} each time"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.reporting.camera_pictures import COLOURS
-from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.harness.picture import legend_below, new_figure, plain_axes, write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,8 +30,7 @@ def draw_designs(path: Path, rows: Sequence[DesignRow], *, detector: str) -> Non
         axes = figure.add_subplot(1, len(worlds), place + 1)
         _panel(axes, [row for row in rows if row.world == world], colours)
         axes.set_title(f"{world} world")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
+    legend_below(figure, figure.axes[0], columns=2, size_pt=8.5)
     figure.suptitle(f"What each design costs, detector {detector}; filled: efficient", fontsize=11)
     write_figure(figure, path)
 

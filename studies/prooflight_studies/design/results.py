@@ -11,13 +11,13 @@ from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.operating import (
-    PERCENTILES,
     RESAMPLES,
     Interval,
     area_under_roc,
     at_threshold,
     bill,
     least_cost,
+    resampled_costs,
 )
 from prooflight_studies.harness.paper_detectors import bayes_scores, chi_square_scores, chosen_reading, scored
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
     from prooflight.simulation.captures import World
     from prooflight_studies.design.choices import Prices
-    from prooflight_studies.harness.operating import Scored
     from prooflight_studies.harness.protocol import Plan
     from prooflight_studies.harness.result_cache import Rows
 
@@ -132,8 +131,13 @@ def judged(
     pages = scored(sets["test"], test_score)
     found = at_threshold(pages, threshold)
     good = int((~pages.bad).sum())
+    # The same draws for every camera; designs that left no pages count as drawn, so that differences between two
+    # cameras are of the same pages.
+    even = np.full(len(designs), 1 / len(designs))
+    drawn = stream(seed, "bootstrap").multinomial(len(designs), even, size=RESAMPLES)
+    place = pages.design - designs.start
     return CandidateResult(
-        resampled=resampled_costs(pages, threshold, costs.alpha, designs, stream(seed, "bootstrap")),
+        resampled=resampled_costs(pages, costs.alpha, threshold=threshold, place=place, drawn=drawn),
         cost=found.cost(costs.alpha),
         false_alarms=round(found.false_alarms * good),
         good=good,
@@ -153,31 +157,6 @@ def _scores(sets: dict[str, Rows], frame: int, detector: str) -> tuple[list[NDAr
         return [chi_square_scores(rows, frame=frame) for rows in others], detector
     place = BASELINES.index(OF_BASELINES[detector])
     return [np.asarray(rows["peers"][:, frame, place], np.float64) for rows in others], BASELINES[place]
-
-
-def resampled_costs(
-    pages: Scored, threshold: float, alpha: float, designs: range, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """F + alpha M with page designs drawn again, (resamples,): the same draws for whoever passes the same ``rng``.
-
-    Designs that left no pages count as drawn, so that differences between two cameras are of the same pages.
-    """
-    alarm = pages.score > threshold
-    drawn = rng.multinomial(len(designs), np.full(len(designs), 1 / len(designs)), size=RESAMPLES)
-    rates = []
-    for side, wrong in ((~pages.bad, alarm), (pages.bad, ~alarm)):
-        wrongs, count = (
-            drawn @ np.bincount(pages.design - designs.start, weights=what, minlength=len(designs))
-            for what in (wrong & side, side)
-        )
-        rates.append(wrongs / np.maximum(count, 1))
-    return np.asarray(rates[0] + alpha * rates[1])
-
-
-def interval_of(value: float, resampled: NDArray[np.float64]) -> Interval:
-    """A value with the 95 % of its resamples."""
-    low, high = np.percentile(resampled, PERCENTILES)
-    return Interval(value=float(value), low=float(low), high=float(high))
 
 
 def cents_per_unit(costs: RunningCosts) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,20 +20,12 @@ from prooflight_studies.design.results import (
     cents_per_unit,
     design_results,
     efficient,
-    interval_of,
     judged,
 )
+from prooflight_studies.harness.operating import interval_of
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.paper_detectors import chosen_rows
-from prooflight_studies.harness.protocol import (
-    FRAMES,
-    PilotWork,
-    Plan,
-    WatchWork,
-    in_both_worlds,
-    variation_models,
-)
-from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.harness.protocol import FRAMES, JUDGED, Plan, in_both_worlds, watched_rows
 from prooflight_studies.paper.study import SPECIMEN_SEED, at_pitch
 
 if TYPE_CHECKING:
@@ -43,7 +36,6 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.design.choices import Choice, Prices
-    from prooflight_studies.harness.result_cache import Rows
 
 COARSER: Final = 5.0
 """Pixels so many times as wide as each design's own: a study in minutes, and designs keep their proportions."""
@@ -72,16 +64,9 @@ def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = N
     more: how many times as many page designs. world: one alone. RequestError: there is no such world.
     """
     pilot, learn, tune, test = (2, 12, 8, 12) if quick else (4, 30 * more, 20 * more, 40 * more)
+    a_day = 4 if quick else 10
     ideal = Plan(
-        seed=seed,
-        world="ideal",
-        pilot=pilot,
-        learn=learn,
-        tune=tune,
-        test=test,
-        good_copies=1,
-        misprints=2,
-        designs_per_day=4 if quick else 10,
+        seed=seed, world="ideal", pilot=pilot, learn=learn, tune=tune, test=test, designs_per_day=a_day
     )
     fewer = {"learn": 16 * more, "tune": 10 * more, "test": 20 * more, "designs_per_day": 2}
     return in_both_worlds(ideal, world=world, **({} if quick else fewer))
@@ -141,11 +126,17 @@ def run_design_study(
     for plan in used:
         found = []
         for candidate in of:
-            told = f"{plan.world} world, {candidate.choice}"
-            scans = _rows(candidate, plan, cache, processes, cluster, told, progress)
-            sets = {
-                of_set: chosen_rows(scans, plan.designs(of_set), 1.0) for of_set in ("learn", "tune", "test")
-            }
+            what = f"{plan.world} world, {candidate.choice}"
+            scans = watched_rows(
+                candidate.press,
+                Corpus(seed=plan.seed, dpi=candidate.press.dpi),
+                plan,
+                cache,
+                processes=processes,
+                cluster=cluster,
+                told=partial(_told, progress, what),
+            )
+            sets = {of_set: chosen_rows(scans, plan.designs(of_set), 1.0) for of_set in JUDGED}
             frame = len(FRAMES[plan.world]) - 1  # where registration found the page, if the world moves it
             found.append(
                 judged(
@@ -166,35 +157,14 @@ def run_design_study(
     return rows
 
 
-def _rows(
-    candidate: Candidate,
-    plan: Plan,
-    cache: Path,
-    processes: int | None,
-    cluster: str | None,
-    told: str,
-    progress: Callable[[str], None],
-) -> Rows:
-    press = candidate.press
-    pages = Corpus(seed=plan.seed, dpi=press.dpi)
-    digest = digest_of(plan.facts(press, repr(pages)))
+def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
+    """How many days' scans are made; the pilot's few days pass unsaid."""
 
     def tell(done: int, days: int) -> None:
-        progress(f"{told}: {done} of {days} press days")
+        if step == "scans":
+            progress(f"{what}: {done} of {days} press days")
 
-    pilot = run_pieces(
-        PilotWork(press=press, pages=pages, plan=plan),
-        plan.days("pilot"),
-        cache / "pilot",
-        digest=digest,
-        processes=processes,
-        cluster=cluster,
-    )
-    work = WatchWork(press=press, pages=pages, plan=plan, variations=variation_models(pilot))
-    days = plan.days("learn", "tune", "test")
-    return run_pieces(
-        work, days, cache / "rows", digest=digest, processes=processes, cluster=cluster, progress=tell
-    )
+    return tell
 
 
 def _with_money(

@@ -9,8 +9,8 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.pictures import page_picture
+from prooflight_studies.harness.picture import write_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,7 +31,7 @@ COLOUR_OF_INK: Final = {"C": "#0091c8", "M": "#c8006f", "Y": "#c9a800", "K": "#2
 def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
     """The page; the smallest spot; the faintest streak; the smallest loss of density, in places and of inks."""
     ratio = page.height_mm / page.width_mm
-    figure = Figure(figsize=(15.5, 4.1 * ratio + 2.6), layout="constrained")
+    figure = Figure(figsize=(15.5, 4.1 * ratio + 2.6), dpi=100, layout="constrained")
     grid = figure.add_gridspec(2, 3, height_ratios=[4.1 * ratio, 1.7])
     axes = [figure.add_subplot(grid[0, column]) for column in range(3)]
     extent = (0.0, page.width_mm, page.height_mm, 0.0)
@@ -57,8 +57,7 @@ def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
     figure.suptitle(
         "Caught in 99 of 100 prints at the promised rate of false alarms; red: not at all", fontsize=12
     )
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png", dpi=100)
+    write_figure(figure, path)
 
 
 def _map(

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import fft, ndimage
 
+from prooflight.camera.camera import with_pixels
+from prooflight.camera.lens_correction import transfers
 from prooflight.camera.sensor import draw_fixed_pattern
-from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
-from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
-from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.sampling import LensCorrection, transfer
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
+from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
@@ -54,9 +55,7 @@ class Rig:
     def build(cls, press_file: PressFile, *, seed: int = SEED, pixels: int | None = None) -> Rig:
         """The specimen that ``build_press`` draws first from the same seed."""
         press = build_press(press_file, seed=seed, pixels=pixels)
-        camera = press_file.camera()
-        sensors = tuple(replace(sensor, pixels=press.geometry.pixels) for sensor in camera.sensors)
-        camera = replace(camera, sensors=sensors)
+        camera = with_pixels(press_file.camera(), press.geometry.pixels)
         rng = stream(seed, "specimen")
         patterns = tuple(draw_fixed_pattern(sensor, rng) for sensor in camera.sensors)
         return cls(press_file=press_file, camera=camera, patterns=patterns, press=press)
@@ -134,9 +133,8 @@ def rip_part(pdf: Path, top_mm: float, bottom_mm: float, *, dpi: float) -> Page:
         box = first.mediabox
         wrong = max(abs(box.width - width_mm * to_points), abs(box.height - height_mm * to_points))
         if wrong > 0.01 or first.rotation:
-            raise RequestError(
-                pdf, "is turned, scaled or cropped", remedy="choose a page printed as its MediaBox"
-            )
+            what = "is turned, scaled or cropped"
+            raise RequestError(pdf, what, remedy="choose a page printed as its MediaBox")
         part = (box.x0, box.y1 - bottom_mm * to_points, box.x1, box.y1 - top_mm * to_points)
         document.xref_set_key(first.xref, "TrimBox", f"[{' '.join(f'{edge:.6f}' for edge in part)}]")
         document.save(Path(folder) / "part.pdf")
@@ -189,8 +187,7 @@ def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
     The short separable footprint's transfer function is divided out and the exact one put in its place, by FFT at the
     camera's resolution: what they differ by is smooth, so that is fine enough. Padded with backing.
     """
-    sensor, model = rig.camera.sensors[0], rig.press.sensors[0]
-    blur = spectral_blur(rig.camera, sensor)
+    model = rig.press.sensors[0]
     lines, pixels = signal_dn.shape
     rows = fft.next_fast_len(lines + MARGIN_PIXELS, real=True)
     columns = fft.next_fast_len(pixels + MARGIN_PIXELS, real=True)
@@ -198,12 +195,7 @@ def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
     pitch = rig.camera.line_pitch_mm / rig.camera.pixel_pitch_mm
     fy = np.fft.fftfreq(rows, pitch).astype(np.float64)
     fx = np.fft.rfftfreq(columns).astype(np.float64)
-    travel = rig.camera.line_travel_mm / rig.camera.pixel_pitch_mm
-    along = np.sinc(fy) * np.sinc(fy * pitch) * np.sinc(fy * sensor.tdi_stages * abs(travel - 1))
-    steps = np.hypot(fx, fy[:, None]) * ((blur.shapes.shape[1] - 1) / blur.cutoff_per_pixel)
-    exact = blur.shapes[0][np.rint(steps).astype(np.int64)] * np.sinc(fx) * along[:, None]
-    reach = model.footprint.reach_mm / rig.camera.pixel_pitch_mm
-    ours = transfer(model.footprint.along, reach, fy)[:, None] * transfer(model.footprint.across, reach, fx)
+    exact, ours = transfers(rig.camera, rig.camera.sensors[0], model.footprint, fy, fx)
     image = np.zeros((rows, columns), np.float32)
     image[:lines, :pixels] = signal_dn - np.float32(model.backing_dn)
     correction = (exact / ours).astype(np.float32)

@@ -16,8 +16,8 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from prooflight.commissioning.build import SUPERSAMPLING
 from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles
-from prooflight.pages.pdf.rip import POINTS_PER_INCH, PdfJob
-from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.press.press_file import PressFile
 from prooflight_studies.edges.rig import (
     BAND_CENTRES,
@@ -169,7 +169,7 @@ def run_edge_study(
     results: Path,
     *,
     quick: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
     rig: Rig | None = None,
     pdfs: Sequence[Path] | None = None,
 ) -> EdgeStudy:
@@ -177,16 +177,15 @@ def run_edge_study(
 
     quick: one page of each stratum. rig: the prototype's if absent. RequestError: a page cannot be used.
     """
-    tell = progress or (lambda _: None)
     chosen = list(pdfs) if pdfs else choose_pages(pages, 1 if quick else PAGES_A_STRATUM)
     if rig is None:
-        tell("building the press")
+        progress("building the press")
         rig = Rig.build(PressFile.prototype())
     sums: dict[str, ErrorSum] = {}
     for pdf in chosen:
-        tell(f"{pdf.stem} ({chosen.index(pdf) + 1} of {len(chosen)})")
+        progress(f"{pdf.stem} ({chosen.index(pdf) + 1} of {len(chosen)})")
         _study_page(rig, Sheet.lay(rig, pdf), sums)
-    tell("the truth itself")
+    progress("the truth itself")
     itself = _truth_itself(rig, Sheet.lay(rig, chosen[0], band_mm=FINER_BAND_MM))
     rows = {name: gathered.row() for name, gathered in sums.items()}
     study = EdgeStudy(

@@ -257,8 +257,7 @@ def _filters(grid: _Grid, blur: SpectralBlur, camera: Camera, sensor: LineSensor
     """
     per_pixel = grid.columns_per_pixel  # raster pixels are square: the same along and across
     rows, columns = grid.raster_shape
-    travel = camera.line_travel_mm / camera.pixel_pitch_mm
-    widths_along = (1.0, camera.binning_along * travel, sensor.tdi_stages * abs(travel - 1))
+    widths_along = (1.0, camera.binning_along * camera.travel_pixels, camera.smear_pixels(sensor))
     repeats = range(
         -int(blur.cutoff_per_pixel / per_pixel + 0.5), int(blur.cutoff_per_pixel / per_pixel + 0.5) + 1
     )

@@ -64,9 +64,8 @@ def _read(path: Path) -> GoldenPair:
         for which in ("temp", "test")
     )
     if golden.shape != scan.shape:
-        raise ScanError(
-            path, f"belongs to scans of {golden.shape} and {scan.shape}", remedy="give scans of one size"
-        )
+        what = f"belongs to scans of {golden.shape} and {scan.shape}"
+        raise ScanError(path, what, remedy="give scans of one size")
     rows = _marks(path, lines=golden.shape[-2], pixels=golden.shape[-1])
     marked = tuple((row[0], row[1], row[2], row[3]) for row in rows)
     return GoldenPair(

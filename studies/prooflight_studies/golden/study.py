@@ -51,20 +51,19 @@ def run_golden_study(
     seed: int = 0,
     quick: bool = False,
     picture: Path | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
 ) -> list[GoldenFigures]:
     """Tune on every second pair of ``folder``, judge on the rest, for each method; write ``golden.md``.
 
     The last row has the halves exchanged. picture: where a contact sheet of the test half is drawn; it shows pieces of
     the pairs. quick: a few pairs, our method alone. RequestError, ScanError: see ``read_pairs``.
     """
-    tell = progress or (lambda _: None)
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
     rng = stream(seed, "golden-bootstrap")
     rows, outcomes, seconds = [], [], 0.0
     for method in METHODS[-1:] if quick else METHODS:
-        tell(f"{method}: {len(pairs)} pairs")
+        progress(f"{method}: {len(pairs)} pairs")
         started = time.process_time()
         seen = {pair.name: differences(pair, method) for pair in pairs}
         seconds = time.process_time() - started
@@ -73,7 +72,7 @@ def run_golden_study(
         rows.append(figures(outcomes, chosen, method=method, tuned_on="even", rng=rng))
         own = [judged(pair, seen[pair.name], chosen) for pair in tuning]
         hits, false = sum(one.hits for one in own), sum(one.false for one in own)
-        tell(
+        progress(
             f"{method}: {hits} of {sum(len(one.kinds) for one in own)} and {false} false on the tuning half itself"
         )
     exchanged = tuned(test, seen)

@@ -53,16 +53,22 @@ def window_numbers(z: NDArray[np.float32]) -> NDArray[np.float32]:
     ``detectors.paper.bayes.window_statistics`` says what they mean; here all are taken in one go.
     """
     found = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
-    place = (-2, -1)
     for cut, windows in enumerate(WINDOWS):
         means = window_means(z, side=windows.side, overlapping=windows.overlapping)
-        magnitude = np.abs(means)
-        found[:, cut, MEAN], found[:, cut, MINIMUM] = means.mean(place, np.float64), means.min(place)
-        found[:, cut, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
-        found[:, cut, LEAST_MAGNITUDE] = magnitude.min(place)
-        for step, unit in enumerate(UNITS):
-            found[:, cut, FIRST_SHARE + step] = (magnitude < SHARE_SIGMAS * unit).mean(place)
+        numbers_of(means, [SHARE_SIGMAS * unit for unit in UNITS], out=found[:, cut])
     return found
+
+
+def numbers_of(
+    means: NDArray[np.float32], limits: Sequence[float | NDArray[np.float64]], *, out: NDArray[np.floating]
+) -> None:
+    """The numbers of window means (sensors, rows, columns) into (sensors, numbers); limits: of the shares."""
+    place, magnitude = (-2, -1), np.abs(means)
+    out[:, MEAN], out[:, MINIMUM] = means.mean(place, np.float64), means.min(place)
+    out[:, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
+    out[:, LEAST_MAGNITUDE] = magnitude.min(place)
+    for step, limit in enumerate(limits):
+        out[:, FIRST_SHARE + step] = (magnitude < limit).mean(place)
 
 
 def measure(

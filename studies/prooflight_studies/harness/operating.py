@@ -117,14 +117,31 @@ def bootstrap_cost(
     pages: Scored, alpha: float, *, threshold: float, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Interval:
     """F + alpha M at a threshold chosen elsewhere, with its interval over designs."""
-    alarm = pages.score > threshold
     place, drawn = _drawn_designs(pages.design, rng, resamples)
+    value = at_threshold(pages, threshold).cost(alpha)
+    return interval_of(value, resampled_costs(pages, alpha, threshold=threshold, place=place, drawn=drawn))
+
+
+def resampled_costs(
+    pages: Scored,
+    alpha: float,
+    *,
+    threshold: float,
+    place: NDArray[np.intp],
+    drawn: NDArray[np.floating | np.int64],
+) -> NDArray[np.float64]:
+    """F + alpha M with page designs drawn again, (resamples,).
+
+    place (pages,): which design each is a print of; drawn (resamples, designs): how often each is drawn.
+    """
+    alarm, designs = pages.score > threshold, drawn.shape[1]
     rates = []
     for side, wrong in ((~pages.bad, alarm), (pages.bad, ~alarm)):
-        wrongs, count = (drawn @ np.bincount(place, weights=what) for what in (wrong & side, side))
+        wrongs, count = (
+            drawn @ np.bincount(place, weights=what, minlength=designs) for what in (wrong & side, side)
+        )
         rates.append(wrongs / np.maximum(count, 1))
-    value = at_threshold(pages, threshold).cost(alpha)
-    return _interval(value, rates[0] + alpha * rates[1])
+    return np.asarray(rates[0] + alpha * rates[1])
 
 
 def bootstrap_oracle(
@@ -147,7 +164,7 @@ def bootstrap_oracle(
         for row, alpha in enumerate(alphas):
             found[row, index] = (false_alarms + alpha * misses).min()
     return [
-        _interval(least_cost(pages, alpha).cost(alpha), of_alpha)
+        interval_of(least_cost(pages, alpha).cost(alpha), of_alpha)
         for alpha, of_alpha in zip(alphas, found, strict=True)
     ]
 
@@ -210,6 +227,7 @@ def _curve(pages: Scored) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
     return thresholds, false_alarms, misses
 
 
-def _interval(value: float, resampled: NDArray[np.float64]) -> Interval:
+def interval_of(value: float, resampled: NDArray[np.float64]) -> Interval:
+    """A value with the 95 % of its resamples."""
     low, high = np.percentile(resampled, PERCENTILES)
     return Interval(value=float(value), low=float(low), high=float(high))

@@ -55,9 +55,8 @@ def page_again(results: Path, page: Path | None = None) -> Path:
     try:
         _write(page, page_text(kept))
     except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise InputError(
-            results, f"lacks what its page says: {error}", remedy="run the study again"
-        ) from error
+        what = f"lacks what its page says: {error}"
+        raise InputError(results, what, remedy="run the study again") from error
     return page
 
 

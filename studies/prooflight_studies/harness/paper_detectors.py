@@ -23,13 +23,15 @@ from prooflight_studies.harness.measures import (
 from prooflight_studies.harness.operating import Scored, least_cost
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.detectors.paper.bayes import Binning, Reading
     from prooflight_studies.harness.result_cache import Rows
 
+THIRDS: Final = ("mild", "middle", "severe")
+"""Of severity."""
 TUNING_ALPHA: Final = 1.0
 """Relative cost of a miss at which readings are compared."""
 MISPRINT_RATE: Final = 0.01
@@ -128,6 +130,19 @@ def chi_square_scores(
 def scored(rows: Rows, score: NDArray[np.float64]) -> Scored:
     """Scores with what they are judged by."""
     return Scored(score=score, bad=rows["kind"] != "", design=rows["design"])
+
+
+def goods_and_bads(sets: Mapping[str, Rows]) -> tuple[dict[str, int], dict[str, int]]:
+    """Scans of good prints and of misprints in each set."""
+    bad = {of: rows["kind"] != "" for of, rows in sets.items()}
+    return {of: int((~each).sum()) for of, each in bad.items()}, {
+        of: int(each.sum()) for of, each in bad.items()
+    }
+
+
+def thirds(severity: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Place in ``THIRDS`` of each severity, 0..1."""
+    return np.minimum((severity * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
 
 
 def chosen_rows(rows: Rows, designs: range, noise: float) -> Rows:

@@ -33,6 +33,12 @@ def plain_axes(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def legend_below(figure: Figure, axes: Axes, *, columns: int, size_pt: float) -> None:
+    """What ``axes`` show, for all axes of a figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=size_pt)
+
+
 def write_figure(figure: Figure, path: Path) -> None:
     """As PNG, whole or not at all."""
     with whole_file(path) as unfinished:

@@ -22,10 +22,12 @@ from prooflight.simulation.session import true_sensors
 from prooflight.simulation.worlds import known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
+from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -35,7 +37,8 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
     from prooflight_studies.harness.result_cache import Rows
 
-SETS: Final = ("pilot", "learn", "tune", "test")
+JUDGED: Final = ("learn", "tune", "test")
+SETS: Final = ("pilot", *JUDGED)
 """The pilot's good copies teach the variation model; the others are called by their use."""
 OTHERS: Final = 3
 """Designs of the same day that a wrong page may come from."""
@@ -53,8 +56,8 @@ class Plan:
     learn: int
     tune: int
     test: int
-    good_copies: int
-    misprints: int
+    good_copies: int = 1
+    misprints: int = 2
     """Copies of each design with a misprint; kinds take turns."""
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
@@ -65,6 +68,11 @@ class Plan:
         counts = [int(getattr(self, name)) for name in SETS]
         place = SETS.index(of)
         return range(sum(counts[:place]), sum(counts[: place + 1]))
+
+    def kind(self, index: int, copy: int) -> str:
+        """What goes wrong in a copy of design ``index``; the first are good, ""."""
+        turn = index * self.misprints + copy - self.good_copies
+        return KINDS[turn % len(KINDS)] if copy >= self.good_copies else ""
 
     def days(self, *sets: str) -> list[Day]:
         """The pieces of these sets; a day belongs to one set alone."""
@@ -108,7 +116,7 @@ class PilotWork:
 
     def __call__(self, day: Day, /) -> Rows:
         """``Work``: ``moments`` (designs, frames, 4, 4)."""
-        bench = _Bench.of(day, self.press, self.pages, self.plan)
+        bench = Bench.of(day, self.press, self.pages, self.plan)
         white = bench.white_dn
         moments = []
         for index in day.designs:
@@ -145,15 +153,15 @@ class WatchWork:
 
     def __call__(self, day: Day, /) -> Rows:
         """``Work``."""
-        bench = _Bench.of(day, self.press, self.pages, self.plan)
+        bench = Bench.of(day, self.press, self.pages, self.plan)
         columns: dict[str, list[Any]] = defaultdict(list)
         unmade: list[str] = []
         for index in day.designs:
             design = bench.design(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
                 rng = stream(self.plan.seed, "study-print", index, copy)
-                kind = self._kind(index, copy)
-                printed = bench.wrong(design, kind, day.designs, index, rng) if kind else design.good
+                kind = self.plan.kind(index, copy)
+                printed = bench.printed(design.good, kind, day, index, rng)
                 if printed is None:
                     unmade.append(kind)
                     continue
@@ -163,12 +171,8 @@ class WatchWork:
         rows = {name: np.array(values) for name, values in columns.items()}
         return rows | {"kind": rows["kind"].astype("U16"), "unmade_kind": np.array(unmade, "U16")}
 
-    def _kind(self, index: int, copy: int) -> str:
-        turn = index * self.plan.misprints + copy - self.plan.good_copies
-        return KINDS[turn % len(KINDS)] if copy >= self.plan.good_copies else ""
-
     def _rows(
-        self, bench: _Bench, design: _Design, printed: Printed, index: int, rng: np.random.Generator
+        self, bench: Bench, design: Design, printed: Printed, index: int, rng: np.random.Generator
     ) -> Iterator[dict[str, Any]]:
         seen = bench.day.seen(printed, rng)
         for noise in self.plan.noises:
@@ -191,8 +195,43 @@ class WatchWork:
             yield facts | {"draws": printed.draws, "noise": noise} | measured_as
 
 
+def watched_rows(
+    press: Press,
+    pages: Designs,
+    plan: Plan,
+    cache: Path,
+    *,
+    processes: int | None,
+    cluster: str | None,
+    told: Callable[[str], Callable[[int, int], None]],
+) -> Rows:
+    """A plan's rows of ``WatchWork``, of the days to learn, tune and test; cache: where they and the pilot's are kept.
+
+    told: gives what is told how many days of a step, ``pilot`` or ``scans``, are done. Others: as for ``run_pieces``.
+    """
+    digest = digest_of(plan.facts(press, repr(pages)))
+    pilot = run_pieces(
+        PilotWork(press=press, pages=pages, plan=plan),
+        plan.days("pilot"),
+        cache / "pilot",
+        digest=digest,
+        processes=processes,
+        cluster=cluster,
+        progress=told("pilot"),
+    )
+    return run_pieces(
+        WatchWork(press=press, pages=pages, plan=plan, variations=variation_models(pilot)),
+        plan.days(*JUDGED),
+        cache / "rows",
+        digest=digest,
+        processes=processes,
+        cluster=cluster,
+        progress=told("scans"),
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Design:
+class Design:
     """A page, what is expected of it, and how to find it."""
 
     good: Printed
@@ -201,62 +240,73 @@ class _Design:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Bench:
+class Bench:
     """A press day with its page designs at hand."""
 
     day: SimulatedDay
     pages: Designs
 
     @classmethod
-    def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> _Bench:
+    def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Bench:
+        """Enter a press day."""
         # Days are seeded by their set and first design, so that no day is in two sets.
         rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
         return cls(day=SimulatedDay.begin(plan.world, press, rng), pages=pages)
 
     @property
     def white_dn(self) -> list[float]:
+        """Signal of bare paper of each sensor. [DN]"""
         return [sensor.white_dn for sensor in self.day.press.sensors]
 
     @property
     def top_codes_dn(self) -> list[int]:
+        """Greatest digital number of each sensor. [DN]"""
         return [sensor.top_code_dn for sensor in self.day.press.sensors]
 
     def laid(self, index: int) -> Page:
+        """A design as it enters the press."""
         return self.day.press.geometry.lay(self.pages.page(index))
 
-    def design(self, index: int) -> _Design:
+    def design(self, index: int) -> Design:
+        """A design's good print, and how to find it."""
         press, good = self.day.press, self.day.good(self.laid(index))
         if self.day.session is None:
-            return _Design(good=good, landmarks=None)
+            return Design(good=good, landmarks=None)
         found = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
-        return _Design(good=good, landmarks=found)
+        return Design(good=good, landmarks=found)
 
-    def wrong(
-        self, design: _Design, kind: str, designs: tuple[int, ...], index: int, rng: np.random.Generator
+    def printed(
+        self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
     ) -> Printed | None:
-        others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(design.good, kind, others=others, fetch=self.laid, rng=rng)
+        """The good print of design ``index``, or one with a misprint; None if none reaches the gate."""
+        if not kind:
+            return good
+        others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
+        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng)
+
+    def area(self, page: Page) -> tuple[slice, slice, slice]:
+        """Where a scan shows the page."""
+        return slice(None), *self.day.press.geometry.on_page(page.width_mm, page.height_mm)
 
     def compared(
-        self, design: _Design, scan: NDArray[np.uint16], noise: float = 1.0
+        self, design: Design, scan: NDArray[np.uint16], noise: float = 1.0
     ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
         """The page's area of a scan and of its prediction, one pair a frame."""
         page, expected = design.good.page, design.good.expected
-        area = (slice(None), *self.day.press.geometry.on_page(page.width_mm, page.height_mm))
-        yield _cut(scan, noisier_tables(expected, noise), area)
+        area = self.area(page)
+        measured = np.ascontiguousarray(scan[area])
+        yield measured, on_area(noisier_tables(expected, noise), area)
         if design.landmarks is not None:
             found = register(design.landmarks, scan)
             if found.found:
                 expected = self.day.expected(page, found.placement)
-            yield _cut(scan, noisier_tables(expected, noise), area)
+            yield measured, on_area(noisier_tables(expected, noise), area)
 
 
-def _cut(
-    scan: NDArray[np.uint16], seen: Prediction, area: tuple[slice, slice, slice]
-) -> tuple[NDArray[np.uint16], Prediction]:
-    """One area of a scan and of its prediction, each in one piece of memory."""
+def on_area(seen: Prediction, area: tuple[slice, slice, slice]) -> Prediction:
+    """One area of a prediction, each of its arrays in one piece of memory."""
     expected, variance = (np.ascontiguousarray(a[area]) for a in (seen.expected_dn, seen.variance_dn2))
-    return np.ascontiguousarray(scan[area]), Prediction(expected_dn=expected, variance_dn2=variance)
+    return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def noisier(day: SimulatedDay, seen: Prediction, times: float) -> Prediction:

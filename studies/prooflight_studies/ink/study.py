@@ -1,11 +1,9 @@
-"""How well a printed page's spectrum is predicted: all models on one chart, and how many patches a user must
-print.
-"""
+"""How well a printed page's spectrum is predicted: all models on one chart, and how many patches a user must print."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -16,8 +14,7 @@ from prooflight.inks.selection import MODELS, cross_validate, fit_model, fold_of
 from prooflight.rng import stream
 from prooflight.spectra import WAVE_NM, delta_e00, lab
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.ink.picture import draw_learning
-from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow
+from prooflight_studies.ink.results import InkStudy, LearningRow, ModelRow, SpreadRow, draw_learning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,13 +43,12 @@ def run_ink_study(
     folds: int = 10,
     seed: int = 0,
     quick: bool = False,
-    progress: Callable[[str], None] | None = None,
-) -> list[dict[str, object]]:
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[dict[str, Any]]:
     """Study a chart; write ``ink.md`` and ``ink-learning.png`` into ``results``; return the rows of the model table.
 
     ``quick`` takes fewer sizes, one draw of noise and no 33^4 grid. ChartError: the chart cannot be used.
     """
-    tell = progress or (lambda _: None)
     chart = read_chart(chart_path)
     study = InkStudy(
         chart=dict(chart.keywords).get("DESCRIPTOR", chart_path.name),
@@ -61,8 +57,8 @@ def run_ink_study(
         recipes=len(chart.recipes().cmyk),
         folds=folds,
         measured_rise=measured_rise(chart.recipes()),
-        models=tuple(_model_row(chart, name, folds, seed, quick, tell) for name in _STUDIED),
-        learning=tuple(learning_curves(chart, seed=seed, quick=quick, progress=tell)),
+        models=tuple(_model_row(chart, name, folds, seed, quick, progress) for name in _STUDIED),
+        learning=tuple(learning_curves(chart, seed=seed, quick=quick, progress=progress)),
         noise_median_delta_e00=_noise_median(chart, seed),
         spread=tuple(
             spread_check(chart, patches, seed) for patches in _sizes(chart, quick) if patches >= 100
@@ -74,7 +70,7 @@ def run_ink_study(
 
 
 def learning_curves(
-    chart: Chart, *, seed: int = 0, quick: bool = False, progress: Callable[[str], None] | None = None
+    chart: Chart, *, seed: int = 0, quick: bool = False, progress: Callable[[str], None] = lambda _step: None
 ) -> list[LearningRow]:
     """Error on the recipes not chosen, by number of chosen patches, with clean and with noisy measurements.
 
@@ -86,8 +82,7 @@ def learning_curves(
     noisy = [with_noise(recipes.reflectance, NOISE_DELTA_E00, rng) for rng in draws]
     rows = []
     for size in _sizes(chart, quick):
-        if progress:
-            progress(f"{size} patches")
+        progress(f"{size} patches")
         for noise, taught in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
             for model in LEARNERS:
                 error = np.concatenate(
@@ -147,9 +142,7 @@ def spread_check(chart: Chart, patches: int, seed: int) -> SpreadRow:
 
 
 def measured_rise(recipes: Recipes) -> float:
-    """Greatest rise of any band between neighbouring measured recipes with more of one ink and the same of the
-    rest.
-    """
+    """Greatest rise of any band between neighbouring measured recipes with more of one ink and the same of the rest."""
     greatest = 0.0
     for ink in range(4):
         others = np.delete(recipes.cmyk, ink, axis=1)
@@ -166,9 +159,9 @@ def ink_grid(nodes: int) -> NDArray[np.float64]:
 
 
 def _model_row(
-    chart: Chart, model: str, folds: int, seed: int, quick: bool, tell: Callable[[str], None]
+    chart: Chart, model: str, folds: int, seed: int, quick: bool, progress: Callable[[str], None]
 ) -> ModelRow:
-    tell(model)
+    progress(model)
     score = cross_validate(chart, model, folds=folds, seed=seed).score
     started = time.process_time()
     fitted = fit_model(chart, model)

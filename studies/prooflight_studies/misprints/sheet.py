@@ -123,14 +123,10 @@ def exhibit_of(kind: str, pages: Mapping[int, Page], table: NDArray[np.uint8], *
         rng = stream(draw_seed, "exhibit-misprint")
         return draw_misprint(pages[number], kind, severity, others=others, fetch=pages.__getitem__, rng=rng)
 
-    best: tuple[float, int, int, View] | None = None
-    for _ in range(TRIALS):
-        number, draw_seed = int(choice.choice(list(pages))), int(choice.integers(2**32))
-        worth, view = _where_seen(pages[number], draw(number, 1.0, draw_seed), kind, table)
-        if best is None or worth > best[0]:
-            best = (worth, number, draw_seed, view)
-    assert best is not None
-    _, number, draw_seed, view = best
+    places = [(int(choice.choice(list(pages))), int(choice.integers(2**32))) for _ in range(TRIALS)]
+    seen = [_where_seen(pages[one], draw(one, 1.0, drawn_by), kind, table) for one, drawn_by in places]
+    best = max(range(TRIALS), key=lambda trial: seen[trial][0])
+    (number, draw_seed), view = places[best], seen[best][1]
     drawn: list[Drawn] = []
     for severity in SEVERITIES:
         drawn.append(draw(number, severity, draw_seed))

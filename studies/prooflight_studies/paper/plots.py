@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.reporting.camera_pictures import COLOURS
-from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.harness.picture import legend_below, new_figure, plain_axes, write_figure
 from prooflight_studies.paper.results import ALPHAS, PRINTED
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def draw_roc(path: Path, results: Sequence[WorldResult]) -> None:
             xlim=(least, 1),
             ylim=(0, 1.02),
         )
-    _legend(figure, axes[0])
+    legend_below(figure, axes[0], columns=4, size_pt=9)
     write_figure(figure, path)
 
 
@@ -98,7 +98,7 @@ def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
             yscale="log",
             ylim=(_LEAST_SHOWN * 0.9, 20),
         )
-    _legend(figure, axes[0])
+    legend_below(figure, axes[0], columns=4, size_pt=9)
     write_figure(figure, path)
 
 
@@ -117,8 +117,3 @@ def _figure(count: int) -> tuple[Figure, list[Axes]]:
     for axes in panels:
         plain_axes(axes)
     return figure, panels
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)

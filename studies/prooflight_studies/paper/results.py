@@ -28,13 +28,16 @@ from prooflight_studies.harness.operating import (
 )
 from prooflight_studies.harness.paper_detectors import (
     AS_PRINTED,
+    THIRDS,
     bayes_scores,
     chi_square_scores,
     chosen_reading,
     chosen_rows,
+    goods_and_bads,
     scored,
+    thirds,
 )
-from prooflight_studies.harness.protocol import FRAMES
+from prooflight_studies.harness.protocol import FRAMES, JUDGED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -50,7 +53,6 @@ ALPHAS: Final = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0)
 PAPER_PAGES: Final = 300
 """Test pages of the paper, on which it also chose its thresholds."""
 REPEATS: Final = 200
-THIRDS: Final = ("mild", "middle", "severe")
 FALSE_ALARM_RATE: Final = 0.01
 _AT_TENTH: Final = ALPHAS.index(0.1)
 _SHOWN_READINGS: Final = 6
@@ -205,7 +207,8 @@ def world_result(
     rows: Rows, plan: Plan, *, progress: Callable[[str], None] = lambda _step: None
 ) -> WorldResult:
     """Learn, tune and test on a plan's rows."""
-    sets = {of: chosen_rows(rows, plan.designs(of), plan.noises[0]) for of in ("learn", "tune", "test")}
+    sets = {of: chosen_rows(rows, plan.designs(of), plan.noises[0]) for of in JUDGED}
+    good, bad = goods_and_bads(sets)
     judge = _Comparison(plan=plan, rows=rows, sets=sets)
     readings, tuning, tables, detectors = {}, {}, {}, []
     for frame, name in enumerate(FRAMES[plan.world]):
@@ -216,8 +219,8 @@ def world_result(
         detectors += list(judge.side_by_side(frame, name, readings[name]))
     return WorldResult(
         plan=plan,
-        good={of: int((rows_of["kind"] == "").sum()) for of, rows_of in sets.items()},
-        bad={of: int((rows_of["kind"] != "").sum()) for of, rows_of in sets.items()},
+        good=good,
+        bad=bad,
         made=_by_kind(sets["test"], sets["test"]["kind"], len),
         unmade=dict(Counter(rows["unmade_kind"].tolist())),
         readings=readings,
@@ -325,7 +328,7 @@ def _by_kind(
     test: Rows, values: NDArray[Any], of_cell: Callable[[NDArray[Any]], Any]
 ) -> dict[str, tuple[Any, ...]]:
     """``of_cell`` of the values of each kind's misprints, by thirds of severity."""
-    third = np.minimum((test["severity"] * len(THIRDS)).astype(int), len(THIRDS) - 1)
+    third = thirds(test["severity"])
     return {
         kind: tuple(
             of_cell(values[(test["kind"] == kind) & (third == place)]) for place in range(len(THIRDS))

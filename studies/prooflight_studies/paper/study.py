@@ -10,8 +10,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import varied
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.protocol import PilotWork, Plan, WatchWork, variation_models
-from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.harness.protocol import JUDGED, Plan, watched_rows
 from prooflight_studies.paper.plots import draw_costs, draw_roc
 from prooflight_studies.paper.results import Part, paper_results, world_result
 
@@ -35,14 +34,10 @@ def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[fl
     at the camera's own. Fewer in the press world, where scans cost more.
     """
     if quick:
-        ideal = Plan(
-            seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40, good_copies=1, misprints=2
-        )
+        ideal = Plan(seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40)
         press = replace(ideal, world="press")
         return [(QUICK_PITCH_MM, replace(ideal, noises=(1.0, 2.0, 3.0, 4.0))), (QUICK_PITCH_MM, press)]
-    ideal = Plan(
-        seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500, good_copies=1, misprints=2
-    )
+    ideal = Plan(seed=seed, world="ideal", pilot=40, learn=1000, tune=300, test=1500)
     # A press-world scan costs seven ideal ones: fewer designs. `study press` has the paper's detectors on more of them.
     press = replace(ideal, world="press", pilot=20, learn=150, tune=75, test=300)
     noises = (1.0, 2.0, 3.0, 4.0)
@@ -115,7 +110,6 @@ def run_part(
     started = time.perf_counter()
     where = f"{plan.world} world, {pitch_mm:.3f} mm"
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    digest = digest_of(plan.facts(press, repr(designs)))
     found: list[int] = []  # how many days each step began with
 
     def told(what: str) -> Callable[[int, int], None]:
@@ -128,27 +122,8 @@ def run_part(
 
         return tell
 
-    pilot = run_pieces(
-        PilotWork(press=press, pages=designs, plan=plan),
-        plan.days("pilot"),
-        cache / "pilot",
-        digest=digest,
-        processes=processes,
-        cluster=cluster,
-        progress=told("pilot"),
-    )
-    work = WatchWork(press=press, pages=designs, plan=plan, variations=variation_models(pilot))
-    days = plan.days("learn", "tune", "test")
-    rows = run_pieces(
-        work,
-        days,
-        cache / "rows",
-        digest=digest,
-        processes=processes,
-        cluster=cluster,
-        progress=told("scans"),
-    )
-    share = 1 - found[-1] / len(days)
+    rows = watched_rows(press, designs, plan, cache, processes=processes, cluster=cluster, told=told)
+    share = 1 - found[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,
         press=press,

@@ -12,6 +12,7 @@ from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
 from prooflight_studies.harness.operating import at_threshold, bootstrap_cost
+from prooflight_studies.harness.paper_detectors import THIRDS, thirds
 from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from prooflight_studies.press.findings import PressFindings
     from prooflight_studies.press.judging import MethodResult
 
-THIRDS: Final = ("mild", "middle", "severe")
 NEAR_MM: Final = 5.0
 """A place that is said lies right if its middle is no further from the misprint (assumed: what a person sees)."""
 SIGMA_OFF: Final = 1.3
@@ -152,7 +152,7 @@ def press_results(found: PressFindings) -> dict[str, Any]:
 def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
     """Caught by kind and severity third."""
     kind = rows["kind"]
-    third = np.minimum((rows["severity"] * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
+    third = thirds(rows["severity"])
     kinds = []
     for one in (*KINDS, "all"):
         here = (kind != "") if one == "all" else (kind == one)

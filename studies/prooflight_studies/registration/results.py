@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.simulation.worlds import worlds_digest
-from prooflight_studies.registration.picture import draw_registration
+from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -28,6 +29,8 @@ GOALS: Final = (
     ("99th percentile", "content_p99", 0.3),
 )
 """In words, in ``summary``, and the limit. [pixels]"""
+PANEL_INCH: Final = (5.2, 3.9)
+COLOURS: Final = ("#2b6cb0", "#c05621", "#2f855a")
 
 
 def _column(rows: NDArray[np.float64], name: str) -> NDArray[np.float64]:
@@ -88,7 +91,7 @@ def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
     condition, found = _column(whole, "condition"), _column(whole, "found") > 0
     rms = _column(whole, "content_rms")
     shown = (condition == 0) & found
-    draw_registration(
+    _draw_registration(
         path,
         {
             name: rms[found & (condition == i)]
@@ -98,6 +101,46 @@ def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
         rms[shown],
         _column(whole, "real")[shown] > 0,
     )
+
+
+def _draw_registration(
+    path: Path,
+    errors: Mapping[str, NDArray[np.float64]],
+    white: NDArray[np.float64],
+    good: NDArray[np.float64],
+    real: NDArray[np.bool_],
+) -> None:
+    """Left: shares of scans (n,) of each name below an error; right: good prints' errors by how white the page is.
+
+    errors, good: rms with the local field, where there is content [pixels]; white (n,): shares; real (n,): real pages.
+    """
+    figure = new_figure(2 * PANEL_INCH[0], PANEL_INCH[1], pads_inch=(0.1, 0.1))
+    left, right = figure.subplots(1, 2)
+    for (name, values), colour in zip(errors.items(), COLOURS, strict=False):
+        ordered = np.sort(values[np.isfinite(values)])
+        shares = (np.arange(ordered.size) + 1) / max(ordered.size, 1)
+        left.step(
+            ordered, 100 * shares, where="post", color=colour, label=f"{name} ({ordered.size} scans found)"
+        )
+    left.axvline(GOALS[1][2], color="0.4", linestyle="--", linewidth=1, label="goal, rms of good prints")
+    left.set(xlabel="Error of a scan, rms [pixels]", ylabel="Scans with less [%]", ylim=(0, 102))
+    left.legend(loc="lower right", frameon=False)
+    for kind, mask, mark, colour in (
+        ("composed", ~real, "o", COLOURS[0]),
+        ("real page", real, "^", COLOURS[1]),
+    ):
+        right.plot(100 * white[mask], good[mask], mark, color=colour, markersize=4, alpha=0.6, label=kind)
+    right.axhline(GOALS[1][2], color="0.4", linestyle="--", linewidth=1)
+    right.set(xlabel="White of the page [%]", ylabel="Error of a good print, rms [pixels]", ylim=(0, None))
+    right.legend(loc="upper left", frameon=False)
+    for axes in (left, right):
+        plain_axes(axes)
+    left.set_xlim(0.02, None)
+    left.set_xscale("log")
+    ticks = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+    left.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    left.minorticks_off()
+    write_figure(figure, path)
 
 
 def _silent(rows: NDArray[np.float64]) -> dict[str, int]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.reporting.camera_pictures import COLOURS
-from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.harness.picture import legend_below, new_figure, plain_axes, write_figure
 from prooflight_studies.robustness.disturbances import AXES, NOTHING, SIZES, UNDISTURBED
 from prooflight_studies.robustness.results import CHI_SQUARE, PRINTED, TUNED
 
@@ -41,8 +41,7 @@ def draw_robustness(path: Path, result: RobustnessResult) -> None:
             axes.set_title(f"{belief}: {words}", fontsize=11)
             axes.set_xlabel(AXES[belief] if row else "", fontsize=9)
             axes.set_ylabel("honest c at alpha = 1 [-]" if column == 0 else "", fontsize=9)
-    handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(SHOWN), frameon=False, fontsize=10)
+    legend_below(figure, panels[0][0], columns=len(SHOWN), size_pt=10)
     figure.suptitle(
         f"What a wrong belief costs, {result.plan.world} world; dashed: never stopping", fontsize=12
     )

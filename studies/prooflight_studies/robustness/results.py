@@ -14,6 +14,7 @@ from prooflight.detectors.paper.evidence import interval_edges, interval_shares
 from prooflight.kernels.comparison.dither import CODE_STEPS
 from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.measures import LEAST_MAGNITUDE, MEAN, MEAN_OF_MAGNITUDES, MINIMUM
 from prooflight_studies.harness.operating import (
     Interval,
     area_under_roc,
@@ -22,14 +23,11 @@ from prooflight_studies.harness.operating import (
     caught_at,
     least_cost,
 )
-from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, scored, types_of
+from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, goods_and_bads, scored, types_of
+from prooflight_studies.harness.protocol import JUDGED
 from prooflight_studies.robustness.disturbances import NOTHING, SIZES, Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (
     DIFFERENCE,
-    LEAST_MAGNITUDE,
-    MEAN,
-    MEAN_OF_MAGNITUDES,
-    MINIMUM,
     SHARE_AS_PRINTED,
     SHARE_KEPT,
     SHARE_LEARNED,
@@ -52,7 +50,6 @@ ALPHA: Final = 1.0
 FALSE_ALARM_RATE: Final = 0.01
 HARMLESS: Final = 0.05
 """A cost that rises by no more is called unmoved in the summary."""
-SETS: Final = ("learn", "tune", "test")
 CHI_SQUARE, TILE, PRINTED, TUNED = (
     "chi-square",
     "chi-square, worst tile",
@@ -239,14 +236,15 @@ def _rises(detector: str, points: Sequence[Point]) -> dict[str, Any]:
 def robustness_result(rows: Rows, plan: Plan) -> RobustnessResult:
     """Learn, tune and test under every disturbance."""
     sets: Sets = {
-        of: {name: column[_among(rows, plan.designs(of))] for name, column in rows.items()} for of in SETS
+        of: {name: column[_among(rows, plan.designs(of))] for name, column in rows.items()} for of in JUDGED
     }
+    good, bad = goods_and_bads(sets)
     reading = chosen_reading(sets)
     points = tuple(_points(sets, reading, plan.seed))
     return RobustnessResult(
         plan=plan,
-        good={of: int((rows_of["kind"] == "").sum()) for of, rows_of in sets.items()},
-        bad={of: int((rows_of["kind"] != "").sum()) for of, rows_of in sets.items()},
+        good=good,
+        bad=bad,
         reading=reading,
         points=points,
         checks=tuple(_checks(sets, reading)),

@@ -12,11 +12,9 @@ from prooflight.detectors.paper.bayes import SHARE_SIGMAS
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.prediction.predict import Prediction
-from prooflight.registration.register import prepare, register
+from prooflight.registration.register import register
 from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
-from prooflight.simulation.captures import SimulatedDay
-from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.baselines import (
     VariationModel,
     absolute_difference,
@@ -24,30 +22,29 @@ from prooflight_studies.harness.baselines import (
     variation_moments,
 )
 from prooflight_studies.harness.error_map import normalised_error, window_means, window_unit
-from prooflight_studies.harness.protocol import SETS
-from prooflight_studies.robustness.disturbances import Disturbance, all_disturbances
+from prooflight_studies.harness.measures import FIRST_SHARE, numbers_of
+from prooflight_studies.harness.protocol import Bench, on_area
+from prooflight_studies.robustness.disturbances import all_disturbances
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
+    from prooflight.prediction.predict import Prediction
     from prooflight.press.artefact import Press
-    from prooflight.scans.placement import Placement
     from prooflight.simulation.captures import Printed
     from prooflight.simulation.corpus.corpus import Designs
-    from prooflight_studies.harness.protocol import Day, Plan
+    from prooflight_studies.harness.protocol import Day, Design, Plan
     from prooflight_studies.harness.result_cache import Rows
 
 SIDES: Final = (4, 8, 16, 32)
 """Of separate windows. [pixels]"""
-MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, SHARE_AS_PRINTED, SHARE_KEPT, SHARE_LEARNED = range(7)
-"""Numbers of a set of windows. Shares lie below 0.675, below 0.675 of the unit learned from the right tables' good
-pages, and below that of the wrong tables' own."""
+SHARE_AS_PRINTED, SHARE_KEPT, SHARE_LEARNED = range(FIRST_SHARE, FIRST_SHARE + 3)
+"""Numbers of a set of windows after those of ``measures``: shares below 0.675, below 0.675 of the unit learned from
+the right tables' good pages, and below that of the wrong tables' own."""
 DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
 """Baselines' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
-OTHERS: Final = 3
-"""Designs of the same day that a wrong page may come from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,74 +56,25 @@ class Learned:
     variations: tuple[VariationModel, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stage:
-    """A press day: prints are made on it, and seen through right and wrong tables."""
+def believed(
+    bench: Bench, design: Design, printed: Printed, rng: np.random.Generator
+) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
+    """One scan of a print, and what each disturbance expects of the page: both over the page's area.
 
-    day: SimulatedDay
-    pages: Designs
-    disturbances: tuple[Disturbance, ...]
-
-    @classmethod
-    def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Stage:
-        """Enter a press day."""
-        # Days are seeded by their set and first design, so that no day is in two sets.
-        rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
-        return cls(
-            day=SimulatedDay.begin(plan.world, press, rng), pages=pages, disturbances=all_disturbances()
-        )
-
-    def printed(
-        self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
-    ) -> Printed | None:
-        """The good print, or one with a misprint; None if none reaches the gate."""
-        if not kind:
-            return good
-        press = self.day.press
-        others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(
-            good,
-            kind,
-            others=others,
-            fetch=lambda number: press.geometry.lay(self.pages.page(number)),
-            rng=rng,
-        )
-
-    def good(self, index: int) -> Printed:
-        """A design's good print."""
-        return self.day.good(self.day.press.geometry.lay(self.pages.page(index)))
-
-    def believed(
-        self, good: Printed, printed: Printed, rng: np.random.Generator
-    ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
-        """One scan of a print, and what each disturbance expects of the page: both over the page's area.
-
-        The page is found in its scan with the right tables, so that one thing is wrong at a time.
-        """
-        press = self.day.press
-        scan = self.day.recorded(self.day.seen(printed, rng), rng)
-        placement = self._found(good, scan)
-        seen = good.expected if placement is IN_PLACE else self.day.expected(good.page, placement)
-        area = (slice(None), *press.geometry.on_page(good.page.width_mm, good.page.height_mm))
-        measured = np.ascontiguousarray(scan[area])
-        for disturbance in self.disturbances:
-            believed = disturbance.predicted(good.page, press, placement, seen)
-            yield (
-                measured,
-                Prediction(
-                    expected_dn=np.ascontiguousarray(believed.expected_dn[area]),
-                    variance_dn2=np.ascontiguousarray(believed.variance_dn2[area]),
-                ),
-            )
-
-    def _found(self, good: Printed, scan: NDArray[np.uint16]) -> Placement:
-        if self.day.session is None:
-            return IN_PLACE
-        press = self.day.press
-        found = register(
-            prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry), scan
-        )
-        return found.placement if found.found else IN_PLACE
+    The page is found in its scan with the right tables, so that one thing is wrong at a time.
+    """
+    day, page, seen = bench.day, design.good.page, design.good.expected
+    scan = day.recorded(day.seen(printed, rng), rng)
+    placement = IN_PLACE
+    if design.landmarks is not None:
+        found = register(design.landmarks, scan)
+        if found.found:
+            placement = found.placement
+            seen = day.expected(page, placement)
+    area = bench.area(page)
+    measured = np.ascontiguousarray(scan[area])
+    for disturbance in all_disturbances():
+        yield measured, on_area(disturbance.predicted(page, day.press, placement, seen), area)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,13 +87,13 @@ class LearnGood:
 
     def __call__(self, day: Day, /) -> Rows:
         """``Work``."""
-        stage = Stage.of(day, self.press, self.pages, self.plan)
-        white = [sensor.white_dn for sensor in self.press.sensors]
+        bench = Bench.of(day, self.press, self.pages, self.plan)
+        white = bench.white_dn
         units, moments = [], []
         for index in day.designs:
             rng = stream(self.plan.seed, "pilot-print", index)
-            good = stage.good(index)
-            seen = list(stage.believed(good, good, rng))
+            design = bench.design(index)
+            seen = list(believed(bench, design, design.good, rng))
             units.append([_units(normalised_error(dn, p.expected_dn, p.variance_dn2)) for dn, p in seen])
             moments.append(
                 [
@@ -179,32 +127,28 @@ class WatchWrong:
 
     def __call__(self, day: Day, /) -> Rows:
         """``Work``."""
-        stage = Stage.of(day, self.press, self.pages, self.plan)
+        bench = Bench.of(day, self.press, self.pages, self.plan)
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
-            good = stage.good(index)
+            design = bench.design(index)
             for copy in range(self.plan.good_copies + self.plan.misprints):
                 rng = stream(self.plan.seed, "study-print", index, copy)
-                kind = self._kind(index, copy)
-                printed = stage.printed(good, kind, day, index, rng)
+                kind = self.plan.kind(index, copy)
+                printed = bench.printed(design.good, kind, day, index, rng)
                 if printed is None:
                     continue
-                for name, value in self._row(stage, good, printed, index, rng).items():
+                for name, value in self._row(bench, design, printed, index, rng).items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}
         return rows | {"kind": rows["kind"].astype("U16")}
 
-    def _kind(self, index: int, copy: int) -> str:
-        turn = index * self.plan.misprints + copy - self.plan.good_copies
-        return KINDS[turn % len(KINDS)] if copy >= self.plan.good_copies else ""
-
     def _row(
-        self, stage: Stage, good: Printed, printed: Printed, index: int, rng: np.random.Generator
+        self, bench: Bench, design: Design, printed: Printed, index: int, rng: np.random.Generator
     ) -> dict[str, Any]:
         numbers, chi_squares, baselines, pixels = [], [], [], 0
         first: NDArray[np.float64] | None = None
-        seen_first = good.expected
-        for place, (measured, seen) in enumerate(stage.believed(good, printed, rng)):
+        seen_first = design.good.expected
+        for place, (measured, seen) in enumerate(believed(bench, design, printed, rng)):
             z = normalised_error(measured, seen.expected_dn, seen.variance_dn2)
             numbers.append(_numbers(z, self.learned.units[0], self.learned.units[place]))
             chi_squares.append(self._chi_squares(measured, seen, index))
@@ -254,19 +198,9 @@ def _numbers(
     z: NDArray[np.float32], kept: NDArray[np.float64], own: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(sides, sensors, 7); units (sides, sensors)."""
-    found = np.empty((len(SIDES), len(z), 7))
-    place = (-2, -1)
+    found = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
     for cut, side in enumerate(SIDES):
-        means = window_means(z, side=side)
-        magnitude = np.abs(means)
-        found[cut, :, MEAN], found[cut, :, MINIMUM] = means.mean(place, np.float64), means.min(place)
-        found[cut, :, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
-        found[cut, :, LEAST_MAGNITUDE] = magnitude.min(place)
-        for column, unit in (
-            (SHARE_AS_PRINTED, np.ones(len(z))),
-            (SHARE_KEPT, kept[cut]),
-            (SHARE_LEARNED, own[cut]),
-        ):
-            below = magnitude < (SHARE_SIGMAS * unit)[:, None, None]
-            found[cut, :, column] = below.mean(place)
+        units = (np.ones(len(z)), kept[cut], own[cut])
+        limits = [(SHARE_SIGMAS * unit)[:, None, None] for unit in units]
+        numbers_of(window_means(z, side=side), limits, out=found[cut])
     return found

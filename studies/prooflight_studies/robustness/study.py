@@ -38,16 +38,9 @@ def robustness_plans(*, seed: int, quick: bool, world: str | None = None) -> lis
     RequestError: there is no such world.
     """
     pilot, learn, tune, test = (1, 8, 4, 8) if quick else (6, 60, 40, 80)
+    a_day = 4 if quick else 10
     ideal = Plan(
-        seed=seed,
-        world="ideal",
-        pilot=pilot,
-        learn=learn,
-        tune=tune,
-        test=test,
-        good_copies=1,
-        misprints=2,
-        designs_per_day=4 if quick else 10,
+        seed=seed, world="ideal", pilot=pilot, learn=learn, tune=tune, test=test, designs_per_day=a_day
     )
     fewer = {"pilot": 4, "learn": 24, "tune": 16, "test": 32, "designs_per_day": 4}
     return in_both_worlds(ideal, world=world, **({} if quick else fewer))

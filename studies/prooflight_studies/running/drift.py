@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 WELL_KNOWN: Final = 0.5
 """Share of an ink's amount that pages must tell on which its drift is watched."""
 DRIFT_A_PAGE: Final = 0.0005
-"""The issue's: 0.05 % of the density."""
+"""0.05 % of the density."""
 TOLERANCE: Final = 0.07
 """Where worlds.toml's misprint `density` begins."""
 GATE_INK: Final = 0.02

@@ -20,7 +20,7 @@ from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import draw_misprint
 from prooflight.simulation.prints import Print
 from prooflight_studies.running.drift import LAMP_A_PAGE, STREAK_A_PAGE, streaked
-from prooflight_studies.running.rig import day
+from prooflight_studies.running.rig import Ring, day
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,20 +40,6 @@ SHOWN: Final = 174
 WIDTH: Final = 128
 
 
-class _Book:
-    def __init__(self, pages: tuple[Page, ...]) -> None:
-        self._pages = pages
-
-    def __len__(self) -> int:
-        return SHEETS
-
-    def design(self, sheet: int) -> int:
-        return sheet % len(self._pages)
-
-    def page(self, sheet: int) -> Page:
-        return self._pages[self.design(sheet)]
-
-
 def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed: int) -> str:
     """Run the drum with some misprints, a streak that creeps in and a lamp that ages; the view as SVG and as text."""
     press = inspector.press
@@ -69,7 +55,8 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
             title = f"six pages on {press.name}, drum, {inspector.detector.name}"
             views.append(live_view(running.status(), recent, title=title, deadline_s=None))
 
-    running = watched(inspector, source=drum, book=_Book(pages), settings=settings, tell=tell)
+    book = Ring(scans=scans, pages=pages, sheets=SHEETS, repeated=True)
+    running = watched(inspector, source=drum, book=book, settings=settings, tell=tell)
     running.start()
     running.join()
     if not views:

@@ -19,7 +19,7 @@ from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -43,6 +43,21 @@ class SoakRing:
     scans: tuple[NDArray[np.uint16], ...]
     blank: NDArray[np.uint16]
     foreign: NDArray[np.uint16]
+
+
+class RepeatedJob:
+    """A job's thumbnails, printed over and over until so many sheets have passed; ``following.Expected``."""
+
+    def __init__(self, designs: Sequence[Thumbnail | None], sheets: int) -> None:
+        self._designs, self._sheets = designs, sheets
+
+    def __len__(self) -> int:
+        return self._sheets
+
+    def __getitem__(self, sheet: int) -> Thumbnail | None:
+        if not 0 <= sheet < self._sheets:
+            raise IndexError(sheet)
+        return self._designs[sheet % len(self._designs)]
 
 
 def soak_ring(

@@ -23,8 +23,7 @@ from prooflight.rng import stream
 from prooflight.simulation.drum import AMOUNTS, LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.soak.repeated_job import RepeatedJob
-from prooflight_studies.soak.sheets import drawn_faults, soak_ring, truth
+from prooflight_studies.soak.sheets import RepeatedJob, drawn_faults, soak_ring, truth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -98,22 +97,21 @@ def run_soak_study(
     sheets: int | None = None,
     seed: int = 11,
     quick: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
 ) -> SoakFigures:
     """Play, page, keep a journal, read it again and compare with the truth; write ``soak.md``."""
-    tell = progress or (lambda _: None)
-    tell("building the press")
+    progress("building the press")
     press = build_press(PressFile.prototype(), seed=1)
     size = (
         {"designs": 10, "templates": 1, "forms": 4} if quick else {"designs": 30, "templates": 2, "forms": 8}
     )
-    ring = soak_ring(press, **size, seed=seed, progress=tell)
+    ring = soak_ring(press, **size, seed=seed, progress=progress)
     count = sheets or (QUICK_SHEETS if quick else SHEETS)
     faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=stream(seed, "soak-faults"))
     passing = turns(count, faults)
-    tell("a run without faults")
+    progress("a run without faults")
     usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))
-    tell(f"{count} sheets with {len(faults)} faults")
+    progress(f"{count} sheets with {len(faults)} faults")
     with tempfile.TemporaryDirectory() as folder:
         url = f"sqlite:///{Path(folder) / 'soak.db'}"
         run = _played(press, ring, passing, sheets=count, journal=url)

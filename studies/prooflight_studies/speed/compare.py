@@ -15,7 +15,7 @@ from prooflight.kernels.compiled import kernel
 from prooflight_studies.harness.error_map import normalised_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -132,6 +132,20 @@ def ways(
     }
 
 
+def in_turns(
+    works: Mapping[str, Callable[[], object]], repeats: int, *, clock: Callable[[], float]
+) -> dict[str, NDArray[np.float64]]:
+    """What each work takes by a clock, (repeats,) [s], all in turns, after one turn that is not counted."""
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for turn in range(repeats + 1):
+        for name, work in works.items():
+            started = clock()
+            work()
+            if turn:
+                times[name].append(clock() - started)
+    return {name: np.array(taken) for name, taken in times.items()}
+
+
 def compare_rows(
     measured_dn: NDArray[np.uint16],
     prediction: Prediction,
@@ -148,19 +162,13 @@ def compare_rows(
     of_sensor = measured_dn[0].size / 1e6
     size = dict.fromkeys(found, measured_dn.size / 1000000.0)
     size |= {name: of_sensor for name in found if "OpenCV" in name or "scikit" in name}
-    times: dict[str, list[float]] = {name: [] for name in found}
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        for turn in range(repeats + 1):
-            for name, work in found.items():
-                started = time.thread_time()
-                work()
-                if turn:
-                    times[name].append(time.thread_time() - started)
+        times = in_turns(found, repeats, clock=time.thread_time)
     finally:
         cv2.setNumThreads(threads)
-    speeds = {name: size[name] / np.array(taken) for name, taken in times.items()}
+    speeds = {name: size[name] / taken for name, taken in times.items()}
     limit, ours = (float(np.median(speeds[name])) for name in (READ_LIMIT, OURS))
     return [
         CompareRow(

@@ -6,14 +6,11 @@ import os
 import platform
 from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 from llvmlite import binding  # type: ignore[import-untyped]
-from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
-from prooflight.files.atomic import whole_file
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.picture import write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,17 +34,15 @@ def write_speed_page(rows: Sequence[SpeedRow], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
     write_page(folder / "performance.md", "speed", {"machine": machine(), "picture": PICTURE, "rows": rows})
     (folder / "images").mkdir(exist_ok=True)
-    with whole_file(folder / "images" / PICTURE) as unfinished:
-        _draw(rows, unfinished)
+    write_figure(_drawn(rows), folder / "images" / PICTURE)
 
 
-def _draw(rows: Sequence[SpeedRow], path: Path) -> None:
+def _drawn(rows: Sequence[SpeedRow]) -> Figure:
     """Bars on a logarithmic axis: photo pages beside baselines, then growth."""
     kept = [row for row in rows if row.name.endswith(", photo")]
     grown = [row for row in rows if row.name.startswith("growth")]
-    figure, axes = plt.subplots(
-        2, 1, figsize=(8, 7.5), height_ratios=[len(kept), max(len(grown), 1)], layout="constrained"
-    )
+    figure = Figure(figsize=(8, 7.5), dpi=110, layout="constrained")
+    axes = figure.subplots(2, 1, height_ratios=[len(kept), max(len(grown), 1)])
     for axis, part, title in (
         (axes[0], kept, "A photo page, one core"),
         (axes[1], grown, "Prediction of a mixed page as things grow, one core"),
@@ -62,5 +57,4 @@ def _draw(rows: Sequence[SpeedRow], path: Path) -> None:
         axis.margins(x=0.12)
     axes[0].set_xscale("log")
     axes[1].set_xlabel("megapixels a second of processor time")
-    figure.savefig(path, dpi=110, format="png")
-    plt.close(figure)
+    return figure

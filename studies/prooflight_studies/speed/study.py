@@ -19,7 +19,7 @@ from prooflight.prediction.predict import predict
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
-from prooflight_studies.speed.compare import compare_rows
+from prooflight_studies.speed.compare import compare_rows, in_turns
 from prooflight_studies.speed.detector import MOVED, detector_works
 from prooflight_studies.speed.device_profile import cmyk_to_lab
 
@@ -223,14 +223,8 @@ def _rows(
     clock: Callable[[], float] = time.process_time,
 ) -> list[SpeedRow]:
     """Each work (what to do, its megapixels) in turns, after one turn that is not counted."""
-    times: dict[str, list[float]] = {name: [] for name in works}
-    for turn in range(REPEATS + 1):
-        for name, (work, _) in works.items():
-            started = clock()
-            work()
-            if turn:
-                times[name].append(clock() - started)
-    speeds = {name: size / np.array(times[name]) for name, (_, size) in works.items()}
+    times = in_turns({name: work for name, (work, _) in works.items()}, REPEATS, clock=clock)
+    speeds = {name: size / times[name] for name, (_, size) in works.items()}
     first = float(np.median(next(iter(speeds.values()))))
     return [
         SpeedRow(

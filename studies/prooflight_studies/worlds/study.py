@@ -66,15 +66,14 @@ def run_world_study(
     designs: int | None = None,
     seed: int = 1,
     quick: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Agreement]:
     """Compare both paths on pieces of the PDFs of a folder, evenly over their names; write ``worlds.md``.
 
     RequestError: too few of the PDFs can be used.
     """
-    tell = progress or (lambda _: None)
     wanted = designs or (QUICK_DESIGNS if quick else DESIGNS)
-    tell("building the press")
+    progress("building the press")
     press_file = PressFile.prototype()
     pitch_mm = press_file.geometry(press_file.camera()).pixel_pitch_mm
     rig = Rig.build(press_file, pixels=int(PIECE_MM[0] / pitch_mm) + 2 * MARGIN_PIXELS)
@@ -85,7 +84,7 @@ def run_world_study(
         piece = piece_of(pdf, rig, stream(seed, "world-piece", index))
         if piece is None:
             continue
-        tell(f"{pdf.stem} ({len(rows) + 1} of {wanted})")
+        progress(f"{pdf.stem} ({len(rows) + 1} of {wanted})")
         rows.append(agreement(piece, rig, stream(seed, "world-print", index)))
         if len(rows) == wanted:
             break

@@ -79,12 +79,10 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
     def set_default_colorspaces(self, _context: Any, defaults: Any) -> None:
         """Let the press's inks stand for DeviceCMYK; a /DefaultCMYK, /DefaultRGB or /DefaultGray stays."""
         mine = mupdf.ll_fz_clone_default_colorspaces(defaults)
-        if address(mupdf.ll_fz_default_gray(mine)) in self._replaced:
-            mupdf.ll_fz_set_default_gray(mine, mupdf.fz_device_gray().m_internal)
-        if address(mupdf.ll_fz_default_rgb(mine)) in self._replaced:
-            mupdf.ll_fz_set_default_rgb(mine, self._rgb.m_internal)
-        if address(mupdf.ll_fz_default_cmyk(mine)) in self._replaced:
-            mupdf.ll_fz_set_default_cmyk(mine, self._inks.space.m_internal)
+        own = {"gray": mupdf.fz_device_gray(), "rgb": self._rgb, "cmyk": self._inks.space}
+        for colours, space in own.items():
+            if address(getattr(mupdf, f"ll_fz_default_{colours}")(mine)) in self._replaced:
+                getattr(mupdf, f"ll_fz_set_default_{colours}")(mine, space.m_internal)
         mupdf.ll_fz_set_default_output_intent(mine, self._inks.space.m_internal)
         self.pass_on(_mupdf.ll_fz_set_default_colorspaces, mine)
         mupdf.ll_fz_drop_default_colorspaces(self._defaults)
@@ -192,12 +190,9 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         """What a device colour space stands for on this page."""
         if not self._defaults or not mupdf.ll_fz_colorspace_is_device(space):
             return space
-        if mupdf.ll_fz_colorspace_is_cmyk(space):
-            return mupdf.ll_fz_default_cmyk(self._defaults)
-        if mupdf.ll_fz_colorspace_is_rgb(space):
-            return mupdf.ll_fz_default_rgb(self._defaults)
-        if mupdf.ll_fz_colorspace_is_gray(space):
-            return mupdf.ll_fz_default_gray(self._defaults)
+        for colours in ("cmyk", "rgb", "gray"):
+            if getattr(mupdf, f"ll_fz_colorspace_is_{colours}")(space):
+                return getattr(mupdf, f"ll_fz_default_{colours}")(self._defaults)
         return space
 
 

@@ -17,6 +17,7 @@ from prooflight.errors import InputError, JobError, ProfileError, RequestError
 from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import separations as plates
 from prooflight.pages.pdf.boxes import BoxError, printed_box
+from prooflight.pages.raster import POINTS_PER_INCH
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -25,10 +26,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-POINTS_PER_INCH: Final = 72
-BYTES_PER_PIXEL: Final = (
-    40  # while drawing; measured: 8 for most pages, 36 with transparency groups five deep
-)
+BYTES_PER_PIXEL: Final = 40
+"""While drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
 PIXELS_MAX: Final = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES: Final = 128  # ICC.1:2022, 7.2
 ICC_BYTES_MAX: Final = 64 * 2**20

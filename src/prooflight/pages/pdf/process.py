@@ -96,16 +96,15 @@ class RipProcess:
         """End the process and let go of all that was shared with it; also called at the interpreter's exit."""
         self._answer(START_SECONDS, "does not start")
 
-    def ask(
-        self, request: dict[str, Any], limits: RipLimits
-    ) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
-        """The answer, and the page's raster if one was drawn. InputError: it is refused; RipFailure: it was lost."""
+    def ask(self, request: dict[str, Any], limits: RipLimits) -> dict[str, Any]:
+        """The answer; where a page was drawn, its raster is ``cmyk``. InputError: refused; RipFailure: it was lost."""
         limited = {"seconds": limits.seconds, "room_bytes": limits.gigabytes * 1e9}
         try:
             with contextlib.suppress(OSError):  # it has ended: the answer will say so
                 self._connection.send_bytes(json.dumps(request | limited).encode())
             answer = self._answer(limits.seconds, f"takes longer than {limits.seconds:g} s")
-            raster = self._raster(answer["shape"]) if "shape" in answer else None
+            if "shape" in answer:
+                answer["cmyk"] = self._raster(answer["shape"])
         except BaseException:  # KeyboardInterrupt as well: the next request would get this one's answer
             self.end()
             raise
@@ -116,7 +115,7 @@ class RipProcess:
         if "refused" in answer:
             kind, where, what, remedy = answer["refused"]
             raise getattr(errors, kind)(where, what, remedy=remedy)
-        return answer, raster
+        return answer
 
     def _answer(self, seconds: float, late: str) -> dict[str, Any]:
         try:
@@ -139,7 +138,7 @@ _running: list[RipProcess] = []
 """The one that rips for this process."""
 
 
-def ask(request: dict[str, Any], limits: RipLimits) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
+def ask(request: dict[str, Any], limits: RipLimits) -> dict[str, Any]:
     """As ``RipProcess.ask``, of the process that is there, or of a new one."""
     with _guard:
         if _running and not _running[0].end.alive:

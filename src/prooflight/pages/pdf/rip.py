@@ -15,19 +15,16 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Final, Self
 
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages.files import check_dpi, page_name
-from prooflight.pages.memory import file_size
+from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
-from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-POINTS_PER_INCH = 72
+PDF_HEAD_BYTES: Final = 1024
+"""Within the first so many a PDF says that it is one (ISO 32000-1, annex H.3.4.1)."""
 
 
 class PdfJob:
@@ -43,17 +40,13 @@ class PdfJob:
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
         self._limits = rip_process.RipLimits.of_environment()
         self._request = self._about_file() | self._about_profile(profile)
-        self._count = int(self._asked("opening it", do="open")[0]["pages"])
+        self._count = int(self._asked("opening it", do="open")["pages"])
 
     def _about_file(self) -> dict[str, Any]:
-        file_size(self.path, JobError)
-        with self.path.open("rb") as file:  # OSError for what the system cannot open
-            head = file.read(1024)
-        if b"%PDF-" not in head:  # ISO 32000-1, annex H.3.4.1: within the first 1024 bytes
+        if b"%PDF-" not in file_head(self.path, JobError, PDF_HEAD_BYTES):
             raise JobError(self.path, "not a PDF", remedy="give a PDF file")
-        facts = self.path.stat()
-        stamp = [facts.st_ino, facts.st_mtime_ns, facts.st_size]
-        return {"path": str(self.path.absolute()), "shown": str(self.path), "stamp": stamp}
+        absolute = str(self.path.absolute())
+        return {"path": absolute, "shown": str(self.path), "stamp": file_stamp(self.path)}
 
     @staticmethod
     def _about_profile(profile: Path | None) -> dict[str, Any]:
@@ -79,7 +72,7 @@ class PdfJob:
     def page_sizes_mm(self) -> tuple[tuple[float, float], ...]:
         """Width and height of every page as printed. [mm]"""
         scale = MM_PER_INCH / POINTS_PER_INCH
-        sizes = self._asked("measuring its pages", do="sizes")[0]["sizes"]
+        sizes = self._asked("measuring its pages", do="sizes")["sizes"]
         return tuple((width * scale, height * scale) for width, height in sizes)
 
     def page(self, number: int, dpi: float) -> Page:
@@ -88,15 +81,14 @@ class PdfJob:
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
-        _, cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi))
-        assert cmyk is not None
+        cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi))["cmyk"]
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
 
-    def _asked(self, subject: str, **asked: Any) -> tuple[dict[str, Any], NDArray[np.uint8] | None]:
+    def _asked(self, subject: str, **asked: Any) -> dict[str, Any]:
         """The answer, once its messages have been taken in; JobError names what ``subject`` could not be ripped for."""
         try:
-            answer, cmyk = rip_process.ask(self._request | asked, self._limits)
+            answer = rip_process.ask(self._request | asked, self._limits)
         except rip_process.RipFailure as failure:
             raise JobError(self.path, f"{subject} {failure.what}", remedy=failure.remedy) from None
         self.warnings += [line for line in answer["said"] if line not in self.warnings]
-        return answer, cmyk
+        return answer

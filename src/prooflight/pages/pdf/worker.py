@@ -24,6 +24,7 @@ import numpy as np
 
 from prooflight.errors import InputError, JobError
 from prooflight.pages.heap import keep_memory
+from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 
 if TYPE_CHECKING:
@@ -106,26 +107,16 @@ class Worker:
         """The PDF, opened if it is not open, or no longer. JobError: it is another one than before."""
         key = _key(request)
         if key not in self._files:
-            path, shown = Path(request["path"]), request["shown"]
-            if stamp(path) != request["stamp"]:
+            path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
+            if file_stamp(path) != request["stamp"]:
                 what = "has been changed while it was in use"
                 raise JobError(shown, what, remedy="leave it alone until the job is done")
-            profile = (
-                None
-                if request["profile"] is None
-                else read_profile(Path(request["profile"]), request["shown_profile"])
-            )
-            self._files[key] = PdfFile(path, shown, profile)
+            icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
+            self._files[key] = PdfFile(path, shown, icc)
             if len(self._files) > FILES_KEPT:
                 self._files.popitem(last=False)[1].close()
         self._files.move_to_end(key)
         return self._files[key]
-
-
-def stamp(path: Path) -> list[int]:
-    """What tells a file from one that takes its place."""
-    facts = path.stat()
-    return [facts.st_ino, facts.st_mtime_ns, facts.st_size]
 
 
 def _key(request: dict[str, Any]) -> tuple[Any, ...]:

@@ -68,8 +68,9 @@ class PressFile:
 
     @classmethod
     def preset(cls, name: str) -> Self:
-        """One that comes with the package."""
-        return cls.read(Path(str(resources.files("prooflight.press").joinpath("presets", name))))
+        """One that comes with the package; errors name it without its folder."""
+        file = resources.files("prooflight.press").joinpath("presets", name)
+        return cls(Path(name), file.read_text(encoding="utf-8"))
 
     @classmethod
     def prototype(cls) -> Self:

@@ -40,7 +40,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "press-file": (f"small {PRESETS}",),
     "describe-your-inks": ("measured.txt", "recipes.csv"),
     "calibrate-from-a-chart": ("fine my.press",),
-    "teach-a-press": ("press.toml", "job.pdf"),
+    "teach-a-press": ("press.toml", "long job.pdf"),
     "design-a-camera": (PRESETS,),
     "characterise-a-camera": (PRESETS,),
     "watch": ("job.pdf", "my.press"),
@@ -118,6 +118,8 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
                 file.write_text(small(prototype.text, coarser=2))
                 prooflight("press", "build", file, "-o", path, "--detector", "none")
             case "job.pdf":
+                write_job(path, pages=8)
+            case "long job.pdf":
                 write_job(path, pages=24)
             case "prooflight-demo/sample-job.pdf":
                 write_job(path, pages=3)

@@ -89,6 +89,7 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
     ("name", "place", "value"),
     [
         ("sensor0.mean_dn", (3, 4, 5, 6), np.nan),
+        ("sensor0.mean_dn", (0, 0, 0, 0), 0.0),  # dark paper
         ("sensor0.variance_dn2", (0, 0, 0, 0), 0.0),
         ("sensor0.column_gain", 17, -1.0),
         ("sensor0.column_gain", 17, np.inf),

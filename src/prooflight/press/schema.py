@@ -177,6 +177,9 @@ def _check_sensor(facts: SensorFacts, arrays: Mapping[str, NDArray[Any]], *, und
         most = float(np.abs(arrays[name]).max())
         if most > reach:
             raise Misfit(under + name, f"holds {most:.6g}, must lie within {reach} DN of 0")
+    white = float(arrays["mean_dn"][0, 0, 0, 0])
+    if white <= 0:
+        raise Misfit(f"{under}mean_dn", f"gives bare paper {white:.6g} DN, must give it light")
     gain = arrays["column_gain"].astype(np.float64)
     least = facts.dark_variance_dn2 + float(gain.max()) * (
         float(arrays["variance_dn2"].min()) - facts.dark_variance_dn2

@@ -1,3 +1,4 @@
+import colour
 import numpy as np
 import pytest
 from hypothesis import given
@@ -130,3 +131,14 @@ def test_ciede2000_meets_its_published_pairs(
     one: tuple[float, ...], other: tuple[float, ...], difference: float
 ) -> None:
     assert spectra.delta_e00(one, other) == pytest.approx(difference, abs=5e-5)
+
+
+def test_srgb_is_colour_sciences_and_has_an_inverse() -> None:
+    light = np.concatenate(
+        [np.linspace(0, 0.01, 101), np.linspace(0.01, 1, 101)]
+    )  # straight to 0.0031, then curved
+    codes = spectra.srgb_encoded(light)
+    np.testing.assert_allclose(codes, colour.models.eotf_inverse_sRGB(light), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(spectra.srgb_light(codes), light, rtol=0, atol=1e-12)
+    assert spectra.srgb_encoded(light.astype(np.float32)).dtype == np.float32
+    np.testing.assert_allclose(spectra.srgb_encoded(np.array([-1.0, 2.0])), [0, 1], rtol=0, atol=1e-12)

@@ -7,7 +7,7 @@ Band integrals are plain sums times the step, as ISET forms them.
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 STEP_NM = 10.0
 WAVE_NM: NDArray[np.float64] = np.arange(380.0, 731.0, STEP_NM)
@@ -121,3 +123,14 @@ def delta_e00(lab_a: ArrayLike, lab_b: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(
         colour.delta_E(np.asarray(lab_a), np.asarray(lab_b), method="CIE 2000"), dtype=np.float64
     )
+
+
+def srgb_encoded(light: NDArray[Real]) -> NDArray[Real]:
+    """Codes 0..1 that sRGB gives light over white's, which is bounded to 0..1 (IEC 61966-2-1)."""
+    linear = np.clip(light, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def srgb_light(code: NDArray[Real]) -> NDArray[Real]:
+    """Light over white's of sRGB codes 0..1: the inverse of ``srgb_encoded``."""
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from prooflight.commissioning.chart.calibrate import Calibration, calibrate
-from prooflight.commissioning.chart.scan import read_chart_scan, srgb_light
+from prooflight.commissioning.chart.scan import read_chart_scan
 from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.errors import ChartError, ScanError
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes, write_recipes
@@ -20,6 +20,7 @@ from prooflight.inks.recipes import choose_recipes, printable_recipes
 from prooflight.prediction.predict import predict
 from prooflight.press.artefact import Press
 from prooflight.scans.recorded import write_scan
+from prooflight.spectra import srgb_light
 
 PITCH_MM = 25.4 / 150
 WHITE = np.array([3000.0, 2500.0, 2000.0])

@@ -31,6 +31,4 @@ def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
 
 def srgb_bytes(light: NDArray[np.float64]) -> NDArray[np.uint8]:
     """SRGB (IEC 61966-2-1) of light over white's, bounded to 0..1."""
-    linear = np.clip(light, 0, 1)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(encoded * 255).astype(np.uint8)
+    return np.round(spectra.srgb_encoded(light) * 255).astype(np.uint8)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.html import data_uri, template
-from prooflight.spectra import WAVE_NM, delta_e00, lab, xyz
+from prooflight.spectra import WAVE_NM, delta_e00, lab, srgb_encoded, xyz
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -187,9 +187,7 @@ def _percent(recipe: NDArray[np.float64]) -> str:
 
 def _css(reflectance: NDArray[np.float64]) -> str:
     """Colour under D50 as CSS, clipped to sRGB."""
-    linear = np.clip(_SRGB @ xyz(reflectance), 0.0, 1.0)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    red, green, blue = np.round(255 * encoded).astype(int).tolist()
+    red, green, blue = np.round(255 * srgb_encoded(_SRGB @ xyz(reflectance))).astype(int).tolist()
     return f"rgb({red}, {green}, {blue})"
 
 

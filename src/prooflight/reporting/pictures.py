@@ -13,6 +13,7 @@ from PIL import Image
 
 from prooflight.detectors.base import BLOCK_PIXELS
 from prooflight.scans.placement import IN_PLACE
+from prooflight.spectra import srgb_encoded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -150,7 +151,7 @@ def signals(
 
 def grey_picture(signal: NDArray[np.float32], frame: Frame, *, width_px: int) -> Image.Image:
     """A linear signal (lines, pixels), paper 1, as a person's screen shows it; never enlarged."""
-    return Image.fromarray(_bytes(_encoded(_shrunk(signal, frame, width_px))))
+    return Image.fromarray(_bytes(srgb_encoded(_shrunk(signal, frame, width_px))))
 
 
 def error_colours(z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -175,7 +176,7 @@ def error_picture(
     pixels): signal, paper 1. frame: what ``expected`` shows.
     """
     each = max(round(width_px * BLOCK_PIXELS / expected.shape[1]), 1)  # a whole number of pixels to a block
-    ghost = _encoded(_shrunk(expected, frame, round(expected.shape[1] * each / BLOCK_PIXELS)))
+    ghost = srgb_encoded(_shrunk(expected, frame, round(expected.shape[1] * each / BLOCK_PIXELS)))
     full = np.zeros(ghost.shape, np.float32)
     strongest = np.take_along_axis(block_z, np.abs(block_z).argmax(axis=0)[None], axis=0)[0]
     rows, columns = (
@@ -226,7 +227,7 @@ def zoom(
     middle_y = region.y_mm - frame.y_mm + region.height_mm / 2 if sides[1] <= most else y_mm
     across = _window(middle_x, min(sides[0], most), pitch_x, pixels)
     along = _window(middle_y, min(sides[1], most), pitch_y, lines)
-    pair = [_encoded(image[along, across]) for image in (expected, measured)]
+    pair = [srgb_encoded(image[along, across]) for image in (expected, measured)]
     calm = [cv2.GaussianBlur(image, (0, 0), 1.0) for image in pair]
     low, high = float(np.min(calm)), float(np.max(calm))
     spread = min(max(high - low, LEAST_CONTRAST), 1.0)
@@ -289,14 +290,6 @@ def _shrunk(signal: NDArray[np.float32], frame: Frame, width_px: int) -> NDArray
     height = max(round(width * frame.height_mm / frame.width_mm), 1)
     shrunk: NDArray[Any] = cv2.resize(signal, (width, height), interpolation=cv2.INTER_AREA)
     return shrunk
-
-
-def _encoded(signal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Display values 0..1 of a linear signal, as sRGB encodes them (IEC 61966-2-1)."""
-    linear = np.clip(signal, 0, 1)
-    return np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** np.float32(1 / 2.4) - 0.055
-    ).astype(np.float32)
 
 
 def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -20,6 +20,7 @@ from prooflight.errors import RequestError, ScanError
 from prooflight.pages.picture_files import opened_picture
 from prooflight.pages.tiff_images import BAND_ROWS, TiffImages, decode_into, opened_tiff
 from prooflight.scans.recorded import RecordedScan
+from prooflight.spectra import srgb_light
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -192,11 +193,6 @@ def _curves(
             raise ScanError(path, what, remedy="scan without a profile, or say --encoding")
         return found, "icc"
     return ([srgb_light] * channels, SRGB) if samples.dtype == np.uint8 else (None, LINEAR)
-
-
-def srgb_light(code: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light of sRGB codes, both 0..1 (IEC 61966-2-1)."""
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 
 
 def profile_curves(profile: bytes, channels: int) -> list[Curve] | None:

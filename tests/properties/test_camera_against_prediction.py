@@ -16,7 +16,7 @@ from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.press.press_file import PressFile
-from prooflight_studies.exact.exposure import expose_page
+from prooflight_studies.exact.exposure import page_electrons, read_out_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,17 +40,16 @@ class Rig:
 
     def expose(self, page: Page, *, noise: Noise, seed: int = 1) -> np.ndarray:
         geometry = self.press.geometry
-        return expose_page(
+        electrons = page_electrons(
             self.camera,
             self.press_file.inks(),
             page,
             centres_x_mm=geometry.centres_x_mm(page.width_mm),
             centres_y_mm=geometry.centres_y_mm(geometry.lines(page.height_mm)),
             backing_reflectance=self.press_file.backing_reflectance,
-            patterns=self.patterns,
-            rng=np.random.default_rng(seed),
-            noise=noise,
         )
+        rng = np.random.default_rng(seed)
+        return read_out_page(self.camera, electrons, patterns=self.patterns, rng=rng, noise=noise)
 
     def predict(self, page: Page) -> Prediction:
         return predict(page, sensors=self.press.sensors, geometry=self.press.geometry)

@@ -324,21 +324,26 @@ def test_a_fit_is_the_most_likely_one_written_out() -> None:
     assert found.left_mm == pytest.approx(moves - rows @ expected, abs=1e-7)
 
 
+def unmoved(gain: np.ndarray) -> TileMoves:
+    """Tiles in their places, all seen, with so much of their contrast each (tiles,)."""
+    yes = np.ones(gain.size, bool)
+    return TileMoves(
+        moves=np.zeros((gain.size, 2)),
+        precision=np.zeros((gain.size, 2, 2)),
+        seen=yes,
+        good=yes,
+        foreign=~yes,
+        gain=gain,
+        gain_sd=np.full(gain.size, 0.01),
+    )
+
+
 def test_a_plane_without_contrast_does_not_count() -> None:
     """Black missing: tiles of black alone are empty, those half black have half their contrast."""
     shares = np.zeros((400, 2, 4))
     shares[:100, :, 3], shares[100:200, :, 0], shares[200:300, :, [0, 3]] = 1, 1, 0.5
     gain = np.repeat([0.0, 1.0, 0.5, 1.0], 100)
-    yes = np.ones(400, bool)
-    tile_moves = TileMoves(
-        moves=np.zeros((400, 2)),
-        precision=np.zeros((400, 2, 2)),
-        seen=yes,
-        good=yes,
-        foreign=~yes,
-        gain=gain,
-        gain_sd=np.full(400, 0.01),
-    )
+    tile_moves = unmoved(gain)
     kept = printed_shares(shares, tile_moves)
     assert (kept[..., 3] == 0).all()
     assert kept[100:300, :, 0] == pytest.approx(1)
@@ -359,16 +364,7 @@ def test_tiles_that_show_something_else_do_not_stand_for_a_plane() -> None:
     shares = np.zeros((400, 2, 4))
     shares[..., 3] = 1
     gain = np.repeat([0.0, 4.0], [300, 100])
-    yes = np.ones(400, bool)
-    tile_moves = TileMoves(
-        moves=np.zeros((400, 2)),
-        precision=np.zeros((400, 2, 2)),
-        seen=yes,
-        good=yes,
-        foreign=~yes,
-        gain=gain,
-        gain_sd=np.full(400, 0.01),
-    )
+    tile_moves = unmoved(gain)
     assert gain.mean() == 1
     assert (printed_shares(shares, tile_moves) == 0).all()
     assert printed_shares(shares, replace(tile_moves, gain=1 - gain / 4)) == pytest.approx(shares)
@@ -378,16 +374,7 @@ def test_planes_are_told_apart_by_their_shares_of_tiles() -> None:
     """Black missing where no tile has one ink alone: what is left of each is cyan's share."""
     shares = np.zeros((200, 2, 4))
     shares[:100, :, [0, 3]], shares[100:, :, [0, 3]] = (0.2, 0.8), (0.8, 0.2)
-    yes = np.ones(200, bool)
-    tile_moves = TileMoves(
-        moves=np.zeros((200, 2)),
-        precision=np.zeros((200, 2, 2)),
-        seen=yes,
-        good=yes,
-        foreign=~yes,
-        gain=shares[:, 0, 0],
-        gain_sd=np.full(200, 0.01),
-    )
+    tile_moves = unmoved(shares[:, 0, 0])
     kept = printed_shares(shares, tile_moves)
     assert kept[..., 0] == pytest.approx(1)
     assert (kept[..., 3] == 0).all()

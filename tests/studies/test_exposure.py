@@ -14,7 +14,7 @@ from prooflight.camera.sensor import FixedPattern, Noise
 from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.errors import RequestError
 from prooflight.pages.raster import MM_PER_INCH, Page
-from prooflight_studies.exact.exposure import distinct_colours, expose_page, page_electrons, page_taps
+from prooflight_studies.exact.exposure import distinct_colours, page_electrons, page_taps, read_out_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -210,13 +210,9 @@ def test_noise_is_the_sensors(camera: Camera) -> None:
     sensor = replace(camera.sensors[0], black_level_dn=64)
     camera = replace(camera, sensors=(sensor,))
     page = page_of(camera, np.zeros((900, 180), bool), 1)
-    scan = expose_page(
+    scan = read_out_page(
         camera,
-        INKS,
-        page,
-        centres_x_mm=(np.arange(PIXELS) + 60.5) * camera.pixel_pitch_mm,
-        centres_y_mm=(np.arange(800) + 50.5) * camera.line_pitch_mm,
-        backing_reflectance=BACKING,
+        electrons_of(camera, page, left=60, top=50, lines=800, falloff=True),
         patterns=[FixedPattern(gain=np.ones(PIXELS), offset_e=np.zeros(PIXELS))],
         rng=np.random.default_rng(3),
         noise=Noise.TEMPORAL,

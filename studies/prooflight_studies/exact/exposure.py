@@ -82,30 +82,15 @@ def page_electrons(
     return electrons
 
 
-def expose_page(
+def read_out_page(
     camera: Camera,
-    inks: ReflectanceModel,
-    page: Page,
+    electrons: NDArray[np.float32],
     *,
-    centres_x_mm: NDArray[np.float64],
-    centres_y_mm: NDArray[np.float64],
-    backing_reflectance: float,
     patterns: Sequence[FixedPattern],
     rng: np.random.Generator,
     noise: Noise = Noise.ALL,
 ) -> NDArray[np.uint16]:
-    """A scan of a page through the full spectral path; arguments as for ``page_electrons``.
-
-    Returns (sensors, lines, pixels) [DN].
-    """
-    electrons = page_electrons(
-        camera,
-        inks,
-        page,
-        centres_x_mm=centres_x_mm,
-        centres_y_mm=centres_y_mm,
-        backing_reflectance=backing_reflectance,
-    )
+    """A scan of what ``page_electrons`` returns: (sensors, lines, pixels) [e-] -> [DN]."""
     # An FFT in single precision may put the blackest ink a little below no light at all.
     return np.stack(
         [

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from prooflight.commissioning.build import build_press
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.protocol import Plan, in_both_worlds
+from prooflight_studies.harness.protocol import JUDGED, Plan, in_both_worlds
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.paper.study import QUICK_PITCH_MM, SPECIMEN_SEED, at_pitch
 from prooflight_studies.robustness.disturbances import all_disturbances
@@ -109,7 +109,7 @@ def run_plan(
     )
     rows = run_pieces(
         WatchWrong(press=press, pages=designs, plan=plan, learned=learned(pilot)),
-        plan.days("learn", "tune", "test"),
+        plan.days(*JUDGED),
         cache / "robustness",
         digest=digest,
         processes=processes,

@@ -66,6 +66,16 @@ def test_what_no_block_shows_lies_in_the_tile_with_the_most_evidence(place: tupl
     assert region.height_mm == pytest.approx(8 * BLOCK_MM)
 
 
+def test_a_tile_whose_means_are_all_0_has_its_place() -> None:
+    """The evidence of a tile is its histogram, which may be off where no mean is."""
+    tiles = np.ones((ROWS // 8, COLUMNS // 8))
+    tiles[3, 7] = 200
+    (region,) = found(np.zeros((1, ROWS, COLUMNS), np.float32), tiles=tiles).regions
+    assert (region.x_mm, region.y_mm) == pytest.approx((0.1 + 7 * 8 * BLOCK_MM, 0.2 + 3 * 8 * BLOCK_MM))
+    assert (region.width_mm, region.height_mm) == pytest.approx((8 * BLOCK_MM, 8 * BLOCK_MM))
+    assert region.score == 0
+
+
 def test_a_missing_block_is_boxed_in_millimetres() -> None:
     z = noise()
     z[0, 30:50, 10:25] += 40  # lighter

@@ -62,54 +62,53 @@ def findings(grid: BlockGrid) -> Findings:
     if not flagged.any():
         row, column = np.unravel_index(grid.tiles.argmax(), grid.tiles.shape)
         side = grid.blocks_per_tile
-        place = np.zeros_like(strongest)
+        tile = np.zeros_like(flagged)
         last = np.equal((row + 1, column + 1), grid.tiles.shape)  # they are larger by what is left over
         inside = tuple(
             slice(at * side, None if ends else (at + 1) * side)
             for at, ends in zip((row, column), last, strict=True)
         )
-        place[inside] = strongest[inside]
-        return Findings(regions=(_region(place, grid, UNKNOWN),), kind=UNKNOWN)
-    told = np.where(flagged, strongest, 0)
-    whole = _kind(told, grid)
+        tile[inside] = True
+        return Findings(regions=(_region(tile, strongest, grid, UNKNOWN),), kind=UNKNOWN)
+    whole = _kind(flagged, strongest, grid)
     if whole in ("missing-plane", "wrong-page"):
         # One cause all over the page: one box around it says more than a hundred around its words.
-        return Findings(regions=(_region(told, grid, whole),), kind=whole)
+        return Findings(regions=(_region(flagged, strongest, grid, whole),), kind=whole)
     kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)
     joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
     inner = slice(JOINING_BLOCKS, -JOINING_BLOCKS)
     count, labels = cv2.connectedComponents(np.ascontiguousarray(joined[inner, inner]))
     weight = np.bincount(labels.ravel(), weights=(np.abs(strongest) * flagged).ravel(), minlength=count)
     heaviest = 1 + np.argsort(-weight[1:], kind="stable")[:MOST_REGIONS]
-    pieces = [np.where(labels == label, strongest, 0) * flagged for label in heaviest]
-    kinds = [_kind(piece, grid) for piece in pieces]
-    regions = tuple(_region(piece, grid, kind) for piece, kind in zip(pieces, kinds, strict=True))
+    pieces = [flagged & (labels == label) for label in heaviest]
+    kinds = [_kind(piece, strongest, grid) for piece in pieces]
+    regions = tuple(_region(piece, strongest, grid, kind) for piece, kind in zip(pieces, kinds, strict=True))
     return Findings(regions=regions, kind=kinds[0])
 
 
-def _region(piece: NDArray[np.float32], grid: BlockGrid, kind: str) -> Region:
-    left, top, columns, rows = cv2.boundingRect((piece != 0).astype(np.uint8))
+def _region(blocks: NDArray[np.bool_], strongest: NDArray[np.float32], grid: BlockGrid, kind: str) -> Region:
+    """The box around blocks (rows, columns), of which there is one at least."""
+    left, top, columns, rows = cv2.boundingRect(blocks.astype(np.uint8))
     box_mm = (
         grid.left_mm + left * grid.width_mm,
         grid.top_mm + top * grid.height_mm,
         columns * grid.width_mm,
         rows * grid.height_mm,
     )
-    return Region.rounded(box_mm, score=float(np.abs(piece).max()), kind=kind)
+    return Region.rounded(box_mm, score=float(np.abs(strongest[blocks]).max()), kind=kind)
 
 
-def _kind(piece: NDArray[np.float32], grid: BlockGrid) -> str:
-    """What a set of flagged blocks (rows, columns; 0 elsewhere) looks like.
+def _kind(flagged: NDArray[np.bool_], strongest: NDArray[np.float32], grid: BlockGrid) -> str:
+    """What a set of flagged blocks (rows, columns) looks like.
 
     Narrow and long: a streak. Nothing darker, and lighter just where one ink was to be: that plane is missing. Nothing
     darker otherwise: content is missing. Darker as well as lighter: something else was printed.
     """
-    flagged = piece != 0
     _, top, columns, rows = cv2.boundingRect(flagged.astype(np.uint8))
     width_mm, height_mm = columns * grid.width_mm, rows * grid.height_mm
     if width_mm <= STREAK_WIDTH_MM and height_mm > 4 * width_mm:
         return "streak"
-    if (piece < 0).sum() > 0.02 * flagged.sum():
+    if (strongest[flagged] < 0).sum() > 0.02 * flagged.sum():
         return "wrong-page"
     there = slice(top, top + rows)
     for ink in range(4):

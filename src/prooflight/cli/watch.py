@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.line.sheet_inspector import Keep
+    from prooflight.line.status import Status
 
 MOST_SHEETS: Final = 10_000_000
 """Three weeks at 5 sheets a second."""
@@ -189,15 +190,19 @@ def watch(
     if not json:
         show.people.print(console.view(status))
     unrecorded = 0 if recorder is None else recorder.unrecorded
-    lacks = console.lacks(status, sheets=count, unrecorded=unrecorded)
+    code = _ended(status, console.lacks(status, sheets=count, unrecorded=unrecorded))
+    if code:
+        raise typer.Exit(code)
+
+
+def _ended(status: Status, lacks: str) -> int:
+    """Say what keeps a run from being complete, if anything does; its exit code."""
     broke_off = status.phase is Phase.FAULT
     if broke_off or lacks:
         faults.told("; ".join(filter(None, (status.detail, lacks))))
     if broke_off and not status.good + status.misprints:
-        raise typer.Exit(UNUSABLE_INPUT)
-    code = of_run(misprints=status.misprints, complete=not (broke_off or lacks))
-    if code:
-        raise typer.Exit(code)
+        return UNUSABLE_INPUT
+    return of_run(misprints=status.misprints, complete=not (broke_off or lacks))
 
 
 @contextmanager

@@ -374,7 +374,7 @@ def tilted(light: Light, tilt_percent: float) -> Light:
     power = light.relative_power * (1 + tilt_percent / 100 * place)
     power *= light.relative_power.sum() / power.sum()
     eye = spectra.luminous_efficiency()
-    luminance = light.luminance_cd_m2 * float(eye @ power) / float(eye @ light.relative_power)
+    luminance = light.luminance_cd_m2 * float((eye @ power) / (eye @ light.relative_power))
     return replace(light, relative_power=power, luminance_cd_m2=luminance)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.press.press_file import PressFile
     from prooflight_studies.harness.result_cache import Rows
 
 DAY = Day(of="stress", designs=(4, 5))
@@ -106,7 +107,9 @@ def test_no_more_places_are_told_than_there_is_room_for() -> None:
     assert places[:, 0].tolist() == list(range(PLACES))
 
 
-def test_work_travels(scene: Scene) -> None:
+def test_work_travels(scene: Scene, prototype: PressFile) -> None:
     small = Scene(press=scene.press, pages=None, seed=1, number=1)  # type: ignore[arg-type]
     work = StressWork(scene=small, scatter=Scatter.white(), stress=STRESS, nuisances=(), marks=())
-    assert pickle.loads(pickle.dumps(work)).stress == STRESS
+    again = pickle.loads(pickle.dumps(replace(work, press_file=prototype)))
+    assert again.stress == STRESS
+    assert (again.press_file.path, again.press_file.text) == (prototype.path, prototype.text)

@@ -75,7 +75,7 @@ class Purpose:
 
 SEED: Final = "seed"
 FREE: Final = 2**31
-"""No index reaches it: as a second word it is of ``strangers`` alone."""
+"""No index reaches it, nor what follows it: as a second word each is of one purpose alone."""
 
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
@@ -128,6 +128,13 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "soak-forms": Purpose("fields of a form, and the words in them", (SEED, "template", 3)),
         "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
         "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
+        "stress-day": Purpose(
+            "what of a nuisance stays for a press day", (SEED, FREE + 1, "scene", "first design")
+        ),
+        "stress-mark": Purpose(
+            "a misprint that no detector is taught by", (SEED, FREE + 2, "scene", "design", "kind")
+        ),
+        "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 3)),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
         "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),
         "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),

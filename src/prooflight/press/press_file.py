@@ -56,6 +56,10 @@ class PressFile:
         self._document = checked(path, text)
         self._inks: ReflectanceModel | None = None
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """To worker processes, which read it again."""
+        return type(self), (self.path, self.text)
+
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read a file; PressFileError names the field that is wrong and what would be right."""

@@ -18,12 +18,17 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.protocol import OTHERS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.pages.raster import Page
-    from prooflight.simulation.captures import World
+    from prooflight.simulation.captures import Printed, World
     from prooflight.simulation.corpus.corpus import Designs
+    from prooflight.simulation.misprints.drawing import Region
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows
 
@@ -109,7 +114,7 @@ class StatisticsWork:
             good, known = bench.design(index)
             for copy in range(1 + self.scene.misprints):
                 rng, kind = self.scene.rng(index, copy), self.scene.kind(index, copy)
-                printed, places = good, np.full((PLACES, 4), np.nan, np.float32)
+                printed = good
                 if kind:
                     others = [other for other in day.designs if other != index]
                     wrong = bench.wrong(good, kind, rng.permutation(others)[:OTHERS].tolist(), rng)
@@ -117,21 +122,14 @@ class StatisticsWork:
                         unmade.append(kind)
                         continue
                     printed = wrong
-                if printed.misprint is not None:
-                    where = printed.misprint.regions_mm or (printed.misprint.region_mm,)
-                    places[: len(where)] = where[:PLACES]
-                statistics, another = bench.statistics(known, bench.scan(printed, rng), self.scatter)
-                names = keys_of(statistics)
+                said, names = what_is_said(bench, known, bench.scan(printed, rng), self.scatter)
                 for name, value in {
+                    **said,
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
                     "draws": printed.draws,
-                    "values": values_of(statistics),
-                    "boxes": np.array([one.box for one in statistics], np.float32),
-                    "portrait": known.page_features,
-                    "another": another,
-                    "places": places,
+                    "places": places_mm(_regions(printed)),
                     "sigma_error": _sigma_errors(bench.day),
                     "day": day.designs[0],
                 }.items():
@@ -139,6 +137,34 @@ class StatisticsWork:
         rows = {name: np.array(values) for name, values in columns.items()}
         beside = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
         return rows | {"kind": rows["kind"].astype("U16")} | beside
+
+
+def what_is_said(
+    bench: PressDay, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
+) -> tuple[dict[str, Any], list[str]]:
+    """What a scan says: values, boxes, portrait and another of its row; and the names of the statistics."""
+    statistics, another = bench.statistics(known, scan, scatter)
+    said = {
+        "values": values_of(statistics),
+        "boxes": np.array([one.box for one in statistics], np.float32),
+        "portrait": known.page_features,
+        "another": another,
+    }
+    return said, keys_of(statistics)
+
+
+def places_mm(regions_mm: Sequence[Region]) -> NDArray[np.float32]:
+    """The first PLACES of them, (PLACES, 4) [mm, NaN: none]."""
+    places = np.full((PLACES, 4), np.nan, np.float32)
+    for place, region in zip(places, regions_mm, strict=False):
+        place[:] = region
+    return places
+
+
+def _regions(printed: Printed) -> tuple[Region, ...]:
+    if printed.misprint is None:
+        return ()
+    return printed.misprint.regions_mm or (printed.misprint.region_mm,)
 
 
 def _sigma_errors(day: SimulatedDay) -> list[float]:

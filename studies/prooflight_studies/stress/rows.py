@@ -1,0 +1,122 @@
+"""Rows of stress: good prints under every nuisance, and every misprint, each beside the same good print without."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from prooflight.rng import stream
+from prooflight.simulation.captures import Printed
+from prooflight_studies.press.scans import places_mm, what_is_said
+from prooflight_studies.stress.marks import MARKS, draw_mark
+from prooflight_studies.stress.stressed import stressed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.commissioning.training.simulated_days import PressDay
+    from prooflight.detectors.matched_filter.analysis import PreparedPage
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.press.press_file import PressFile
+    from prooflight.simulation.misprints.drawing import Region
+    from prooflight_studies.harness.protocol import Day
+    from prooflight_studies.harness.result_cache import Rows
+    from prooflight_studies.press.scans import Scene
+    from prooflight_studies.stress.given import Stress
+
+COPY = 0
+"""Of a scene: every row of a design is of one and the same print."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressWork:
+    """A good copy of a day's designs, the same under nuisances, the same with misprints -> a row each.
+
+    All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
+
+    Columns: design, kind (of the misprint, "" where good), nuisance ("" where none), day, values (statistics,), boxes
+    (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them ``unmade_kind`` and
+    ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the statistics.
+    """
+
+    scene: Scene
+    """In the press world; its misprints are not asked for."""
+    scatter: Scatter
+    stress: Stress
+    nuisances: tuple[str, ...]
+    marks: tuple[str, ...]
+    press_file: PressFile | None = None
+    """That the scene's press was built from, for what a lamp does."""
+
+    def __call__(self, day: Day, /) -> Rows:
+        """``Work``."""
+        bench, table = self.scene.day(day), _Table(day=day)
+        designs = {index: bench.design(index) for index in day.designs}
+        for name in ("", *self.nuisances):
+            under = self._under(bench, name, day) if name else bench
+            for index, (good, known) in designs.items():
+                self._add(table, under, good, known, index, nuisance=name)
+        for kind in self.marks:
+            mark = self.stress.mark(kind)
+            for index, (good, known) in designs.items():
+                number = list(MARKS).index(kind)
+                rng = stream(self.scene.seed, "stress-mark", self.scene.number, index, number)
+                drawn = draw_mark(good.page, mark, rng=rng)
+                if drawn is None:
+                    table.unmade.append((kind, index))
+                    continue
+                wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
+                self._add(table, bench, wrong, known, index, kind=kind, regions_mm=drawn.regions_mm)
+        return table.rows()
+
+    def _under(self, bench: PressDay, name: str, day: Day) -> PressDay:
+        under = stressed(
+            bench.day,
+            self.stress.nuisance(name),
+            rng=stream(self.scene.seed, "stress-day", self.scene.number, day.designs[0]),
+            others=day.designs,
+            fetch=bench.page,
+            press_file=self.press_file,
+        )
+        return replace(bench, day=under)
+
+    def _add(
+        self,
+        table: _Table,
+        bench: PressDay,
+        printed: Printed,
+        known: PreparedPage,
+        index: int,
+        *,
+        nuisance: str = "",
+        kind: str = "",
+        regions_mm: Sequence[Region] = (),
+    ) -> None:
+        scan = bench.scan(printed, self.scene.rng(index, COPY))
+        said, table.names = what_is_said(bench, known, scan, self.scatter)
+        facts = {"design": index, "kind": kind, "nuisance": nuisance, "day": table.day.designs[0]}
+        for name, value in {**facts, **said, "places": places_mm(regions_mm)}.items():
+            table.columns[name].append(value)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Table:
+    """Rows as they are made."""
+
+    day: Day
+    columns: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+    unmade: list[tuple[str, int]] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+
+    def rows(self) -> Rows:
+        rows = {name: np.array(values) for name, values in self.columns.items()}
+        words = {name: rows[name].astype("U24") for name in ("kind", "nuisance")}
+        beside = {
+            "unmade_kind": np.array([kind for kind, _ in self.unmade], "U24"),
+            "unmade_design": np.array([index for _, index in self.unmade], np.int64),
+            "names": np.array(self.names, "U48"),
+        }
+        return rows | words | beside

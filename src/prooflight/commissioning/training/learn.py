@@ -23,7 +23,7 @@ from prooflight.detectors.matched_filter.ranking import (
     mixed_columns,
     scores_of,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, LEAST_LIGHT, MODES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
 LEAST_PLACES: Final = 200
+ONE_SIGMA: Final = 0.6827
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +108,7 @@ def pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
 
 def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:
     """Noise and tolerance of every mode and size from draws (..., n, 3) of N', D' and edges on good prints."""
-    found = {}
+    found = {"light": _light(samples["boxes"][MODES.index("light")])}
     for name, drawn in samples.items():
         shape = drawn.shape[:-2]
         out = np.empty((*shape, 3))
@@ -115,6 +116,25 @@ def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:
             out[place] = _scattered(drawn[place].astype(np.float64))
         found[name] = out
     return Scatter(**found)
+
+
+def _light(drawn: NDArray[np.floating]) -> NDArray[np.float64]:
+    """``Scatter.light`` from draws (sizes, n, 3) of the light's own N', D' and edges, away from edges.
+
+    What is measured scatters by noise as well, so that it is a little too large: where light tells little by itself.
+    """
+    found = LEAST_LIGHT.copy()
+    for size, one in enumerate(drawn.astype(np.float64)):
+        own, power, edges = one[np.isfinite(one).all(axis=1) & (one[:, 1] > 1e-2)].T
+        flat = edges <= FLAT * power
+        if flat.sum() < LEAST_PLACES:
+            continue
+        weight = power[flat] / (power[flat] + 1 / found[size] ** 2)
+        amount = np.abs(own[flat] / power[flat])
+        order = np.argsort(amount)
+        middle = amount[order][np.searchsorted(np.cumsum(weight[order]), ONE_SIGMA * weight.sum())]
+        found[size] = max(found[size], float(middle))
+    return found
 
 
 def _scattered(drawn: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -177,6 +197,8 @@ def learn_model(
         residual_variance=residual_variance or ResidualVariance(),
         prior=prior or PrintPrior(),
         **_baseline(good),
+        shift=np.zeros(len(statistics)),
+        scale=np.ones(len(statistics)),
         quantiles=np.zeros((len(kinds), STEPS)),
         tail=np.ones((len(kinds), 3)),
         tail_from=TAIL_FROM,

@@ -13,6 +13,7 @@ import numpy as np
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
+from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_LIGHT
 from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
 from prooflight.detectors.paper.bayes import window_statistics
 from prooflight.detectors.paper.detector import page_evidence
@@ -161,13 +162,20 @@ class PressDay:
             analysis.found
         )
 
-    def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
-        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
+    def scatter_draws(
+        self,
+        designs: Iterable[tuple[int, np.random.Generator]],
+        light: NDArray[np.float64] = LEAST_LIGHT,
+    ) -> Rows:
+        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng.
+
+        light: ``Scatter.light`` by which they are drawn.
+        """
         drawn: dict[str, list[Any]] = defaultdict(list)
         for index, rng in designs:
             good, known = self.design(index)
             analysis = self.analysed(known, self.scan(good, rng))
-            for name, values in samples(analysis.sums, rng).items():
+            for name, values in samples(analysis.sums, light, rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
 

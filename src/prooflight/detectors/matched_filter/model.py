@@ -26,7 +26,7 @@ from prooflight.detectors.matched_filter.ranking import (
     mixed_columns,
     scores_of,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, Scatter
+from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.files.schema import (
     Block,
@@ -55,7 +55,7 @@ MOST: Final = 8
 """Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
-ARRAYS: Final = ("family", "centre", "baseline", "sd", "quantiles", "tail")
+ARRAYS: Final = ("family", "centre", "baseline", "sd", "shift", "scale", "quantiles", "tail")
 MOST_SHAPE: Final = 0.5
 """Of a tail: beyond, its variance would be infinite."""
 STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
@@ -96,6 +96,10 @@ class DetectorModel:
     """(1 + PAGE_FEATURES, statistics) what a good page of such content gives: linear in its features."""
     sd: NDArray[np.float64]
     """(statistics,) of good pages about it."""
+    shift: NDArray[np.float64]
+    """(statistics,) how much further out this press's good pages are than those of the baseline, in their ``sd`` ..."""
+    scale: NDArray[np.float64]
+    """... and how many times as widely they scatter; ``commissioning.training.adapting``."""
     quantiles: NDArray[np.float64]
     """(families, n) of the family's greatest deviation on good pages, at probabilities 0 to ``tail_from``, evenly."""
     tail: NDArray[np.float64]
@@ -123,11 +127,12 @@ class DetectorModel:
     def deviations(
         self, values: NDArray[np.floating], page_features: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Statistics (pages, n) over what good pages of such content give, in standard deviations."""
+        """Statistics (pages, n) over what this press's good pages of such content give, in standard deviations."""
         mean, sd = self.centre
         x = np.column_stack([np.ones(len(page_features)), ((page_features - mean) / sd).clip(-3, 3)])
         compared = (compressed(values) - x @ self.baseline) / self.sd
-        return np.where(in_deviations(self.statistics), _known(values), compared)
+        told = np.where(in_deviations(self.statistics), _known(values), compared)
+        return np.asarray((told - self.shift) / self.scale)
 
     def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
@@ -183,7 +188,7 @@ class DetectorModel:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
         found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
-        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in SCATTER_SHAPES}
+        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
         if self.logit is not None and self.mix is not None:
             found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
         forests = {} if self.forest is None else {"forest": self.forest}
@@ -242,7 +247,7 @@ class DetectorModel:
             **{name: arrays[name] for name in ARRAYS},
             statistics=tuple(map(Statistic.parse, facts["names"])),
             families=tuple(facts["families"]),
-            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in SCATTER_SHAPES}),
+            scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in (*SCATTER_SHAPES, "light")}),
             residual_variance=ResidualVariance(**facts["spread"]),
             prior=PrintPrior(**facts.get("prior", {})),
             tail_from=facts["tail_from"],
@@ -380,12 +385,15 @@ TABLE: Final = {
     "centre": Kept(dtype="float64", shape=(2, PAGE_FEATURES), rule=_wrong_centre),
     "baseline": Kept(dtype="float64", shape=(1 + PAGE_FEATURES, "statistics")),
     "sd": Kept(dtype="float64", shape=("statistics",), above=0),
+    "shift": Kept(dtype="float64", shape=("statistics",)),
+    "scale": Kept(dtype="float64", shape=("statistics",), above=0),
     "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising),
     "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
     **{
         f"scatter.{name}": Kept(dtype="float64", shape=(*shape, 3), low=0)
         for name, shape in SCATTER_SHAPES.items()
     },
+    "scatter.light": Kept(dtype="float64", shape=(len(SIZES),), above=0),
 }
 WEIGHTS: Final = {
     "logit.weights": Kept(dtype="float64", shape=("groups",)),

@@ -20,6 +20,7 @@ KIND_OF_FAMILY: Final = {
     "wave": "banding",
     "swap": "swapped-planes",
     "moved": "plane-register",
+    "step": "density",
 }
 """Kinds of families that speak of one alone."""
 DENSITY: Final = ("gain", "gain-all", "gain-rms", "dot", "tilt", "shape", "shape-most")

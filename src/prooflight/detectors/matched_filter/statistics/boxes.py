@@ -10,11 +10,11 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    COMMON,
     GHOST_BOXES_MM,
     LEAST_POWER,
     MODES,
     SIZES,
+    SMALL,
     flicker,
     smooth_level,
     without_common,
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
 
-SMALL: Final = 4
-COMMON_NEAR: Final = 0.001
-"""As ``COMMON``, within a few millimetres."""
 LAGS_MM: Final = (3.0, 60.0)
 DETAIL_MM: Final = 15.0
 LEAST_DETAIL: Final = 1e-3
@@ -58,10 +55,10 @@ class Cells:
         return column * side / 2 + sums.left_mm, row * side / 2 + sums.top_mm, side, side
 
 
-def cells_of(sums: Sums) -> Iterator[Cells]:
-    """Cells for boxes of all ``SIZES`` in turn."""
+def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
+    """Cells for boxes of all ``SIZES`` in turn; light: ``Scatter.light``."""
     own, gains, level = sums.tiles, flicker(sums), smooth_level(sums)
-    for size in SIZES:
+    for size, common in zip(SIZES, light.tolist(), strict=True):
         if size > SIZES[0]:
             extents = [-(-extent // 2) for extent in own.shape[-2:]]
             larger = np.empty((4, len(MODES), *extents), np.float32)
@@ -77,7 +74,7 @@ def cells_of(sums: Sums) -> Iterator[Cells]:
             size=size,
             gains=gains,
             level=level if near else np.zeros_like(level),
-            common=COMMON_NEAR if near else COMMON,
+            common=common,
         )
 
 

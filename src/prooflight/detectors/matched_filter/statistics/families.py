@@ -22,6 +22,7 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_boxes,
     of_energy,
     of_ghosts,
+    of_steps,
     of_streaks,
     of_swapped_planes,
     of_waves,
@@ -63,6 +64,7 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
         *of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE),
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
         *of_swapped_planes(sums),
+        *of_steps(sums),
         *_of_fit(fit),
         *_of_place(found),
         *_of_shifts(sums),
@@ -115,8 +117,13 @@ def _of_shifts(sums: Sums) -> Iterator[Observed]:
         yield Observed(statistic=Statistic("moved", ink=ink, part="share"), value=float(share))
 
 
-def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:
-    """Draws of (N', D', edges) for ``Scatter``, by name: boxes (modes, sizes, n, 3) and so on; NaN: nothing."""
+def samples(
+    sums: Sums, light: NDArray[np.floating], rng: np.random.Generator
+) -> dict[str, NDArray[np.float32]]:
+    """Draws of (N', D', edges) for ``Scatter``, by name: boxes (modes, sizes, n, 3) and so on; NaN: nothing.
+
+    light: ``Scatter.light``.
+    """
     found = {
         name: np.full((*shape, SAMPLES, 3), np.nan, np.float32) for name, shape in SCATTER_SHAPES.items()
     }
@@ -127,7 +134,7 @@ def samples(sums: Sums, rng: np.random.Generator) -> dict[str, NDArray[np.float3
         for index, one in enumerate(maps):
             target[: drawn.size, index] = one.ravel()[drawn]
 
-    for place, cells in enumerate(cells_of(sums)):
+    for place, cells in enumerate(cells_of(sums, light)):
         maps = boxes(cells)
         for mode in range(len(MODES)):
             put(found["boxes"][mode, place], *(one[mode] for one in maps))

@@ -46,6 +46,10 @@ SPAN_SEGMENTS: Final = (1, 2, SEGMENTS)
 BASELINE_MM: Final = 24.0
 COMMON: Final = 0.003
 """Standard deviation of what moves all light alike from place to place: paper 0.2 %, lamp, flicker. [-]"""
+SMALL: Final = 4
+"""Boxes of at most so many tiles are looked at after the smooth level about them was taken out."""
+COMMON_NEAR: Final = 0.001
+"""As ``COMMON``, within a few millimetres, about the smooth level."""
 LEVEL_MM: Final = 3.0
 COLUMN_SD: Final = 0.0015
 """Of a column's gain that flat-fielding left (worlds.toml)."""
@@ -66,6 +70,8 @@ SCATTER_SHAPES: Final = {
     "ghosts": (INKS, len(GHOST_BOXES_MM)),
 }
 """Of the arrays of ``Scatter``, but for their last axis."""
+LEAST_LIGHT: Final = np.where(np.array(SIZES) <= SMALL, COMMON_NEAR, COMMON)
+"""(sizes,) ``Scatter.light`` where nothing was learned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -152,14 +158,16 @@ class Scatter:
     """(modes, 3) of rows of tiles."""
     ghosts: NDArray[np.float64]
     """(inks, boxes, 3)"""
+    light: NDArray[np.float64]
+    """(sizes,) standard deviation of what moves all light in a box alike. [-]"""
 
     @classmethod
     def white(cls) -> Scatter:
         """Nothing but noise."""
         one = np.array([1.0, 1.0, 0.0])
-        return cls(
-            **{name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in SCATTER_SHAPES.items()}
-        )
+        shapes = SCATTER_SHAPES.items()
+        scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
+        return cls(**scatters, light=LEAST_LIGHT.copy())
 
 
 def without_common(

@@ -29,6 +29,7 @@ from prooflight.detectors.matched_filter.statistics.page_scale import (
     above_neighbours,
     extremes_of,
     extremes_of_boxes,
+    gain_steps,
     swapped_planes,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import (
@@ -67,7 +68,7 @@ def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[O
 
     Against good prints also how they scatter; flat areas have no blur.
     """
-    for place, cells in enumerate(cells_of(sums)):
+    for place, cells in enumerate(cells_of(sums, scatter.light)):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
         for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
             if mode == "blur" and FLAT_AREAS in references:
@@ -176,6 +177,19 @@ def of_swapped_planes(sums: Sums) -> Iterator[Observed]:
     for (one, other), t in zip(PAIRS, swapped_planes(sums), strict=True):
         both = INK_LETTERS[one] + INK_LETTERS[other]
         yield Observed(statistic=Statistic("swap", ink=both), value=abs(t))
+
+
+def of_steps(sums: Sums) -> Iterator[Observed]:
+    """Inks whose gain differs between two parts of the page; the box is the smaller one's."""
+    height, width = (extent * sums.tile_mm for extent in sums.tiles.shape[-2:])
+    for ink, (across, along) in zip(INK_LETTERS, gain_steps(sums), strict=True):
+        which = Statistic("step", "gain", ink)
+        left = sums.left_mm + (0.0 if across.at <= 0.5 else across.at * width)
+        box = left, sums.top_mm, min(across.at, 1 - across.at) * width, height
+        yield Observed(statistic=which._replace(part="across"), value=across.t, box=box)
+        top = sums.top_mm + (0.0 if along.at <= 0.5 else along.at * height)
+        box = sums.left_mm, top, width, min(along.at, 1 - along.at) * height
+        yield Observed(statistic=which._replace(part="along"), value=along.t, box=box)
 
 
 def of_energy(sums: Sums) -> Iterator[Observed]:

@@ -1,4 +1,4 @@
-"""Statistics of one page against its own scatter, and the swap of two inks over all of it."""
+"""Statistics of one page against its own scatter, and over all of it: inks that swapped, and inks off in a part."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.statistics.local_evidence import COMMON, FLAT, HARMONICS, LEAST_POWER
+from prooflight.cmyk import INKS
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    COMMON,
+    FLAT,
+    HARMONICS,
+    LEAST_POWER,
+    MODES,
+    without_common,
+)
 from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.page_scale import boxes_against_own, each_against_own
@@ -29,6 +37,12 @@ BLOCK_TILES: Final = 16
 SWAP_SD: Final = 0.3
 """Of an swapped share, before it is seen: wide, so that one seen badly is not taken for none."""
 SWAP_TOLERANCE: Final = 0.01
+STEP_TOLERANCE: Final = 0.01
+"""Of an ink's gain from one part of a good page to the other. (assumed: what the fit leaves of its tilt)"""
+LEAST_PART: Final = 0.1
+"""Share of what a page says of an ink that lies on either side of a step."""
+MEDIAN_OF_SQUARES: Final = 0.455
+"""Of chi-square with 1 degree of freedom."""
 
 
 class Most(NamedTuple):
@@ -127,3 +141,50 @@ def swapped_planes(sums: Sums) -> list[float]:
         sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / SWAP_SD**2)) / known_by
         found.append(share / float(np.hypot(sd, SWAP_TOLERANCE)))
     return found
+
+
+class Step(NamedTuple):
+    """Where an ink's gain changes most."""
+
+    t: float
+    """The gain on one side less that on the other, over its standard deviation; without sign."""
+    at: float
+    """Where, as a share of the page's tiles."""
+
+
+def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
+    """Of each ink, how its gain differs most between the parts left and right of a line, and above and below one.
+
+    The standard deviation is found from the page's own blocks of ``BLOCK_TILES``, what moves all light there taken out.
+    """
+    modes = [MODES.index(name) for name in ("light", "gain-C", "gain-M", "gain-Y", "gain-K")]
+    rows, columns = (extent // BLOCK_TILES for extent in sums.tiles.shape[-2:])
+    if min(rows, columns) < 2:
+        return [(Step(0.0, 0.5), Step(0.0, 0.5))] * INKS
+    cut = sums.tiles[:, modes, : rows * BLOCK_TILES, : columns * BLOCK_TILES]
+    blocks = cut.reshape(4, len(modes), rows, BLOCK_TILES, columns, BLOCK_TILES).sum(axis=(3, 5))
+    own, power, _ = without_common(blocks)
+    return [
+        (_step(n, d, axis=0), _step(n, d, axis=1))
+        for n, d in zip(own[1:].astype(np.float64), power[1:].astype(np.float64), strict=True)
+    ]
+
+
+def _step(own: NDArray[np.float64], power: NDArray[np.float64], *, axis: int) -> Step:
+    known = power > LEAST_POWER
+    if known.sum() < 2:
+        return Step(0.0, 0.5)
+    mean = own[known].sum() / power[known].sum()
+    squares = (own[known] - mean * power[known]) ** 2 / power[known]
+    doubt = max(float(np.median(squares)) / MEDIAN_OF_SQUARES, 1.0)
+    of_lines = (own.sum(axis=axis), power.sum(axis=axis))
+    before, sure = (np.cumsum(one)[:-1] for one in of_lines)
+    after, rest = of_lines[0].sum() - before, of_lines[1].sum() - sure
+    enough = np.minimum(sure, rest) > max(LEAST_PART * float(of_lines[1].sum()), LEAST_POWER)
+    if not enough.any():
+        return Step(0.0, 0.5)
+    before, sure, after, rest = (one[enough] for one in (before, sure, after, rest))
+    variance = doubt * (1 / sure + 1 / rest) + STEP_TOLERANCE**2
+    t = np.abs(before / sure - after / rest) / np.sqrt(variance)
+    most = int(np.argmax(t))
+    return Step(float(t[most]), float((np.flatnonzero(enough)[most] + 1) / of_lines[0].size))

@@ -58,7 +58,7 @@ class Statistic(NamedTuple):
     """What is looked for, and against which reference; what does not apply is empty or None."""
 
     family: str
-    """box, streak, wave, ghost, spread, energy, swap, moved; fit and place: of the page as a whole."""
+    """box, streak, wave, ghost, spread, energy, swap, step, moved; fit and place: of the page as a whole."""
     mode: str = ""
     """In which way ink or light is off, such as gain, void, light; of fit and place the amount."""
     ink: str = ""

@@ -1,0 +1,1 @@
+"""The ranking that Prooflight ships: learned once, from simulated prints."""

@@ -147,7 +147,7 @@ def test_a_page_meets_the_threshold_of_the_other_pages() -> None:
     """Of n designs that promise 1 in n to each other, only the furthest out alarms; its misprint meets the same."""
     score = np.array([0.3, 0.9, 0.1, 0.5, 0.95, 0.85])
     bad = np.array([False, False, False, False, True, True])
-    scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]))
+    scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]), day=np.zeros(6, np.int64))
     assert promised_by_others(scored, 0.25).tolist() == [False, True, False, False, True, True]
     with pytest.raises(ValueError, match="cannot promise"):
         promised_by_others(scored, 0.2)

@@ -16,8 +16,6 @@ That matters where one run draws both with one seed. These runs do:
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
   and design 2;
 - ``study press``: the resampling of costs and designs 6 to 8; the last ranking and design 9;
-- ``study registration``: session, prints and scans of a composed design, and its drawing;
-- ``study soak``: a print and the drawing of its design; the faults, design 2 and its print;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is said;
@@ -75,7 +73,7 @@ class Purpose:
 
 SEED: Final = "seed"
 FREE: Final = 2**31
-"""No index reaches it: as a second word it is of ``strangers`` alone."""
+"""No index reaches it: as a second word it, and each number after it, is of one purpose alone."""
 
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
@@ -89,6 +87,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
         "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
+        "detectability-session": Purpose(
+            "the press day of one print", (SEED, FREE + 1, "page", "use", "print")
+        ),
         "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
         "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
         "dither": Purpose("order of the words that stand for what rounding lost", (2011,)),
@@ -112,7 +113,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
-        "registration-prints": Purpose("a design's session and prints", (SEED, "design", "real", "crops")),
+        "registration-prints": Purpose(
+            "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
+        ),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
         "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
         "running-picture": Purpose("a sheet of the live view shown", (SEED, "sheet", 3)),
@@ -124,8 +127,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "scene-print": Purpose("misprint, print and noise of a copy", (SEED, "scene", "design", "copy", 3)),
         "scene-session": Purpose("the session of a press day", (SEED, "scene", "first design", 2)),
         "session": Purpose("the session of a run of prints", (SEED, 0, 1)),
-        "soak-faults": Purpose("when the drum of the soak fails, and how", (SEED, 2)),
-        "soak-forms": Purpose("fields of a form, and the words in them", (SEED, "template", 3)),
+        "soak-faults": Purpose("when the drum of the soak fails, and how", (SEED, FREE + 3)),
+        "soak-forms": Purpose("fields of a form, and the words in them", (SEED, FREE + 4, "template")),
+        "soak-print": Purpose("print and noise of a sheet of the soak", (SEED, FREE + 5, "sheet")),
         "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
         "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),

@@ -25,8 +25,8 @@ PERCENTILES: Final = (2.5, 97.5)
 SURE: Final = 0.95
 """Of a rate's bound by count, one-sided."""
 BOUND_SAID: Final = (
-    f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if pages were independent "
-    "(Clopper and Pearson 1934, one-sided)."
+    f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if each were "
+    "independent of the others (Clopper and Pearson 1934, one-sided)."
 )
 """On every page with what ``counted`` writes."""
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.registration.truth import SAID
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -74,6 +75,7 @@ def register_results(
     return {
         "seed": seed,
         "worlds": worlds_digest(),
+        "truth": SAID,
         "facts": facts,
         "designs": designs,
         "real": real,

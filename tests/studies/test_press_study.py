@@ -92,6 +92,13 @@ def test_misprints_are_caught_and_good_pages_pass(verdicts: Verdicts) -> None:
     assert ours.alarms.shape == (len(ALPHAS), 2 * DESIGNS)
 
 
+def test_every_page_keeps_its_press_day(rows: Rows, verdicts: Verdicts) -> None:
+    """Ten designs a day: intervals come of 15 days, not of 150 designs."""
+    for one in verdicts.methods.values():
+        assert np.array_equal(one.scored.day, rows["day"])
+    assert len(np.unique(rows["day"])) == 15
+
+
 def test_a_wrong_page_is_certain(rows: Rows, verdicts: Verdicts) -> None:
     assert verdicts.methods[OURS].promised[rows["another"]].all()
     assert (verdicts.kinds[rows["another"]] == "wrong-page").all()

@@ -21,6 +21,7 @@ COLUMNS: Final = (
     *("design", "real", "condition", "white", "found", "off_place"),
     *(f"{area}_{measure}" for area in ("all", "content") for measure in MEASURES),
     *("sd", "tiles", "matching", "foreign", "residual"),
+    "content_alone",
 )
 NAMES: Final = ("good", "missing plane", "missing block", "far off", "another page")
 WHITE: Final = 0.6
@@ -83,6 +84,7 @@ def register_results(
         "goals": [
             {"name": name, "reached": table["good prints"][key], "limit": limit} for name, key, limit in GOALS
         ],
+        "alone": _rms(_column(whole[good & (_column(whole, "found") > 0)], "content_alone")),
         "whole": table,
         "silent": silent | {"whole pages": _silent(whole)},
     }

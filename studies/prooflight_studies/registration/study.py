@@ -22,7 +22,7 @@ from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results
-from prooflight_studies.registration.truth import plane_parts, printed_at
+from prooflight_studies.registration.truth import plane_parts, printed_at, said_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.press.artefact import Press
-    from prooflight.registration.register import Registration
     from prooflight_studies.harness.result_cache import Rows
 
 SCHEMA: Final = 3
@@ -92,12 +91,12 @@ class Errors:
 
 
 def errors(
-    found: Registration, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
+    where: Placement, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
 ) -> tuple[Errors, Errors]:
     """Over the page, and over where it has content (points, 2)."""
     x, y = _grid(page)
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    said, is_ = found.placement.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
+    said, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
     off = np.stack([b - a for a, b in zip(said, is_, strict=True)], axis=-1).reshape(-1, 2)
     off /= [press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm]
     points = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -200,7 +199,8 @@ class FindDesign:
             found = register(landmarks, scan)
             seen = parts if printed is page else plane_parts(printed, press)
             truth = printed_at(print_, seen, printed)
-            everywhere, where_content = errors(found, truth, page, press, content)
+            everywhere, where_content = errors(said_at(found, seen), truth, page, press, content)
+            _, alone = errors(found.placement, truth, page, press, content)
             rows.append(
                 (
                     *(task.design, task.real, condition, white, found.found, found.off_place),
@@ -211,6 +211,7 @@ class FindDesign:
                     ),
                     *(max(found.shift_sd_mm) / press.geometry.pixel_pitch_mm, found.tiles_used),
                     *(found.tiles_matching, found.tiles_foreign, found.residual_rms_pixels),
+                    alone.rms,
                 )
             )
         return rows

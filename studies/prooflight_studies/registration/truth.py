@@ -16,21 +16,31 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.registration.register import Registration
     from prooflight.scans.placement import Placement
     from prooflight.simulation.prints import Print
 
 SAID: Final = (
     "the sheet's drawn placement and, since content moves with the ink planes, the one shift that comes closest to "
     "their drawn register: over all pixels, in units of the noise, by how the expected signal answers to a plane that "
-    "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found"
+    "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found; of what was found, "
+    "the placement and the planes, in the truth's mix, are compared with it"
 )
 """What the page says of the truth."""
 
 
 def printed_at(print_: Print, parts: NDArray[np.float64], page: Page) -> Placement:
     """Where a print of ``page`` lies; parts (2, 4): ``plane_parts`` of what is printed."""
-    x, y = np.einsum("ap,pa->a", parts, plane_pixels(print_, page) * page.pixel_mm)
-    place = print_.placement
+    return _with_planes(print_.placement, plane_pixels(print_, page) * page.pixel_mm, parts)
+
+
+def said_at(found: Registration, parts: NDArray[np.float64]) -> Placement:
+    """Where registration says that the same mix of planes lies: its placement, and the planes that it found."""
+    return _with_planes(found.placement, found.planes_mm, parts)
+
+
+def _with_planes(place: Placement, planes_mm: NDArray[np.floating], parts: NDArray[np.float64]) -> Placement:
+    x, y = np.einsum("ap,pa->a", parts, planes_mm)
     return replace(place, shift_mm=(place.shift_mm[0] + float(x), place.shift_mm[1] + float(y)))
 
 

@@ -16,8 +16,6 @@ That matters where one run draws both with one seed. These runs do:
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
   and design 2;
 - ``study press``: the resampling of costs and designs 6 to 8; the last ranking and design 9;
-- ``study registration``: session, prints and scans of a composed design, and its drawing;
-- ``study soak``: a print and the drawing of its design; the faults, design 2 and its print;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is said;
@@ -75,20 +73,23 @@ class Purpose:
 
 SEED: Final = "seed"
 FREE: Final = 2**31
-"""No index reaches it, nor what follows it: as a second word each is of one purpose alone."""
+"""No index reaches it: as a second word it, and each number after it, is of one purpose alone."""
 
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
         "a4-design": Purpose("words, pictures and layout of a design on A4", (SEED, "design")),
         "bench-page": Purpose("bars and gradients of the pages on which speed is measured", (1,)),
         "bench-scan": Purpose("noise of the scans on which speed is measured", (2,)),
-        "bootstrap": Purpose("which designs resample a cost, the same for every detector", (SEED, 2)),
+        "bootstrap": Purpose("which press days resample a cost, the same for every detector", (SEED, 2)),
         "calibration-chart": Purpose("places, prints and scans of a chart's patches", (SEED, "patches")),
         "calibration-session": Purpose("the session in which all charts are printed", (SEED, 1)),
         "chart-places": Purpose("places of the patches on a chart to be printed", (SEED,)),
         "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
         "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
+        "detectability-session": Purpose(
+            "the press day of one print", (SEED, FREE + 1, "page", "use", "print")
+        ),
         "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
         "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
         "dither": Purpose("order of the words that stand for what rounding lost", (2011,)),
@@ -105,14 +106,16 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
         "piece-places": Purpose("where small pages are cut from a design", (SEED, "design", 1)),
         "pilot-print": Purpose("a good print and its scan, to learn variation from", (SEED, "design", 0)),
-        "press-bootstrap": Purpose("which designs resample costs in the press world", (SEED, 6)),
-        "press-bootstrap-ideal": Purpose("which designs resample costs in the ideal world", (SEED, 7)),
-        "press-bootstrap-real": Purpose("which real pages resample their costs", (SEED, 8)),
+        "press-bootstrap": Purpose("which press days resample costs", (SEED, 6)),
+        "press-bootstrap-ideal": Purpose("which days resample costs in the ideal world", (SEED, 7)),
+        "press-bootstrap-real": Purpose("which press days of real pages resample their costs", (SEED, 8)),
         "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
         "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
-        "registration-prints": Purpose("a design's session and prints", (SEED, "design", "real", "crops")),
+        "registration-prints": Purpose(
+            "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
+        ),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
         "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
         "running-picture": Purpose("a sheet of the live view shown", (SEED, "sheet", 3)),
@@ -124,17 +127,18 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "scene-print": Purpose("misprint, print and noise of a copy", (SEED, "scene", "design", "copy", 3)),
         "scene-session": Purpose("the session of a press day", (SEED, "scene", "first design", 2)),
         "session": Purpose("the session of a run of prints", (SEED, 0, 1)),
-        "soak-faults": Purpose("when the drum of the soak fails, and how", (SEED, 2)),
-        "soak-forms": Purpose("fields of a form, and the words in them", (SEED, "template", 3)),
+        "soak-faults": Purpose("when the drum of the soak fails, and how", (SEED, FREE + 3)),
+        "soak-forms": Purpose("fields of a form, and the words in them", (SEED, FREE + 4, "template")),
+        "soak-print": Purpose("print and noise of a sheet of the soak", (SEED, FREE + 5, "sheet")),
         "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
         "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
         "stress-day": Purpose(
-            "what of a nuisance stays for a press day", (SEED, FREE + 1, "scene", "first design")
+            "what of a nuisance stays for a press day", (SEED, FREE + 6, "scene", "first design")
         ),
         "stress-mark": Purpose(
-            "a misprint that no detector is taught by", (SEED, FREE + 2, "scene", "design", "kind")
+            "a misprint that no detector is taught by", (SEED, FREE + 7, "scene", "design", "kind")
         ),
-        "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 3)),
+        "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 8)),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
         "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),
         "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),

@@ -36,7 +36,7 @@ def found() -> DetectorModel:
 
 def test_a_page_is_judged_against_pages_like_it(found: DetectorModel) -> None:
     pages = drawn(400, 5)
-    plain = Scored(score=pages.values.max(axis=1), bad=pages.bad, design=pages.design)
+    plain = Scored(score=pages.values.max(axis=1), bad=pages.bad, design=pages.design, day=pages.design)
     ours = replace(
         plain, score=found.guard(found.family_evidence(found.deviations(pages.values, pages.page_features)))
     )
@@ -103,7 +103,7 @@ def test_a_forest_ranks_what_no_single_column_can() -> None:
     x = rng.standard_normal((1500, 6))
     bad = x[:, 0] * x[:, 1] > 0
     forest = fitted_forest(x[:1000], bad[:1000], np.ones(1000), rng=rng, trees=80, column_share=1.0)
-    test = Scored(score=forest.score(x[1000:]), bad=bad[1000:], design=np.arange(500))
+    test = Scored(score=forest.score(x[1000:]), bad=bad[1000:], design=np.arange(500), day=np.arange(500))
     assert area_under_roc(test) > 0.9
 
 

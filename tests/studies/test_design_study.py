@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
 
 PLAN = Plan(
-    seed=2, world="ideal", pilot=1, learn=6, tune=3, test=4, good_copies=1, misprints=1, designs_per_day=6
+    seed=2, world="ideal", pilot=1, learn=6, tune=3, test=4, good_copies=1, misprints=1, designs_per_day=2
 )
 
 
@@ -182,7 +182,7 @@ def test_costs_of_designs_drawn_again_scatter_about_the_cost() -> None:
     rng = np.random.default_rng(3)
     design = np.repeat(np.arange(10, 30), 3)
     bad = np.tile([False, True, True], 20)
-    pages = Scored(score=rng.normal(size=60) + bad, bad=bad, design=design)
+    pages = Scored(score=rng.normal(size=60) + bad, bad=bad, design=np.arange(60), day=design)
     times = np.random.default_rng(1).multinomial(20, np.full(20, 1 / 20), size=1000)
     drawn = [
         resampled_costs(pages, 2.0, threshold=threshold, place=design - 10, drawn=times)

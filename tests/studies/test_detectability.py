@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ from prooflight.detectors.matched_filter.statistics.statistic import Observed, S
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
+from prooflight.rng import stream
+from prooflight_studies.detectability import study
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import paled, patched, spotted, streaked
 from prooflight_studies.detectability.findings import DEFECTS, job_results
@@ -197,7 +200,11 @@ def test_defects_are_printed_as_large_as_is_said(make_page: Callable[..., Page])
 
 
 def test_the_study_writes_its_page_and_pictures(
-    trained_press: Press, press: Press, make_page: Callable[..., Page], tmp_path: Path
+    trained_press: Press,
+    press: Press,
+    make_page: Callable[..., Page],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     page = make_page(3)
     write_tiff(page, tmp_path / "p0001.tif")
@@ -205,7 +212,21 @@ def test_the_study_writes_its_page_and_pictures(
     assert trained_press.ours is not None
     # So few designs promise so little that prints of one page may all alarm; the plumbing is seen as well above.
     rarely = replace(trained_press, ours=replace(trained_press.ours, threshold=12.0))
-    reach = run_detectability_study(job, rarely, tmp_path / "out", learning=2, trials=1)
+    steps, days = [""], defaultdict(set)
+
+    def noted(seed: int, purpose: str, *indices: int) -> np.random.Generator:
+        if purpose == "detectability-session":
+            days["to learn" in steps[-1] or not steps[-1]].add(indices)
+        return stream(seed, purpose, *indices)
+
+    monkeypatch.setattr(study, "stream", noted)
+    reach = run_detectability_study(
+        job, rarely, tmp_path / "out", learning=2, trials=1, progress=steps.append
+    )
+    monkeypatch.undo()
+    # A good print and two more taught; one of each defect was judged, on a day of its own.
+    assert (len(days[True]), len(days[False])) == (3, 1)
+    assert not days[True] & days[False]
     (found,) = reach.pages
     assert set(found.verified) == {"none", *DEFECTS}
     assert found.verified["none"].of == 1

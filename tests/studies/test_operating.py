@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.false_alarm_rate import conformal_threshold, least_false_alarm_rate
@@ -15,21 +18,21 @@ from prooflight_studies.harness.operating import (
     bootstrap_cost,
     bootstrap_oracle,
     caught_at,
-    false_alarms_in_words,
+    counted,
+    drawn_clusters,
     least_cost,
+    rate_below,
+    resampled_costs,
     roc,
 )
 
 ALPHAS = np.array([0.001, 0.01, 0.1, 1.0, 10.0, 100.0])
 
 
-def scored(good: list[float], bad: list[float], designs: int = 3) -> Scored:
+def scored(good: list[float], bad: list[float], days: int = 3) -> Scored:
     score = np.array([*good, *bad], np.float64)
-    return Scored(
-        score=score,
-        bad=np.arange(score.size) >= len(good),
-        design=np.arange(score.size, dtype=np.int64) % designs,
-    )
+    place = np.arange(score.size, dtype=np.int64)
+    return Scored(score=score, bad=place >= len(good), design=place, day=place % days)
 
 
 finite = st.floats(-1e6, 1e6)
@@ -70,8 +73,8 @@ def test_order_of_pages_and_a_rising_change_of_score_change_no_cost(pages: Score
     ranks = np.unique(pages.score, return_inverse=True)[1].astype(np.float64)
     before = pages.score.copy()
     for other in (
-        Scored(score=pages.score[order], bad=pages.bad[order], design=pages.design[order]),
-        Scored(score=ranks, bad=pages.bad, design=pages.design),
+        pages.pages(order),
+        replace(pages, score=ranks),
     ):
         for alpha in ALPHAS:
             assert least_cost(other, alpha).cost(alpha) == pytest.approx(least_cost(pages, alpha).cost(alpha))
@@ -101,17 +104,20 @@ def test_infinite_scores_are_scores() -> None:
     assert caught_at(pages, 0) == 0.5
 
 
-@pytest.mark.parametrize("copies", [1, 8])
-def test_an_interval_knows_that_copies_of_a_design_are_one_page(copies: int) -> None:
-    """Half of 100 designs alarm, with all their copies: the sd of F is that of 100 pages, 0.05, however many copies."""
-    alarms = np.repeat(np.arange(100) < 50, copies)
-    design = np.repeat(np.arange(100), copies)
-    score = np.concatenate([alarms, np.ones(100)]).astype(np.float64)
-    pages = Scored(
-        score=score,
-        bad=np.arange(score.size) >= alarms.size,
-        design=np.concatenate([design, np.arange(100)]),
+def of_days(alarming: int, days: int, pages_a_day: int) -> Scored:
+    """All good pages of so many of the days alarm, each a design of its own; a misprint a day, which always does."""
+    day = np.repeat(np.arange(days), pages_a_day)
+    score = np.concatenate([day < alarming, np.ones(days)]).astype(np.float64)
+    place = np.arange(score.size)
+    return Scored(
+        score=score, bad=place >= day.size, design=place, day=np.concatenate([day, np.arange(days)])
     )
+
+
+@pytest.mark.parametrize("pages_a_day", [1, 8])
+def test_an_interval_is_that_of_as_many_pages_as_there_are_days(pages_a_day: int) -> None:
+    """All pages of half of 100 days alarm: the sd of F is that of 100 pages, 0.05, however many designs a day has."""
+    pages = of_days(50, 100, pages_a_day)
     rng = np.random.default_rng(1)
     for found in (
         bootstrap_cost(pages, 1.0, threshold=0.5, rng=rng),
@@ -123,9 +129,40 @@ def test_an_interval_knows_that_copies_of_a_design_are_one_page(copies: int) -> 
         assert found.value - found.low == pytest.approx(0.098, rel=0.25)
 
 
+def test_days_that_are_alike_are_drawn_as_a_binomial_draws_them() -> None:
+    """2 of 5 days alarm: of 20,000 resamples k / 5 alarm as often as Binomial(5, 0.4) says, give or take 4 sd."""
+    pages = of_days(2, 5, 6)
+    place, drawn = drawn_clusters(pages.day, np.random.default_rng(3), resamples=20_000)
+    costs = resampled_costs(pages, 0.0, threshold=0.5, place=place, drawn=drawn)
+    seen = np.bincount(np.rint(5 * costs).astype(int), minlength=6) / costs.size
+    chance = stats.binom.pmf(np.arange(6), 5, 0.4)
+    np.testing.assert_allclose(seen, chance, atol=float(4 * np.sqrt(chance.max() / costs.size)))
+    assert np.unique(np.rint(5 * costs)).size == 6
+
+
+def test_days_without_pages_are_drawn_too() -> None:
+    pages = of_days(1, 3, 2)
+    place, drawn = drawn_clusters(
+        pages.day, np.random.default_rng(4), clusters=np.array([-5, 0, 1, 2, 9]), resamples=50
+    )
+    assert drawn.shape == (50, 5)
+    assert (drawn.sum(axis=1) == 5).all()
+    assert place.tolist() == (pages.day + 1).tolist()
+
+
+def test_one_day_says_nothing_of_another() -> None:
+    pages, rng = of_days(1, 1, 40), np.random.default_rng(5)
+    for found in (
+        bootstrap_cost(pages, 1.0, threshold=0.5, rng=rng),
+        bootstrap_oracle(pages, [1.0], rng=rng, resamples=20)[0],
+    ):
+        assert found.value == 1.0
+        assert np.isnan([found.low, found.high]).all()
+
+
 def test_the_oracles_interval_holds_what_the_oracle_found() -> None:
     rng = np.random.default_rng(2)
-    pages = scored(rng.normal(0, 1, 300).tolist(), rng.normal(1, 1, 300).tolist(), designs=60)
+    pages = scored(rng.normal(0, 1, 300).tolist(), rng.normal(1, 1, 300).tolist(), days=60)
     for alpha, found in zip(
         ALPHAS, bootstrap_oracle(pages, ALPHAS.tolist(), rng=rng, resamples=200), strict=True
     ):
@@ -156,9 +193,21 @@ def test_a_promise_is_kept_by_new_designs() -> None:
     assert alarms / 4000 == pytest.approx(2 / 21, abs=4 * 0.0047)
 
 
+@pytest.mark.parametrize(("count", "of"), [(0, 778), (0, 1), (3, 40), (39, 40), (12, 3000)])
+def test_a_bound_by_count_is_the_rate_at_which_so_few_are_seen_once_in_twenty(count: int, of: int) -> None:
+    """Clopper and Pearson's definition; with none seen it is 1 - 0.05^(1/n)."""
+    bound = rate_below(count, of)
+    assert stats.binom.cdf(count, of, bound) == pytest.approx(0.05, rel=1e-6)
+    if count == 0:
+        assert bound == pytest.approx(1 - 0.05 ** (1 / of), rel=1e-9)
+
+
 def test_nobody_says_zero() -> None:
-    assert false_alarms_in_words(0, 3000) == "< 1.0e-03"
-    assert false_alarms_in_words(6, 3000) == "2.0e-03"
+    assert counted(0, 3000) == "0 of 3,000 (< 0.1 %)"
+    assert counted(6, 3000) == "6 of 3,000, 0.2 % (< 0.39 %)"
+    assert counted(40, 40) == "40 of 40, 100 %"
+    assert counted(0, 0) == "-"
+    assert rate_below(0, 0) == 1.0
 
 
 def test_the_bill_of_section_5_2() -> None:
@@ -176,10 +225,16 @@ def test_the_bill_of_section_5_2() -> None:
         ({"bad": np.array([False, False])}, "misprints"),
         ({"bad": np.array([True, True])}, "good pages"),
         ({"design": np.array([1])}, "1 designs"),
+        ({"day": np.array([1])}, "1 days"),
     ],
 )
 def test_sets_that_say_nothing_are_refused(change: dict[str, np.ndarray], message: str) -> None:
-    good = {"score": np.arange(2.0), "bad": np.array([False, True]), "design": np.arange(2)}
+    good = {
+        "score": np.arange(2.0),
+        "bad": np.array([False, True]),
+        "design": np.arange(2),
+        "day": np.arange(2),
+    }
     with pytest.raises(ValueError, match=message):
         Scored(**(good | change))
 

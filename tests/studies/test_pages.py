@@ -125,7 +125,7 @@ def test_a_file_that_holds_no_results_is_refused(text: str, tmp_path: Path) -> N
         ("ink", {"folds": {}, "measured_rise": "much"}),
         (
             "press",
-            {"promises": [{"rate": 1, "basis": "", "pages": 0, "alarms": 0, "below": 1, "caught": None}]},
+            {"promises": [{"rate": 1, "basis": "", "pages": 3, "alarms": "many", "caught": None}]},
         ),
         ("paper", {"parts": [[]]}),
     ],

@@ -92,6 +92,13 @@ def test_misprints_are_caught_and_good_pages_pass(verdicts: Verdicts) -> None:
     assert ours.alarms.shape == (len(ALPHAS), 2 * DESIGNS)
 
 
+def test_every_page_keeps_its_press_day(rows: Rows, verdicts: Verdicts) -> None:
+    """Ten designs a day: intervals come of 15 days, not of 150 designs."""
+    for one in verdicts.methods.values():
+        assert np.array_equal(one.scored.day, rows["day"])
+    assert len(np.unique(rows["day"])) == 15
+
+
 def test_a_wrong_page_is_certain(rows: Rows, verdicts: Verdicts) -> None:
     assert verdicts.methods[OURS].promised[rows["another"]].all()
     assert (verdicts.kinds[rows["another"]] == "wrong-page").all()
@@ -147,7 +154,7 @@ def test_a_page_meets_the_threshold_of_the_other_pages() -> None:
     """Of n designs that promise 1 in n to each other, only the furthest out alarms; its misprint meets the same."""
     score = np.array([0.3, 0.9, 0.1, 0.5, 0.95, 0.85])
     bad = np.array([False, False, False, False, True, True])
-    scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]))
+    scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]), day=np.zeros(6, np.int64))
     assert promised_by_others(scored, 0.25).tolist() == [False, True, False, False, True, True]
     with pytest.raises(ValueError, match="cannot promise"):
         promised_by_others(scored, 0.2)

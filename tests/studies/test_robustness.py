@@ -189,7 +189,7 @@ def test_kept_and_relearned_are_the_same_where_nothing_is_wrong(result: Robustne
     starts = [point for point in result.points if point.disturbance == NOTHING]
     assert {CHI_SQUARE, PRINTED, TUNED} < {point.detector for point in starts}
     for point in starts:
-        assert point.kept == point.relearned
+        assert plain(point.kept) == plain(point.relearned)  # one press day: its interval is none, NaN
     assert len(result.points) == len(starts) * len(all_disturbances())
 
 

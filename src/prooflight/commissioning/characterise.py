@@ -1,4 +1,4 @@
-"""The camera's response to every colour, as the two tables that real-time prediction looks up (paper, section 3.3)."""
+"""The camera's response to every colour, as the two tables that real-time prediction looks up (paper, section 3.4)."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def near_the_ends(
 
     Closed form: the digital number's mean with dark signal and black level lies within ``CLEAR_SIGMA`` temporal
     sigma of that end, in a column of gain 1 without DSNU. Everywhere else temporal noise is Gaussian (paper, section
-    3.3).
+    3.4).
     """
     mean = signal_dn(sensor, electrons + sensor.dark_e) + sensor.black_level_dn
     reach = CLEAR_SIGMA * np.sqrt(variance_dn2(sensor, electrons) - ROUNDING_DN2)

@@ -63,7 +63,7 @@ def plane_weights(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Neighbours:
-    """The paper's model: linear interpolation of reflectance between the N nearest patches (section 3.2).
+    """The paper's model: linear interpolation of reflectance between the N nearest patches (section 3.3).
 
     Reading chosen: a plane through the N = 8 nearest recipes, weights 1 / distance^2.
     """

@@ -1,1 +1,1 @@
-"""Numbers without light: the page's raster looked up, filtered and sampled as the camera would (paper, section 3.3)."""
+"""Numbers without light: the page's raster looked up, filtered and sampled as the camera would (paper, section 3.4)."""

@@ -82,7 +82,7 @@ class SensorModel:
 def mean_slopes(model: SensorModel) -> NDArray[np.float32]:
     """Slope of the mean by each ink at 17 nodes an ink, (17, 17, 17, 17, 4) [DN per whole ink], at column gain 1.
 
-    How the expected signal answers to a little more of one ink (paper, section 3.3). Central differences over two steps
+    How the expected signal answers to a little more of one ink (paper, section 3.4). Central differences over two steps
     of the mean table, 16 byte values; at an axis's ends the one-sided parabola through three nodes. Not stored: slopes
     at all 33^4 nodes would be 19 MB a sensor, and the table gives these 1.3 MB in a fraction of a second.
     """

@@ -61,7 +61,7 @@ def _panel(axes: Axes, rows: Sequence[DesignRow], colours: dict[str, str]) -> No
     least = min(row.total_cents for row in rows)
     x = np.array([left - margin, right + margin])
     axes.plot(x, least - x, ":", color="#777777", lw=1.0, zorder=1)
-    top = max(row.error_cents.high for row in rows)
+    top = np.nanmax([(row.error_cents.value, row.error_cents.high) for row in rows])
     axes.set(
         xlabel="hardware and computing [cents per 10,000 pages]",
         ylabel="false alarms and misses [cents per 10,000 pages]",

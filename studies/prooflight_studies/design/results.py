@@ -11,11 +11,11 @@ from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.baselines import BASELINES
 from prooflight_studies.harness.operating import (
-    RESAMPLES,
     Interval,
     area_under_roc,
     at_threshold,
     bill,
+    drawn_clusters,
     least_cost,
     resampled_costs,
 )
@@ -43,12 +43,13 @@ class CandidateResult:
     """One design in one world, before money."""
 
     resampled: NDArray[np.float64]
-    """(resamples,) c with test designs drawn again, the same draws for every camera. [-]"""
+    """(resamples,) c with press days drawn again, the same draws for every camera. [-]"""
     cost: float
     """c at the press's own alpha, threshold chosen on the tuning pages. [-]"""
     false_alarms: int
     good: int
-    misses: float
+    missed: int
+    bad: int
     area: float
     how: str
     """How the detector reads, as chosen on the tuning pages."""
@@ -70,7 +71,8 @@ class DesignRow:
     """c of equation 7 at the press's alpha. [-]"""
     false_alarms: int
     good: int
-    misses: float
+    missed: int
+    bad: int
     area: float
     error_cents: Interval
     """False alarms and misses. [cent]"""
@@ -117,31 +119,41 @@ def design_results(
         "stopping_always_cents": without.stopping_always,
         "prices": prices,
         "in_worlds": [
-            {"plan": plan, "rows": [row for row in rows if row.world == plan.world]} for plan in plans
+            {
+                "plan": plan,
+                "days": len(plan.days("test")),
+                "rows": [row for row in rows if row.world == plan.world],
+            }
+            for plan in plans
         ],
     }
 
 
 def judged(
-    sets: dict[str, Rows], *, frame: int, detector: str, costs: RunningCosts, designs: range, seed: int
+    sets: dict[str, Rows],
+    *,
+    frame: int,
+    detector: str,
+    costs: RunningCosts,
+    days: NDArray[np.int64],
+    seed: int,
 ) -> CandidateResult:
-    """Learn, tune and test one design; sets: rows to ``learn``, ``tune`` and ``test``; designs: numbers to test on."""
+    """Learn, tune and test one design; sets: rows to ``learn``, ``tune`` and ``test``; days: all to test on, rising."""
     (tune_score, test_score), how = _scores(sets, frame, detector)
     threshold = least_cost(scored(sets["tune"], tune_score), costs.alpha).threshold
     pages = scored(sets["test"], test_score)
     found = at_threshold(pages, threshold)
-    good = int((~pages.bad).sum())
-    # The same draws for every camera; designs that left no pages count as drawn, so that differences between two
-    # cameras are of the same pages.
-    even = np.full(len(designs), 1 / len(designs))
-    drawn = stream(seed, "bootstrap").multinomial(len(designs), even, size=RESAMPLES)
-    place = pages.design - designs.start
+    good, bad = int((~pages.bad).sum()), int(pages.bad.sum())
+    # The same draws for every camera; days that left no pages count as drawn, so that differences between two cameras
+    # are of the same pages.
+    place, drawn = drawn_clusters(pages.day, stream(seed, "bootstrap"), clusters=days)
     return CandidateResult(
         resampled=resampled_costs(pages, costs.alpha, threshold=threshold, place=place, drawn=drawn),
         cost=found.cost(costs.alpha),
         false_alarms=round(found.false_alarms * good),
         good=good,
-        misses=found.misses,
+        missed=round(found.misses * bad),
+        bad=bad,
         area=area_under_roc(pages),
         how=how,
     )

@@ -136,7 +136,7 @@ def run_design_study(
                 cluster=cluster,
                 told=partial(_told, progress, what),
             )
-            sets = {of_set: chosen_rows(scans, plan.designs(of_set), 1.0) for of_set in JUDGED}
+            sets = {of_set: chosen_rows(scans, plan, of_set, noise=1.0) for of_set in JUDGED}
             frame = len(FRAMES[plan.world]) - 1  # where registration found the page, if the world moves it
             found.append(
                 judged(
@@ -144,7 +144,7 @@ def run_design_study(
                     frame=frame,
                     detector=detector,
                     costs=candidate.press.costs,
-                    designs=plan.designs("test"),
+                    days=np.array([day.designs[0] for day in plan.days("test")]),
                     seed=plan.seed,
                 )
             )
@@ -189,7 +189,8 @@ def _with_money(
                 cost=cost,
                 false_alarms=one.false_alarms,
                 good=one.good,
-                misses=one.misses,
+                missed=one.missed,
+                bad=one.bad,
                 area=one.area,
                 error_cents=interval_of(one.cost * unit, one.resampled * unit),
                 saving_cents=interval_of(

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight_studies.harness.psychometric import SURE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -70,6 +72,7 @@ def job_results(
         "trials": trials,
         "seed": seed,
         "good_prints": PRINTS,
+        "asked": SURE,
         "names": NAMES,
         "prints": job.prints,
         "alarming": job.alarming,

@@ -6,17 +6,18 @@ closed form; and that is verified by further prints with defects just so strong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.commissioning.training.simulated_days import PressDay, fitted
 from prooflight.detectors.matched_filter.calibrated import check_version, page_score
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.rng import stream
+from prooflight.simulation.captures import SimulatedDay
 from prooflight_studies.detectability.closed_form import Reach, Telling
 from prooflight_studies.detectability.defects import DRAWN
 from prooflight_studies.detectability.findings import (
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 HALF: Final = 0.5
+LEARNED, VERIFIED = range(2)
+"""Uses of a print; no press day is of both."""
 LEARNING: Final = 160
 """Prints with each defect, over all pages, from which it is learned how strong it must be."""
 TRIALS: Final = 12
@@ -85,8 +88,17 @@ def run_detectability_study(
     numbers = list(pages or range(1, len(opened(job)) + 1))
 
     def bench(number: int) -> _Bench:
-        day = PressDay.of(press, JobPages(job=job), seed=seed, first=number)
-        day = replace(day, residual_variance=ours.model.residual_variance, prior=ours.model.prior)
+        source = JobPages(job=job)
+
+        def day(use: int, turn: int) -> PressDay:
+            rng = stream(seed, "detectability-session", number, use, turn)
+            return PressDay(
+                day=SimulatedDay.begin("press", press, rng),
+                page=lambda index: fitted(source.page(index), press.geometry),
+                residual_variance=ours.model.residual_variance,
+                prior=ours.model.prior,
+            )
+
         return _Bench(ours, day, number, stream(seed, "detectability-telling", number))
 
     alarming: list[str] = []
@@ -136,20 +148,27 @@ def run_detectability_study(
 
 
 class _Bench:
-    """One page on one press day."""
+    """One page, every print of it on a press day of its own.
+
+    day: gives the press day of a print by its use, ``LEARNED`` or ``VERIFIED``, and its number: no day is of both.
+    """
 
     def __init__(
-        self, ours: CalibratedDetector, day: PressDay, number: int, rng: np.random.Generator
+        self,
+        ours: CalibratedDetector,
+        day: Callable[[int, int], PressDay],
+        number: int,
+        rng: np.random.Generator,
     ) -> None:
         self.ours, self.day, self.number = ours, day, number
-        good, self.known = day.design(number - 1)
+        good, self.known = day(LEARNED, 0).design(number - 1)
         self.page = good.page
         self.telling = self._telling(rng)
 
     def _telling(self, rng: np.random.Generator) -> Telling | None:
         """From the first of a few good prints that does not alarm; None if all do."""
-        for _ in range(PRINTS):
-            analysis, statistics = self._analysed(self.page, rng)
+        for turn in range(PRINTS):
+            analysis, statistics = self._analysed(self.page, self.day(LEARNED, turn), rng)
             check_version(self.ours.model, statistics, self.known.page_features)
             if self._score(analysis, statistics) <= self.ours.threshold:
                 return Telling.of(analysis.sums, analysis.fit, statistics, self.ours.model.scatter)
@@ -161,34 +180,37 @@ class _Bench:
         """What is known after so many prints of this page with each defect."""
         assert self.telling is not None
         found = dict(wanted)
-        for _ in range(prints):
+        for turn in range(prints):
+            day = self.day(LEARNED, PRINTS + turn)
             tried = {defect: one.next(self.number, rng) for defect, one in found.items()}
             reach = Reach.of(self.telling, tried)
             for defect, strength in tried.items():
                 printed = DRAWN[defect](self.page, reach, rng)
                 if printed is not None:
-                    caught = self._alarms(printed, rng)
+                    caught = self._alarms(printed, day, rng)
                     found[defect] = found[defect].seen(self.number, strength, caught=caught)
         return found
 
     def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
-        """Prints with a defect just as strong as should be caught."""
+        """Prints with a defect just as strong as should be caught, on days on which nothing was learned."""
         caught = made = 0
-        for _ in range(trials):
+        for turn in range(trials):
             printed = self.page if defect == "none" else DRAWN[defect](self.page, of_page, rng)
             if printed is None:
                 continue
             made += 1
-            caught += self._alarms(printed, rng)
+            caught += self._alarms(printed, self.day(VERIFIED, turn), rng)
         return Caught(of=made, caught=caught)
 
-    def _alarms(self, printed: Page, rng: np.random.Generator) -> bool:
-        return self._score(*self._analysed(printed, rng)) > self.ours.threshold
+    def _alarms(self, printed: Page, day: PressDay, rng: np.random.Generator) -> bool:
+        return self._score(*self._analysed(printed, day, rng)) > self.ours.threshold
 
     def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
         return page_score(self.ours.model, statistics, self.known.page_features, analysis.found)
 
-    def _analysed(self, printed: Page, rng: np.random.Generator) -> tuple[ScanAnalysis, list[Observed]]:
-        day = self.day.day
-        analysis = self.day.analysed(self.known, day.recorded(day.seen_in_press(printed, rng), rng))
+    def _analysed(
+        self, printed: Page, day: PressDay, rng: np.random.Generator
+    ) -> tuple[ScanAnalysis, list[Observed]]:
+        scan = day.day.recorded(day.day.seen_in_press(printed, rng), rng)
+        analysis = day.analysed(self.known, scan)
         return analysis, all_statistics(analysis.sums, analysis.fit, analysis.found, self.ours.model.scatter)

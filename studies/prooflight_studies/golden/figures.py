@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 DRAWS: Final = 10_000
 """Of the bootstrap."""
+GOAL_FOUND_PERCENT: Final = 98.0
+GOAL_FALSE_PER_IMAGE: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +63,7 @@ class GoldenFigures:
     tuned_on: str
     images: int
     marked: int
+    missed: int
     found_percent: float
     found_95_percent: tuple[float, float]
     """Bootstrap over images."""
@@ -85,6 +88,7 @@ def figures(
         tuned_on=tuned_on,
         images=len(outcomes),
         marked=int(marked),
+        missed=int(marked - hits),
         found_percent=float(100 * hits / marked),
         found_95_percent=_interval(share),
         false_per_image=float(extra / len(counts)),
@@ -125,6 +129,7 @@ def golden_results(
     shown = [field.name for field in fields(GoldenFigures) if field.name != "by_kind"]
     return {
         "least_overlap": LEAST_OVERLAP,
+        "goal": {"found_percent": GOAL_FOUND_PERCENT, "false_per_image": GOAL_FALSE_PER_IMAGE},
         "rows": [{name: getattr(row, name) for name in shown} for row in rows],
         "kinds": [
             {"kind": KINDS[kind], "marked": marked, "found": found, "mean_overlap": much}

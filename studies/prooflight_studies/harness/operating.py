@@ -1,7 +1,8 @@
 """Scores of good prints and of misprints -> thresholds, rates, costs, and how sure they are (paper, section 5).
 
-A page alarms if its score lies above the threshold. Copies of one page design resemble one another, so intervals are
-bootstrapped over designs, never over copies.
+A page alarms if its score lies above the threshold. Pages of one press day share its inks, lamp and sensors, so
+intervals come of press days drawn again, never of designs or copies. Bounds by count (``rate_below``) take pages as
+independent.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy import special
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,8 +22,13 @@ if TYPE_CHECKING:
 
 RESAMPLES: Final = 1000
 PERCENTILES: Final = (2.5, 97.5)
-RULE_OF_THREE: Final = 3.0
-"""With no alarm in n good pages, F < 3 / n at 95 % (Hanley and Lippman-Hand 1983; -ln 0.05 = 2.996)."""
+SURE: Final = 0.95
+"""Of a rate's bound by count, one-sided."""
+BOUND_SAID: Final = (
+    f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if each were "
+    "independent of the others (Clopper and Pearson 1934, one-sided)."
+)
+"""On every page with what ``counted`` writes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,10 +41,13 @@ class Scored:
     """(pages,) whether it is a misprint."""
     design: NDArray[np.int64]
     """(pages,) which page design it is a print of."""
+    day: NDArray[np.int64]
+    """(pages,) on which press day it was printed."""
 
     def __post_init__(self) -> None:
-        if not len(self.score) == len(self.bad) == len(self.design):
-            message = f"{len(self.score)} scores, {len(self.bad)} labels, {len(self.design)} designs"
+        if not len(self.score) == len(self.bad) == len(self.design) == len(self.day):
+            of = f"{len(self.design)} designs, {len(self.day)} days"
+            message = f"{len(self.score)} scores, {len(self.bad)} labels, {of}"
             raise ValueError(message)
         if np.isnan(self.score).any():
             message = "a score is not a number"
@@ -46,10 +56,16 @@ class Scored:
             message = "needs good pages and misprints"
             raise ValueError(message)
 
+    def pages(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scored:
+        """Some of the pages, by a mask or their places."""
+        return Scored(
+            score=self.score[which], bad=self.bad[which], design=self.design[which], day=self.day[which]
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A value and its bootstrap 95 % interval."""
+    """A value and its bootstrap 95 % interval; NaN: there is one press day, and nobody knows how days differ."""
 
     value: float
     low: float
@@ -116,8 +132,8 @@ def caught_at(pages: Scored, false_alarm_rate: float) -> float:
 def bootstrap_cost(
     pages: Scored, alpha: float, *, threshold: float, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Interval:
-    """F + alpha M at a threshold chosen elsewhere, with its interval over designs."""
-    place, drawn = _drawn_designs(pages.design, rng, resamples)
+    """F + alpha M at a threshold chosen elsewhere, with its interval over press days."""
+    place, drawn = drawn_clusters(pages.day, rng, resamples=resamples)
     value = at_threshold(pages, threshold).cost(alpha)
     return interval_of(value, resampled_costs(pages, alpha, threshold=threshold, place=place, drawn=drawn))
 
@@ -130,15 +146,17 @@ def resampled_costs(
     place: NDArray[np.intp],
     drawn: NDArray[np.floating | np.int64],
 ) -> NDArray[np.float64]:
-    """F + alpha M with page designs drawn again, (resamples,).
+    """F + alpha M with clusters drawn again, (resamples,); place, drawn: as ``drawn_clusters`` gives them.
 
-    place (pages,): which design each is a print of; drawn (resamples, designs): how often each is drawn.
+    NaN where there is one cluster alone: drawn again it is itself, and says nothing of another.
     """
-    alarm, designs = pages.score > threshold, drawn.shape[1]
+    alarm, clusters = pages.score > threshold, drawn.shape[1]
+    if clusters < 2:
+        return np.full(len(drawn), np.nan)
     rates = []
     for side, wrong in ((~pages.bad, alarm), (pages.bad, ~alarm)):
         wrongs, count = (
-            drawn @ np.bincount(place, weights=what, minlength=designs) for what in (wrong & side, side)
+            drawn @ np.bincount(place, weights=what, minlength=clusters) for what in (wrong & side, side)
         )
         rates.append(wrongs / np.maximum(count, 1))
     return np.asarray(rates[0] + alpha * rates[1])
@@ -147,16 +165,16 @@ def resampled_costs(
 def bootstrap_oracle(
     pages: Scored, alphas: Sequence[float], *, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> list[Interval]:
-    """Least F + alpha M for each alpha, the threshold chosen anew on each resample of the designs, as on the pages."""
+    """Least F + alpha M for each alpha, the threshold chosen anew on each resample of the press days."""
     order = np.argsort(pages.score, kind="stable")
     last = np.append(
         np.diff(pages.score[order]) > 0, True
     )  # where a threshold can lie: after a run of equal scores
     bad = pages.bad[order]
-    place, drawn = _drawn_designs(pages.design, rng, resamples)
+    place, drawn = drawn_clusters(pages.day, rng, resamples=resamples)
     place = place[order]
-    found = np.empty((len(alphas), resamples))
-    for index, times in enumerate(drawn):
+    found = np.full((len(alphas), resamples), np.nan)
+    for index, times in enumerate(drawn if drawn.shape[1] > 1 else ()):
         weight = times[place]
         missed, good = np.cumsum(weight * bad)[last], np.cumsum(weight * ~bad)[last]
         misses = np.append(0, missed / max(missed[-1], 1))
@@ -169,25 +187,47 @@ def bootstrap_oracle(
     ]
 
 
-def _drawn_designs(
-    design: NDArray[np.int64], rng: np.random.Generator, resamples: int
+def drawn_clusters(
+    cluster: NDArray[np.int64],
+    rng: np.random.Generator,
+    *,
+    clusters: NDArray[np.int64] | None = None,
+    resamples: int = RESAMPLES,
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Place of each page's design (pages,), and how often each is drawn with replacement (resamples, designs)."""
-    _, place = np.unique(design, return_inverse=True)
-    count = int(place.max()) + 1
-    drawn = rng.multinomial(count, np.full(count, 1 / count), size=resamples)
-    return place, np.asarray(drawn, np.float64)
+    """Place of each page's cluster (pages,), and how often each is drawn with replacement (resamples, clusters).
 
-
-def false_alarms_in_words(alarms: int, good_pages: int) -> str:
-    """F for people: nobody who saw no alarm may say 0.
-
-    >>> false_alarms_in_words(0, 6000), false_alarms_in_words(3, 6000)
-    ('< 5.0e-04', '5.0e-04')
+    cluster (pages,): what pages share, a press day. clusters: all there are, rising, also those that left no page, so
+    that two sets of pages can be drawn alike; None: those of these pages.
     """
-    if alarms == 0:
-        return f"< {RULE_OF_THREE / good_pages:.1e}"
-    return f"{alarms / good_pages:.1e}"
+    known = np.unique(cluster) if clusters is None else clusters
+    drawn = rng.multinomial(len(known), np.full(len(known), 1 / len(known)), size=resamples)
+    return np.searchsorted(known, cluster), np.asarray(drawn, np.float64)
+
+
+def rate_below(count: int, of: int) -> float:
+    """What a rate lies below with 95 % certainty, seen so often among so many independent pages. [-]
+
+    Exact, one-sided (Clopper and Pearson 1934); 1 where nothing is known.
+    """
+    return float(special.betaincinv(count + 1, of - count, SURE)) if count < of else 1.0
+
+
+def counted(count: int, of: int) -> str:
+    """A rate of misses or false alarms for people: whoever saw none of some may not say 0.
+
+    >>> counted(0, 778), counted(12, 1240), counted(5, 5), counted(0, 0)
+    ('0 of 778 (< 0.38 %)', '12 of 1,240, 0.97 % (< 1.6 %)', '5 of 5, 100 %', '-')
+    """
+    if not of:
+        return "-"
+    rate = f", {_percent(count / of)}" if count else ""
+    bound = f" (< {_percent(rate_below(count, of))})" if count < of else ""
+    return f"{count:,} of {of:,}{rate}{bound}"
+
+
+def _percent(share: float) -> str:
+    """In two digits."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

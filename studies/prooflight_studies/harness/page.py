@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 from prooflight.errors import InputError
 from prooflight.files.atomic import whole_file
-from prooflight_studies.harness.operating import false_alarms_in_words
+from prooflight_studies.harness.operating import BOUND_SAID, counted, rate_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -75,13 +75,15 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.globals["bound"] = BOUND_SAID
     environment.filters |= {
         "number": number,
         "short": short,
         "interval": interval,
         "slashed": slashed,
         "row": row,
-        "false_alarms": false_alarms_in_words,
+        "counted": counted,
+        "rate_below": rate_below,
     }
     return environment
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.paper.bayes import Binning, Reading
+    from prooflight_studies.harness.protocol import Plan
     from prooflight_studies.harness.result_cache import Rows
 
 THIRDS: Final = ("mild", "middle", "severe")
@@ -128,8 +129,8 @@ def chi_square_scores(
 
 
 def scored(rows: Rows, score: NDArray[np.float64]) -> Scored:
-    """Scores with what they are judged by."""
-    return Scored(score=score, bad=rows["kind"] != "", design=rows["design"])
+    """Scores with what they are judged by; rows: with their ``day``, as ``chosen_rows`` gives them."""
+    return Scored(score=score, bad=rows["kind"] != "", design=rows["design"], day=rows["day"])
 
 
 def goods_and_bads(sets: Mapping[str, Rows]) -> tuple[dict[str, int], dict[str, int]]:
@@ -145,7 +146,11 @@ def thirds(severity: NDArray[np.floating]) -> NDArray[np.int64]:
     return np.minimum((severity * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
 
 
-def chosen_rows(rows: Rows, designs: range, noise: float) -> Rows:
-    """The rows of a set of designs at one noise."""
-    kept = (rows["design"] >= designs.start) & (rows["design"] < designs.stop) & (rows["noise"] == noise)
-    return {name: column[kept] for name, column in rows.items() if name != "unmade_kind"}
+def chosen_rows(rows: Rows, plan: Plan, of: str, *, noise: float | None = None) -> Rows:
+    """The rows of a set's designs, with the ``day`` on which each was printed; noise: at that alone."""
+    designs = plan.designs(of)
+    kept = (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
+    if noise is not None:
+        kept &= rows["noise"] == noise
+    found = {name: column[kept] for name, column in rows.items() if name != "unmade_kind"}
+    return found | {"day": plan.day_of(of, found["design"])}

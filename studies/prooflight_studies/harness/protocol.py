@@ -83,6 +83,11 @@ class Plan:
             for start in range(0, len(designs), self.designs_per_day)
         ]
 
+    def day_of(self, of: str, designs: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The press days, by their first designs, of some designs of a set; both (n,)."""
+        first = self.designs(of).start
+        return first + (designs - first) // self.designs_per_day * self.designs_per_day
+
     def facts(self, press: Press, source: str) -> dict[str, Any]:
         """All that rows depend on; source: which page designs."""
         of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}

@@ -119,7 +119,7 @@ def judged_samples(samples: Samples) -> dict[str, Scored]:
     test = ~learn
     bad = samples.types[test] != CORRECT
     return {
-        name: Scored(score=score, bad=bad, design=np.flatnonzero(test))
+        name: Scored(score=score, bad=bad, design=np.flatnonzero(test), day=np.flatnonzero(test))
         for name, score in (
             ("Bayesian network", network.log_ratio(flat[test])),
             ("chi-square", samples.chi_square[test]),

@@ -85,8 +85,8 @@ class DetectorRow:
     """Share of misprints caught at 1 % false alarms (oracle)."""
     alarms: tuple[int, ...]
     """False alarms at the honest thresholds."""
-    misses: tuple[float, ...]
-    """Share of misprints missed at the honest thresholds."""
+    missed: tuple[int, ...]
+    """Misprints missed at the honest thresholds."""
     misses_by_kind: dict[str, tuple[float, ...]]
     """The same at alpha = 1, each third of severity; NaN where none was made."""
     roc: tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -158,6 +158,7 @@ def _of_part(part: Part) -> dict[str, Any]:
     return {
         "pitch_mm": part.pitch_mm,
         "plan": result.plan,
+        "days": len(result.plan.days("test")),
         "press": part.press.digest,
         "seconds": part.seconds,
         "scans": part.made,
@@ -207,7 +208,7 @@ def world_result(
     rows: Rows, plan: Plan, *, progress: Callable[[str], None] = lambda _step: None
 ) -> WorldResult:
     """Learn, tune and test on a plan's rows."""
-    sets = {of: chosen_rows(rows, plan.designs(of), plan.noises[0]) for of in JUDGED}
+    sets = {of: chosen_rows(rows, plan, of, noise=plan.noises[0]) for of in JUDGED}
     good, bad = goods_and_bads(sets)
     judge = _Comparison(plan=plan, rows=rows, sets=sets)
     readings, tuning, tables, detectors = {}, {}, {}, []
@@ -245,7 +246,7 @@ class _Comparison:
         ):
             yield self._bayes(title, frame, name, reading, sensors=sensors, types=types)
         for noise in self.plan.noises[1:]:
-            sets = {of: chosen_rows(self.rows, self.plan.designs(of), noise) for of in self.sets}
+            sets = {of: chosen_rows(self.rows, self.plan, of, noise=noise) for of in self.sets}
             yield self._bayes(f"2 sensors, noise {noise:.0%}", frame, name, reading, sets=sets)
 
     def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
@@ -289,7 +290,7 @@ class _Comparison:
         test_score: NDArray[np.float64],
     ) -> DetectorRow:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
-        rng = stream(self.plan.seed, "bootstrap")  # the same designs are drawn for every detector
+        rng = stream(self.plan.seed, "bootstrap")  # the same days are drawn for every detector
         chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
         found = [at_threshold(test, threshold) for threshold in chosen]
         missed = ~(test.score > chosen[ALPHAS.index(1.0)])
@@ -305,7 +306,7 @@ class _Comparison:
             area=area_under_roc(test),
             caught=caught_at(test, FALSE_ALARM_RATE),
             alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in found),
-            misses=tuple(rates.misses for rates in found),
+            missed=tuple(round(rates.misses * int(test.bad.sum())) for rates in found),
             misses_by_kind=_by_kind(sets["test"], missed, _share),
             roc=roc(test),
         )
@@ -319,7 +320,7 @@ def _papers_protocol(test: Scored, rng: np.random.Generator) -> tuple[float, ...
         drawn = np.concatenate(
             [rng.choice(np.flatnonzero(side), half, replace=False) for side in (test.bad, ~test.bad)]
         )
-        pages = Scored(score=test.score[drawn], bad=test.bad[drawn], design=test.design[drawn])
+        pages = test.pages(drawn)
         costs[repeat] = [least_cost(pages, alpha).cost(alpha) for alpha in ALPHAS]
     return tuple(costs.mean(axis=0).tolist())
 

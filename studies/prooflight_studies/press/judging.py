@@ -75,9 +75,7 @@ class MethodResult:
         """The pages of each part."""
         for index in np.unique(self.part):
             here = self.part == index
-            yield Scored(
-                score=self.scored.score[here], bad=self.scored.bad[here], design=self.scored.design[here]
-            )
+            yield self.scored.pages(here)
 
     def at(self, alarms: NDArray[np.bool_]) -> Scored:
         """Pages whose score is whether they alarmed."""
@@ -115,10 +113,11 @@ def judged(
     and set every part's thresholds, together with the part next to it.
     """
     pages, another = Pages.of(rows), rows["another"]
-    part = parts_of(rows)
+    part, day = parts_of(rows), rows["day"]
     if good is not None:
         pages, another = pages.beside(Pages.of(good)), np.concatenate([another, good["another"]])
         part = np.concatenate([part, np.full(len(good["another"]), EVERY)])
+        day = np.concatenate([day, good["day"]])
     work = _PartWork(
         rows=rows,
         pages=pages,
@@ -144,7 +143,7 @@ def judged(
         detectors.append(said.found)
         here = test[: len(kinds)]
         kinds[here], boxes[here] = said.kinds, said.boxes
-    methods = {name: _judged(name, score, pages, part) for name, score in scores.items()}
+    methods = {name: _judged(name, score, pages, part, day) for name, score in scores.items()}
     return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
 
 
@@ -327,14 +326,22 @@ def _without(
         yield name, fitted_forest(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
 
 
-def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[np.int64]) -> MethodResult:
+def _judged(
+    name: str,
+    scores: NDArray[np.float64],
+    pages: Pages,
+    part: NDArray[np.int64],
+    day: NDArray[np.int64],
+) -> MethodResult:
     judged_ = part != EVERY
     score = np.empty(len(part))
     alarms = np.zeros((len(ALPHAS), len(part)), bool)
     promised_ = np.zeros(len(part), bool)
     for index in range(PARTS):
         test, tune = part == index, (part == (index + 1) % PARTS) | ~judged_
-        of_tune = Scored(score=scores[index, tune], bad=pages.bad[tune], design=pages.design[tune])
+        of_tune = Scored(
+            score=scores[index, tune], bad=pages.bad[tune], design=pages.design[tune], day=day[tune]
+        )
         score[test] = scores[index, test]
         for row, alpha in enumerate(ALPHAS):
             alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
@@ -343,7 +350,9 @@ def _judged(name: str, scores: NDArray[np.float64], pages: Pages, part: NDArray[
         )
     return MethodResult(
         name=name,
-        scored=Scored(score=score[judged_], bad=pages.bad[judged_], design=pages.design[judged_]),
+        scored=Scored(
+            score=score[judged_], bad=pages.bad[judged_], design=pages.design[judged_], day=day[judged_]
+        ),
         part=part[judged_],
         alarms=alarms[:, judged_],
         promised=promised_[judged_],

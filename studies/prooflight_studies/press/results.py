@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy import special
 
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.worlds import worlds, worlds_digest
-from prooflight_studies.harness.operating import at_threshold, bootstrap_cost
+from prooflight_studies.harness.operating import bootstrap_cost
 from prooflight_studies.harness.paper_detectors import THIRDS, thirds
 from prooflight_studies.press.judging import (
     ALPHAS,
@@ -41,16 +40,15 @@ REAL_PROMISE: Final = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Of how many, and which share of them. [-]"""
+    """How many of how many."""
 
-    share: float | None
-    """None: there are none."""
+    count: int
     of: int
 
     @classmethod
     def where(cls, alarm: NDArray[np.bool_]) -> Share:
-        """The share of those that are true."""
-        return cls(share=float(alarm.mean()) if alarm.size else None, of=alarm.size)
+        """Those that are true."""
+        return cls(count=int(alarm.sum()), of=alarm.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,17 +61,16 @@ class Method:
     costs: list[Interval]
     """c at each of ``ALPHAS``, and the rates there."""
     alarms: list[int]
-    missed: list[float]
-    promised_false_alarms: float
-    promised_misses: float
+    missed: list[int]
+    promised_alarms: int
+    promised_missed: int
     """At the promised 1 %."""
     caught: float
     area: float
 
     @classmethod
     def of(cls, name: str, one: MethodResult, rng: np.random.Generator) -> Method:
-        """rng: draws the designs of the intervals."""
-        at_promise = at_threshold(one.at(one.promised), ALARMED)
+        """rng: draws the press days of the intervals."""
         bad = one.scored.bad
         return cls(
             name=name,
@@ -84,9 +81,9 @@ class Method:
                 for alarm, alpha in zip(one.alarms, ALPHAS, strict=True)
             ],
             alarms=[int((alarm & ~bad).sum()) for alarm in one.alarms],
-            missed=[at_threshold(one.at(alarm), ALARMED).misses for alarm in one.alarms],
-            promised_false_alarms=at_promise.false_alarms,
-            promised_misses=at_promise.misses,
+            missed=[int((~alarm & bad).sum()) for alarm in one.alarms],
+            promised_alarms=int((one.promised & ~bad).sum()),
+            promised_missed=int((~one.promised & bad).sum()),
             caught=one.caught,
             area=one.area,
         )
@@ -100,24 +97,20 @@ class Promise:
     basis: str
     pages: int
     alarms: int
-    below: float
-    """The upper end of the rate's exact 95 % interval (Clopper and Pearson 1934, one-sided)."""
-    caught: float | None
-    """Share of misprints; None: there were none."""
+    caught: Share | None
+    """Misprints; None: there were none."""
 
     @classmethod
     def of(
         cls, rate: float, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
     ) -> Promise:
         """alarms: of good pages; caught: alarms of misprints."""
-        count, pages = int(alarms.sum()), max(alarms.size, 1)
         return cls(
             rate=rate,
             basis=basis,
-            pages=pages,
-            alarms=count,
-            below=float(special.betaincinv(count + 1, pages - count, 0.95)) if count < pages else 1.0,
-            caught=None if caught is None else float(caught.mean()),
+            pages=alarms.size,
+            alarms=int(alarms.sum()),
+            caught=None if caught is None else Share.where(caught),
         )
 
 
@@ -145,6 +138,7 @@ def press_results(found: PressFindings) -> dict[str, Any]:
         "where": _places_and_kinds(rows, ours.promised, verdicts.kinds, verdicts.boxes),
         "promises": list(_promises(found)),
         "real": None if found.real is None else _real(found.real, ours, plan.seed),
+        "ideal_days": len(np.unique(found.ideal.methods[OURS].scored.day)),
         "ideal": Method.of(OURS, found.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
     }
 
@@ -233,6 +227,7 @@ def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
         "pages": len(np.unique(real.scored.design)),
         "methods": [Method.of(name, one, rng) for name, one in (("real", real), ("composed", ours))],
         "rate": rate,
-        "false_alarms": float(alarms[~bad].mean()),
-        "caught": float(alarms[bad].mean()),
+        "days": len(np.unique(real.scored.day)),
+        "alarms": int(alarms[~bad].sum()),
+        "missed": int((~alarms[bad]).sum()),
     }

@@ -278,11 +278,12 @@ def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> Metho
     part = parts_of(main)
     tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
     another = np.concatenate([main["another"][part == 1], promise["another"]])
-    of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design)
+    day = np.concatenate([main["day"][part == 1], promise["day"]])
+    of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design, day=day)
     score = certain_score(found, pages, rows["another"])
     return MethodResult(
         name=OURS,
-        scored=Scored(score=score, bad=pages.bad, design=pages.design),
+        scored=Scored(score=score, bad=pages.bad, design=pages.design, day=rows["day"]),
         part=np.zeros(len(score), np.int64),
         alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),
         promised=score > found.threshold,

@@ -8,6 +8,7 @@ import numpy as np
 
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
+from prooflight_studies.registration.truth import SAID
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,6 +21,7 @@ COLUMNS: Final = (
     *("design", "real", "condition", "white", "found", "off_place"),
     *(f"{area}_{measure}" for area in ("all", "content") for measure in MEASURES),
     *("sd", "tiles", "matching", "foreign", "residual"),
+    "content_alone",
 )
 NAMES: Final = ("good", "missing plane", "missing block", "far off", "another page")
 WHITE: Final = 0.6
@@ -74,6 +76,7 @@ def register_results(
     return {
         "seed": seed,
         "worlds": worlds_digest(),
+        "truth": SAID,
         "facts": facts,
         "designs": designs,
         "real": real,
@@ -81,6 +84,7 @@ def register_results(
         "goals": [
             {"name": name, "reached": table["good prints"][key], "limit": limit} for name, key, limit in GOALS
         ],
+        "alone": _rms(_column(whole[good & (_column(whole, "found") > 0)], "content_alone")),
         "whole": table,
         "silent": silent | {"whole pages": _silent(whole)},
     }

@@ -15,13 +15,14 @@ from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_scan
-from prooflight.simulation.prints import Print, plane_pixels, together
+from prooflight.simulation.prints import Print, together
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts, worlds_digest
 from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results
+from prooflight_studies.registration.truth import plane_parts, printed_at, said_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,10 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.press.artefact import Press
-    from prooflight.registration.register import Registration
     from prooflight_studies.harness.result_cache import Rows
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 """Of the rows kept between runs: goes up whenever code that makes them changes what they would say."""
 CONDITIONS: Final = ("good", "missing plane", "missing block", "far off", "another page")
 SEED: Final = 6
@@ -90,33 +90,13 @@ class Errors:
         )
 
 
-def printed_at(
-    print_: Print, page: Page, parts: NDArray[np.float64], inks: NDArray[np.bool_] | None = None
-) -> Placement:
-    """Where a print lies: its sheet's placement, and its planes' register as they count (parts (2, 4)).
-
-    inks (4,): the planes that are printed; the place of one that is not is nowhere, and the others make up for it.
-    """
-    if inks is not None:
-        printed = parts * inks
-        parts = (
-            printed
-            * (parts.sum(axis=1, keepdims=True) / np.maximum(printed.sum(axis=1, keepdims=True), 1e-9))
-            * printed.any(axis=1, keepdims=True)
-        )
-    planes_mm = plane_pixels(print_, page) * page.pixel_mm
-    x, y = np.einsum("ap,pa->a", parts, planes_mm)
-    place = print_.placement
-    return replace(place, shift_mm=(place.shift_mm[0] + float(x), place.shift_mm[1] + float(y)))
-
-
 def errors(
-    found: Registration, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
+    where: Placement, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
 ) -> tuple[Errors, Errors]:
     """Over the page, and over where it has content (points, 2)."""
     x, y = _grid(page)
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    said, is_ = found.placement.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
+    said, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
     off = np.stack([b - a for a, b in zip(said, is_, strict=True)], axis=-1).reshape(-1, 2)
     off /= [press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm]
     points = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -211,14 +191,16 @@ class FindDesign:
         landmarks = prepare(page, prediction, sensors=press.sensors, geometry=press.geometry)
         content = content_map(page, prediction.expected_dn[0], press)
         white = float((page.cmyk[::4, ::4].max(axis=2) < 8).mean())
+        parts = plane_parts(page, press)
         rows = []
         for condition in plan:
             printed, print_ = self._printed(page, other, session, condition, rng)
             scan = fast_scan(printed, press, session, print_, rng=rng)
             found = register(landmarks, scan)
-            inks = printed.cmyk[::2, ::2].reshape(-1, 4).max(axis=0) > 0
-            truth = printed_at(print_, page, found.plane_parts, inks)
-            everywhere, where_content = errors(found, truth, page, press, content)
+            seen = parts if printed is page else plane_parts(printed, press)
+            truth = printed_at(print_, seen, printed)
+            everywhere, where_content = errors(said_at(found, seen), truth, page, press, content)
+            _, alone = errors(found.placement, truth, page, press, content)
             rows.append(
                 (
                     *(task.design, task.real, condition, white, found.found, found.off_place),
@@ -229,6 +211,7 @@ class FindDesign:
                     ),
                     *(max(found.shift_sd_mm) / press.geometry.pixel_pitch_mm, found.tiles_used),
                     *(found.tiles_matching, found.tiles_foreign, found.residual_rms_pixels),
+                    alone.rms,
                 )
             )
         return rows

@@ -23,7 +23,13 @@ from prooflight_studies.harness.operating import (
     caught_at,
     least_cost,
 )
-from prooflight_studies.harness.paper_detectors import MISPRINT_RATE, goods_and_bads, scored, types_of
+from prooflight_studies.harness.paper_detectors import (
+    MISPRINT_RATE,
+    chosen_rows,
+    goods_and_bads,
+    scored,
+    types_of,
+)
 from prooflight_studies.harness.protocol import JUDGED
 from prooflight_studies.robustness.disturbances import NOTHING, SIZES, Disturbance, all_disturbances
 from prooflight_studies.robustness.rows import (
@@ -187,6 +193,7 @@ def _of_part(part: RobustnessPart) -> dict[str, Any]:
     checks = sorted(result.checks, key=lambda check: check.factor)
     return {
         "plan": result.plan,
+        "days": len(result.plan.days("test")),
         "pitch_mm": part.pitch_mm,
         "press": part.press_digest,
         "good": result.good,
@@ -235,9 +242,7 @@ def _rises(detector: str, points: Sequence[Point]) -> dict[str, Any]:
 
 def robustness_result(rows: Rows, plan: Plan) -> RobustnessResult:
     """Learn, tune and test under every disturbance."""
-    sets: Sets = {
-        of: {name: column[_among(rows, plan.designs(of))] for name, column in rows.items()} for of in JUDGED
-    }
+    sets: Sets = {of: chosen_rows(rows, plan, of) for of in JUDGED}
     good, bad = goods_and_bads(sets)
     reading = chosen_reading(sets)
     points = tuple(_points(sets, reading, plan.seed))
@@ -262,10 +267,6 @@ def chosen_reading(sets: Sets) -> WindowReading:
         pages = scored(sets["tune"], network.log_ratio(reading.statistics(sets["tune"], 0, "kept")))
         costs[reading] = least_cost(pages, ALPHA).cost(ALPHA)
     return min(costs, key=lambda reading: costs[reading])
-
-
-def _among(rows: Rows, designs: range) -> NDArray[np.bool_]:
-    return (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
 
 
 def _scorers(
@@ -312,7 +313,7 @@ def _points(sets: Sets, reading: WindowReading, seed: int) -> Iterator[Point]:
 def _outcome(test: Rows, score: NDArray[np.float64], threshold: float, seed: int) -> Outcome:
     pages = scored(test, score)
     found = at_threshold(pages, threshold)
-    rng = stream(seed, "bootstrap")  # the same designs are drawn for every detector and disturbance
+    rng = stream(seed, "bootstrap")  # the same days are drawn for every detector and disturbance
     return Outcome(
         cost=bootstrap_cost(pages, ALPHA, threshold=threshold, rng=rng),
         false_alarms=round(found.false_alarms * int((~pages.bad).sum())),

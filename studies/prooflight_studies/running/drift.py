@@ -182,6 +182,7 @@ def drift_row(
     known = [page for page in announced if page is not None]
     return {
         "ink": name,
+        "fringes": run.press.fringes,
         "sensors": len(run.press.sensors),
         "designs": len(run.pages),
         "good_pages": good_pages,
@@ -208,6 +209,7 @@ def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) 
     known = [row for row in rows if row["announced"] is not None]
     return {
         "runs": len(rows),
+        "fringes": run.press.fringes,
         "announced": len(known),
         "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in known],
         "gate_ink_percent": 100 * GATE_INK,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.line.settings import Settings
+from prooflight.line.status import VERDICTS
 from prooflight.line.watching import watched
 from prooflight.pages.process import settle_process
 from prooflight.rng import stream
@@ -121,6 +122,7 @@ def live_row(
         "late_sheets": watcher.late,
         "not_inspected": status.not_inspected,
         "misprints": status.misprints,
+        "fringes": press.fringes,
         "faults": dict(status.faults),
         "verdict_ms": {
             "median": verdict.median_ms,
@@ -188,8 +190,11 @@ def soak_row(
         turn for turn in passing if turn.page is not None or (turn.fault and turn.fault.kind != "missing")
     ]
     came = [one for one in watcher.outcomes if one[3]]
+    called = Counter(verdict for _, verdict, _, _ in came)
     return {
         "detector": inspector.detector.name,
+        "fringes": inspector.press.fringes,
+        "called": {name: called[name] for name in VERDICTS},
         "sheets": status.pages_seen,
         "expected_sheets": len(shown),
         "seconds": round(time.perf_counter() - begun_s, 1),

@@ -18,6 +18,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
+from prooflight.line.settings import DEADLINE_S
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
@@ -79,6 +80,8 @@ class Plan:
 def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
     """All figures of the page, None for parts that were not measured; known: the parts that were."""
     live = [row for name in ("repeated", "different", "ours") for row in known.get(name, [])]
+    # Parts that were measured before these were noted; None: not known.
+    noted: dict[str, Any] = {"fringes": None, "called": None}
     # Sheets that came out unlike those shown cannot be told apart.
     unknown = {
         "taken_for_another_page": None,
@@ -86,17 +89,22 @@ def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
         "alarms": None,
         "prints_that_alarm_anyway": None,
     }
-    soak = known.get("soak")
+    soak, drift = known.get("soak"), known.get("drift")
     if soak is not None:
-        soak = unknown | soak
+        soak = noted | unknown | soak
         if soak["alarms"] is not None:
             counted = ("near_alarms", "near_sheets", "elsewhere_alarms", "elsewhere_sheets")
             soak["alarms"] = dict.fromkeys(counted, 0) | soak["alarms"]
     return {
         "cores": cores,
-        "live": [{"late_sheets": []} | row for row in live],
+        "deadline_ms": round(1000 * DEADLINE_S),
+        "live": [{"late_sheets": [], "fringes": None} | row for row in live],
         "soak": soak,
-        **{part: known.get(part) for part in ("drift", "streak", "picture")},
+        "drift": None if drift is None else [{"fringes": None} | row for row in drift],
+        **{
+            part: None if (of := known.get(part)) is None else {"fringes": None} | of
+            for part in ("streak", "picture")
+        },
     }
 
 
@@ -222,7 +230,7 @@ class Study:
         pages = tuple(press.geometry.lay(pieces.page(index)) for index in range(6))
         path = self.out / "running-live.svg"
         text = draw_live(path, Inspector.of(press), pages, seed=self.seed)
-        return {"picture": path.name, "text": text}
+        return {"picture": path.name, "text": text, "fringes": press.fringes}
 
     # --- what they need ---
 

@@ -74,7 +74,7 @@ def soak_ring(
     thumbnails, scans = [], []
 
     def printed(page: Page, index: int) -> NDArray[np.uint16]:
-        rng = stream(seed, "print", index)
+        rng = stream(seed, "soak-print", index)
         scan = scan_page(
             page, press=press, request=None, others=(), fetch=lambda _: page, rng=rng, session=session
         )

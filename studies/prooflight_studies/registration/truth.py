@@ -1,0 +1,80 @@
+"""Where a print lies in truth: from what was drawn to print it, and from nothing that was found in its scan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.cmyk import INKS
+from prooflight.prediction.predict import predict
+from prooflight.simulation.prints import plane_pixels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.registration.register import Registration
+    from prooflight.scans.placement import Placement
+    from prooflight.simulation.prints import Print
+
+SAID: Final = (
+    "the sheet's drawn placement and, since content moves with the ink planes, the one shift that comes closest to "
+    "their drawn register: over all pixels, in units of the noise, by how the expected signal answers to a plane that "
+    "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found; of what was found, "
+    "the placement and the planes, in the truth's mix, are compared with it"
+)
+"""What the page says of the truth."""
+
+
+def printed_at(print_: Print, parts: NDArray[np.float64], page: Page) -> Placement:
+    """Where a print of ``page`` lies; parts (2, 4): ``plane_parts`` of what is printed."""
+    return _with_planes(print_.placement, plane_pixels(print_, page) * page.pixel_mm, parts)
+
+
+def said_at(found: Registration, parts: NDArray[np.float64]) -> Placement:
+    """Where registration says that the same mix of planes lies: its placement, and the planes that it found."""
+    return _with_planes(found.placement, found.planes_mm, parts)
+
+
+def _with_planes(place: Placement, planes_mm: NDArray[np.floating], parts: NDArray[np.float64]) -> Placement:
+    x, y = np.einsum("ap,pa->a", parts, planes_mm)
+    return replace(place, shift_mm=(place.shift_mm[0] + float(x), place.shift_mm[1] + float(y)))
+
+
+def plane_parts(printed: Page, press: Press) -> NDArray[np.float64]:
+    """How much each plane counts in where a page is seen, across and along (2, 4): 1 together, 0 if nothing is printed.
+
+    With g_p the change of the expected signal as plane p moves, and g their sum, planes that are off by d_p look most
+    like the whole page off by sum(d_p <g_p, g>) / <g, g>.
+    """
+    start = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
+    parts = np.zeros((2, INKS))
+    for axis in range(2):
+        slopes = {
+            ink: predict(
+                _moved(printed, ink, axis), sensors=press.sensors, geometry=press.geometry, threads=1
+            ).expected_dn
+            - start.expected_dn
+            for ink in range(INKS)
+            if printed.cmyk[..., ink].any()
+        }
+        if not slopes:
+            continue
+        weighed = sum(slopes.values()) / start.variance_dn2
+        told = {ink: float(np.vdot(slope, weighed)) for ink, slope in slopes.items()}
+        parts[axis, list(told)] = np.array(list(told.values())) / max(sum(told.values()), 1e-9)
+    return parts
+
+
+def _moved(page: Page, ink: int, axis: int) -> Page:
+    """With one plane a raster pixel further right (axis 0) or down (1)."""
+    cmyk = page.cmyk.copy()
+    cmyk[..., ink] = 0
+    if axis == 0:
+        cmyk[:, 1:, ink] = page.cmyk[:, :-1, ink]
+    else:
+        cmyk[1:, :, ink] = page.cmyk[:-1, :, ink]
+    return replace(page, cmyk=cmyk)

@@ -112,6 +112,10 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
         "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
+        "ranking-fold": Purpose(
+            "trees that judge one fold of the pages that teach", (SEED, FREE + 9, "fold")
+        ),
+        "ranking-trees": Purpose("trees of the ranking that is shipped", (SEED, FREE + 10)),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,9 +15,12 @@ from prooflight.cli.options import Json
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
+if TYPE_CHECKING:
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
 
-QUICK, FULL = 64, 160
+QUICK, FULL = 136, 160
 TEACHING = {"none": 0, "quick": QUICK, "full": FULL}
 """How many designs each way of teaching prints."""
 COMPOSED_SEED = 70_000
@@ -34,13 +37,12 @@ def build(
         str,
         typer.Option(
             metavar="none|quick|full",
-            help="What it is taught by simulation. quick: our detector, from good prints; full: misprints too, and "
-            "the paper's learned detector.",
+            help="What is made fit for it by simulation. quick: our detector; full: the paper's learned one too.",
         ),
     ] = "quick",
     designs: Annotated[
         int | None,
-        typer.Option(help=f"Page designs that teach the detectors; default {QUICK}, full {FULL}.", min=1),
+        typer.Option(help=f"Page designs that are printed for it; default {QUICK}, full {FULL}.", min=1),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the simulated camera specimen and its prints.", min=0)] = 1,
     json: Json = False,
@@ -48,7 +50,7 @@ def build(
     """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.training.train import Plan
+    from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.inspection.registry import promises
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
@@ -65,7 +67,9 @@ def build(
         settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
     )
     if detector != "none":
-        press = _trained(press, designs or TEACHING[detector], full=detector == "full", seed=seed, quiet=json)
+        rate = 1 / settings.good_pages_per_false_alarm if settings.states_promise else DEFAULT_RATE
+        teaching = designs or TEACHING[detector]
+        press = _trained(press, teaching, rate=rate, full=detector == "full", seed=seed, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
@@ -81,9 +85,24 @@ def build(
         )
     for name, promise in promises(press).items():
         show.people.print(f"detector {name}: {promise}")
+    if press.ours is not None:
+        show.people.print(catches(press.ours))
 
 
-def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) -> Press:
+def catches(ours: CalibratedDetector) -> str:
+    """What our detector catches at its promise, in one line."""
+    from prooflight.detectors.matched_filter.shipped import shipped_ranking
+
+    ranking = shipped_ranking()
+    share = ranking.caught(ours.threshold)
+    count = len(ranking.misprints)
+    return (
+        f"At one false alarm in {1 / ours.promise.rate:,.0f} good pages it catches {share:.0%} of {count:,} simulated "
+        "misprints of twelve kinds, barely visible ones included."
+    )
+
+
+def _trained(press: Press, designs: int, *, rate: float, full: bool, seed: int, quiet: bool) -> Press:
     from prooflight.commissioning.training.train import trained
     from prooflight.simulation.corpus.corpus import Corpus
 
@@ -92,6 +111,7 @@ def _trained(press: Press, designs: int, *, full: bool, seed: int, quiet: bool) 
         Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,
         seed=seed,
+        false_alarm_rate=rate,
         paper=full,
         shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
     )
@@ -117,10 +137,10 @@ def learn(
     profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
     json: Json = False,
 ) -> None:
-    """Set the threshold of our detector by real good pages: they are like those to come, simulated ones only nearly."""
+    """Make our detector fit for this press by its real good pages: what they do anyway is no misprint."""
     from prooflight.commissioning.training.real_pages import new_scans, recalibrated
     from prooflight.inspection.inspector import Inspector
-    from prooflight.inspection.job import InspectPage, ScoredPage, paired
+    from prooflight.inspection.job import InspectPage, ScanPage, paired
     from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
 
@@ -135,13 +155,12 @@ def learn(
             for number, scan in paired(opened, scans, sensors=len(press.sensors))
             if scan is not None
         ]
-    work = ScoredPage(InspectPage(job=source, inspector=inspector))
+    work = ScanPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
     fresh = new_scans(press, {page.name: page.digest for page in seen})
-    odds = promise or press.good_pages_per_false_alarm
-    scores = {page.name: page.score for page in seen}
-    learned = recalibrated(press, scores, fresh, false_alarm_rate=1 / odds)
+    asked = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
+    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else asked)
     alarms = sum(page.score > press.ours.threshold for page in seen) if press.ours else 0
     digest = learned.save(out or artefact)
     assert learned.ours is not None

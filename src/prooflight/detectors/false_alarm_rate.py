@@ -16,6 +16,12 @@ TAIL_SHARE: Final = 0.2
 LEAST_IN_TAIL: Final = 5
 FURTHEST: Final = 10.0
 """A tail is drawn on to no rarer than a tenth of what the designs promise by count; whoever asks for less gets that."""
+ALONE: Final = 5.0
+"""Of a press's own good pages beyond a threshold, so that it is known to a factor of 1.6 (a standard deviation)."""
+BEYOND: Final = (0.2, 0.1, 0.05)
+LIKE_OTHERS: Final = 4.0
+"""As if so many pages of a press had shown that it is like others. (assumed)"""
+LEAST_RATIO: Final = 0.8
 UNSURE: Final = 1.28
 """Standard deviations by which a tail's mean excess is taken too large: its upper 90 % bound."""
 
@@ -49,9 +55,11 @@ class Promise:
     rate: float
     """One good page in 1 / rate alarms. [-]"""
     simulated: int
-    """Simulated good designs that it was set by."""
+    """Simulated good designs of this press that it was set by."""
     real: int = 0
-    """Real good pages that it was set by."""
+    """Real good pages of this press that it was set by."""
+    reference: int = 0
+    """Good designs of other presses that it was set by as well."""
     conformal: bool = True
     """False: fewer designs than such a rate needs; their scores' tail is taken to go on as it began."""
     asked: float = 0.0
@@ -59,14 +67,16 @@ class Promise:
 
     def __str__(self) -> str:
         odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
-        if 0 < self.asked < self.rate:
+        if 0 < self.asked < self.rate * (1 - 1e-9):
             odds += f" (one in {1 / self.asked:,.0f} was asked for, and is refused)"
         sources = [f"{self.real} real good pages"] if self.real else []
         sources += [f"{self.simulated} simulated good designs"] if self.simulated else []
         basis = " and ".join(sources)
+        if self.reference:
+            basis += f" of this press and {self.reference:,} of those that taught the ranking"
         if self.conformal:
             return f"{odds}; by count, from {basis}"
-        least = 1 / least_false_alarm_rate(self.simulated + self.real)
+        least = 1 / least_false_alarm_rate(self.simulated + self.real + self.reference)
         return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
 
 
@@ -119,6 +129,52 @@ class GoodScores:
         begin = float(known[-inside - 1])
         excess = float((known[-inside:] - begin).mean()) * (1 + UNSURE / np.sqrt(inside))
         return begin, max(excess, 1e-3), (inside + 1) / (self.worst.size + 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressScores:
+    """Scores of a press's own good pages beside those of the many that taught the ranking.
+
+    A press's pages are few, and those many are of other presses: so the many say how scores' tail goes on, and the few
+    how often this press's pages reach into it. Where its own pages are many (``ALONE``), they decide by themselves.
+    """
+
+    reference: GoodScores
+    own: GoodScores
+
+    @property
+    def least_rate(self) -> float:
+        """See ``GoodScores``."""
+        return min(self.reference.least_rate * self.ratio, self.own.least_rate)
+
+    def alone(self, false_alarm_rate: float) -> bool:
+        """Whether so many of a press's own pages are beyond such a threshold that no others are needed."""
+        return self.own.worst.size * false_alarm_rate >= ALONE
+
+    @property
+    def ratio(self) -> float:
+        """How many times as often as the reference the press's own pages are beyond the reference's quantiles.
+
+        Counts beyond each of ``BEYOND``, drawn to 1 by ``LIKE_OTHERS`` pages, the greatest; no less than
+        ``LEAST_RATIO``.
+        """
+        count, found = self.own.worst.size, LEAST_RATIO
+        for share in BEYOND:
+            above = int((self.own.worst > np.quantile(self.reference.worst, 1 - share)).sum())
+            found = max(found, (above + LIKE_OTHERS) / (share * count + LIKE_OTHERS))
+        return found
+
+    def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
+        """See ``GoodScores``."""
+        if self.alone(false_alarm_rate):
+            return self.own.threshold(false_alarm_rate)
+        return self.reference.threshold(false_alarm_rate / self.ratio)
+
+    def p_value(self, score: float, false_alarm_rate: float) -> float:
+        """See ``GoodScores``; false_alarm_rate: what is promised, which says whose scores decide."""
+        if self.alone(false_alarm_rate):
+            return self.own.p_value(score)
+        return min(self.reference.p_value(score) * self.ratio, 1.0)
 
 
 def posterior_bound(p_value: float, misprint_rate: float) -> float:

@@ -22,6 +22,8 @@ from prooflight.scans.scan import Scan
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.job import Job, JobSource
@@ -175,23 +177,29 @@ class InspectPage:
         return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageScore:
-    """What one page of a job scored."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScannedPage:
+    """What one page of a job said to our detector."""
 
     name: str
     score: float
+    values: NDArray[np.float32]
+    """(statistics,)"""
+    page_features: NDArray[np.float64]
+    """(PAGE_FEATURES,)"""
+    another: bool
+    """Whether the scan shows another page."""
     digest: str
     """Of its scan."""
 
 
 @dataclass(frozen=True, slots=True)
-class ScoredPage:
-    """``InspectPage`` that gives the score alone, and tells one scan from another."""
+class ScanPage:
+    """``InspectPage`` by our detector that gives what the scan said, and tells one scan from another."""
 
     work: InspectPage
 
-    def __call__(self, scanned: tuple[int, RecordedScan]) -> PageScore:
+    def __call__(self, scanned: tuple[int, RecordedScan]) -> ScannedPage:
         """Inspect a page, by its number, in its scan; ScanError: it was made under other light than the press knows."""
         number, scan = scanned
         page, inspector = self.work.page(number), self.work.inspector
@@ -201,5 +209,11 @@ class ScoredPage:
         if score is None:
             remedy = "give scans of good pages, made by the press as it was calibrated"
             raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
-        digest = hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS]
-        return PageScore(name=page_name(number), score=score, digest=digest)
+        return ScannedPage(
+            name=page_name(number),
+            score=score,
+            values=inspection.kept["values"],
+            page_features=inspection.kept["portrait"],
+            another=bool(inspection.kept["wrong_page"]),
+            digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
+        )

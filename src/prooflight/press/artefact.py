@@ -8,6 +8,8 @@ What it may hold, ``press_schema`` says; nothing else is written or read. Schema
 5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
 6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
 presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
+7: our detector is a ranking that was learned once, made fit for the press by its own good pages (``ours.values``,
+``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 6
+SCHEMA = 7
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")

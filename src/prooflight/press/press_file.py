@@ -24,7 +24,7 @@ from prooflight.inks.cgats import number
 from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
-from prooflight.press.blocks import GREATEST, LEAST, checked
+from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
 from prooflight.press.limits import refuse_unworkable
 from prooflight.scans.geometry import ScanGeometry
 
@@ -88,8 +88,13 @@ class PressFile:
 
     @property
     def good_pages_per_false_alarm(self) -> float:
-        """The promise of ``[decision]``."""
-        return self._document.decision.good_pages_per_false_alarm
+        """The promise of ``[decision]``, or what chi-square promises where none is stated."""
+        return self._document.decision.good_pages_per_false_alarm or IN_IDEAL
+
+    @property
+    def states_promise(self) -> bool:
+        """Whether ``[decision]`` says how rarely good pages may alarm."""
+        return self._document.decision.good_pages_per_false_alarm is not None
 
     @property
     def fringes(self) -> bool:

@@ -34,12 +34,6 @@ def press(
     ] = True,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
-    taught: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="X.press", help="Keep the press here, taught by all these designs; it promises 1 %."
-        ),
-    ] = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -71,7 +65,6 @@ def press(
         plan=plan,
         processes=processes,
         real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
-        taught=taught,
         progress=show.steps(quiet=json),
     )
     if json:
@@ -79,5 +72,35 @@ def press(
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
         show.written(out / found.page)
-        if taught is not None:
-            show.written(taught)
+
+
+def ranking(
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    ship: Annotated[bool, typer.Option("--ship", help="Write the ranking into the package as well.")] = False,
+    left_out: Annotated[
+        bool, typer.Option(help="Judge each kind also by a ranking that it did not teach.")
+    ] = True,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """The ranking that is shipped, taught and judged by folds; writes ranking.md."""
+    from prooflight.detectors.matched_filter import shipped
+    from prooflight_studies.ranking.rows import RankingPlan
+    from prooflight_studies.ranking.study import run_ranking_study
+
+    out.mkdir(parents=True, exist_ok=True)
+    found = run_ranking_study(
+        out,
+        cache=cache / "ranking",
+        plan=RankingPlan.quick() if quick else RankingPlan(),
+        ship=Path(shipped.__file__).with_name(shipped.FILE) if ship else None,
+        left_out=left_out,
+        processes=processes,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(found)
+    else:
+        show.written(out / "ranking.md")

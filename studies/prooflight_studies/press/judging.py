@@ -10,7 +10,7 @@ import numpy as np
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model, with_threshold
 from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.false_alarm_rate import conformal_threshold
-from prooflight.detectors.matched_filter.ranking import every_column, family_columns, group_columns
+from prooflight.detectors.matched_filter.ranking import every_column, family_columns
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
@@ -278,10 +278,6 @@ def _rankings(
     def evidence(pages: Pages) -> NDArray[np.float64]:
         return found.family_evidence(found.deviations(pages.values, pages.page_features))
 
-    def weighed(pages: Pages) -> NDArray[np.float64]:
-        assert found.logit is not None
-        return found.logit.score(group_columns(evidence(pages), found.families))
-
     def every(pages: Pages) -> NDArray[np.float64]:
         deviations = found.deviations(pages.values, pages.page_features)
         return every_column(found.family_evidence(deviations), pages.page_features, deviations)
@@ -294,7 +290,6 @@ def _rankings(
         OURS: lambda pages: certain_score(found, pages, another),
         "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.page_features),
         "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
-        "weighed groups of families alone": weighed,
         "forest of all statistics alone": forest,
         "forests of kinds alone, the most of them": lambda pages: found.of_kinds(every(pages)).max(axis=1),
     }

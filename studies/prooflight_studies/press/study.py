@@ -13,14 +13,10 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.learn import (
     Pages,
     certain_score,
-    learn_model,
     learn_scatter,
     pooled,
 )
-from prooflight.commissioning.training.simulated_days import good_prior, good_residual_variance
-from prooflight.commissioning.training.train import calibrated_for
 from prooflight.detectors.false_alarm_rate import conformal_threshold
-from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.operating import Scored, least_cost
@@ -69,15 +65,13 @@ def run_press_study(
     processes: int | None = None,
     plan: PressPlan | None = None,
     real: Folder | None = None,
-    taught: Path | None = None,
     pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
     """Scan, learn, tune, test, and write ``PressFindings.page`` into ``results``.
 
     press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
-    that was interrupted goes on. real: pages of real documents beside the composed designs. taught: where to keep
-    the press, with our detector taught by all judged designs and its promise made by those that only promise.
+    that was interrupted goes on. real: pages of real documents beside the composed designs.
     """
     started = time.perf_counter()
     plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
@@ -110,9 +104,6 @@ def run_press_study(
         real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
     )
     write_page(results / found.page, "press", press_results(found))
-    if taught is not None:
-        progress(f"{taught.name}: learning from every part")
-        _trained(press, scans.main, lessons, scans.promise, scans.scatter, plan).save(taught)
     progress(
         f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
         f"{sum(bench.minutes):.0f} minutes of one process"
@@ -226,25 +217,6 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
         learning=said("learning", replace(good, number=7), "good pages that teach"),
         trial=said("trial", replace(good, number=8), "good pages that try promises"),
     )
-
-
-def _trained(
-    press: Press, main: Rows, teaching: Pages, promise: Rows, scatter: Scatter, plan: PressPlan
-) -> Press:
-    """The press with what all judged designs teach, promising ``FALSE_ALARM_RATE``; nothing published here was judged
-    by it.
-    """
-    model = learn_model(
-        Pages.of(main).beside(teaching),
-        names=main["names"][: main["values"].shape[1]].tolist(),
-        scatter=scatter,
-        residual_variance=good_residual_variance(press),
-        prior=good_prior(press),
-        rng=stream(plan.seed, "press-ranking"),
-        trees=plan.trees,
-    )
-    promising = replace(press, good_pages_per_false_alarm=1 / FALSE_ALARM_RATE)
-    return replace(promising, ours=calibrated_for(promising, model, promise))
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:

@@ -16,7 +16,7 @@ from prooflight.inks.built_in import built_in_inks
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.artefact import ClippedShare, Press
-from prooflight.press.blocks import DecisionBlock, InspectionBlock
+from prooflight.press.blocks import IN_IDEAL, InspectionBlock
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mappi
         appearance_srgb=_appearance(learned),
         fringes=InspectionBlock().fringes,
         costs=RunningCosts(),
-        good_pages_per_false_alarm=DecisionBlock().good_pages_per_false_alarm,
+        good_pages_per_false_alarm=IN_IDEAL,
         origin=origin,
         ink_facts={"name": f"{len(learned.fit.model.cmyk)} patches", "model": learned.fit.model.name},
         clipped=tuple(_clipped(sensor) for sensor in sensors),

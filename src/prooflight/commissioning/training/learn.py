@@ -8,20 +8,15 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.training.ranking import even, fitted_forest, fitted_logit
+from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
-    Logit,
-    Outright,
     every_column,
     family_columns,
-    group_columns,
-    mixed_columns,
-    scores_of,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, LEAST_LIGHT, MODES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
@@ -43,10 +38,13 @@ POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
 LEAST_SQUARES: Final = 1.3
 COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
 """Of columns among which a cut is chosen: that tells all misprints from good pages, and one kind by itself."""
+SHIFT_PAGES: Final = 1.0
+"""As if so many pages of a press had lain where those that taught do ..."""
+SCALE_PAGES: Final = 3.0
+"""... and so many had scattered as they do."""
+LEAST_SCALE: Final = 1.0
+"""What scatters less than elsewhere is not taken to be surer: few pages say little of that. (assumed)"""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
-OUTRIGHT: Final = 0.001
-"""Share of good learning pages that the score that no misprint taught alarms at by itself (assumed: a tenth of what
-presses promise)."""
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
@@ -65,6 +63,8 @@ class Pages:
     design: NDArray[np.int64]
     kind: NDArray[np.str_]
     """Of misprint; empty where good."""
+    press: NDArray[np.int64]
+    """Which press each is of; statistics are compared with what that press's good pages give."""
 
     @property
     def bad(self) -> NDArray[np.bool_]:
@@ -72,13 +72,14 @@ class Pages:
         return self.kind != ""
 
     @classmethod
-    def of(cls, rows: Mapping[str, NDArray[Any]]) -> Self:
-        """From columns ``values``, ``portrait``, ``design`` and ``kind``."""
+    def of(cls, rows: Mapping[str, NDArray[Any]], press: int = 0) -> Self:
+        """From columns ``values``, ``portrait``, ``design`` and ``kind``, of one press."""
         return cls(
             values=rows["values"],
             page_features=rows["portrait"],
             design=rows["design"],
             kind=rows["kind"],
+            press=np.full(len(rows["kind"]), press),
         )
 
     def beside(self, others: Pages) -> Pages:
@@ -88,6 +89,7 @@ class Pages:
             page_features=np.concatenate([self.page_features, others.page_features]),
             design=np.concatenate([self.design, others.design]),
             kind=np.concatenate([self.kind, others.kind]),
+            press=np.concatenate([self.press, others.press]),
         )
 
     def rows(self, which: NDArray[np.bool_]) -> Pages:
@@ -97,6 +99,7 @@ class Pages:
             page_features=self.page_features[which],
             design=self.design[which],
             kind=self.kind[which],
+            press=self.press[which],
         )
 
 
@@ -202,10 +205,7 @@ def learn_model(
         quantiles=np.zeros((len(kinds), STEPS)),
         tail=np.ones((len(kinds), 3)),
         tail_from=TAIL_FROM,
-        logit=None,
         forest=None,
-        mix=None,
-        outright=None,
         kinds=(),
         kind_forests=(),
         name_forests=(),
@@ -213,83 +213,48 @@ def learn_model(
         good_designs=0,
     )
     deviations = _out_of_fold(pages, blank)
+    for one in np.unique(pages.press):
+        here = pages.press == one
+        shift, scale = shift_and_scale(deviations[here & ~pages.bad])
+        deviations[here] = (deviations[here] - shift) / scale
     found = replace(blank, **_tails(deviations[~pages.bad], blank))
     if not ranked or not pages.bad.any():
         return found
     evidence = found.family_evidence(deviations)
-    groups = group_columns(evidence, kinds)
     columns = every_column(evidence, pages.page_features, deviations)
+    kinds_of_misprint = tuple(np.unique(pages.kind[pages.bad]).tolist())
+    if len(kinds_of_misprint) == 1:
+        kinds_of_misprint = ()
 
-    def rankings(which: NDArray[np.bool_], count: int) -> _Rankings:
-        return _Rankings.of(pages.rows(which), groups[which], columns[which], rng=rng, trees=count)
+    def against_good(which: NDArray[np.bool_], count: int, share: float) -> Forest:
+        bad = pages.bad[which]
+        return fitted_forest(columns[which], bad, even(bad), rng=rng, trees=count, column_share=share)
 
-    parts = []
-    fold = _folds(pages.design)
-    for index in range(FOLDS):
-        mine = fold == index
-        parts.append((np.flatnonzero(mine), rankings(~mine, trees // 2).mixed(groups[mine], columns[mine])))
-    place, mixed = (np.concatenate(part) for part in zip(*parts, strict=True))
-    mix = fitted_logit(mixed, pages.bad[place], even(pages.bad[place]))
-    good_place = place[~pages.bad[place]]
-    outright = Outright(
-        guard=float(np.quantile(found.guard(evidence[good_place]), 1 - OUTRIGHT)),
-        score=float(np.quantile(mix.score(mixed)[~pages.bad[place]], 1 - OUTRIGHT)),
-    )
-    every = rankings(np.ones(len(pages.bad), bool), trees)
     return replace(
         found,
-        logit=every.logit,
-        forest=every.forest,
-        kinds=every.kinds,
-        kind_forests=every.kind_forests,
-        name_forests=_names(pages, every.kinds, family_columns(evidence), rng, trees // 3),
-        mix=mix,
-        outright=outright,
+        forest=against_good(np.ones(len(pages.bad), bool), trees, COLUMN_SHARE),
+        kinds=kinds_of_misprint,
+        kind_forests=tuple(
+            against_good(~pages.bad | (pages.kind == kind), trees // 4, KIND_SHARE)
+            for kind in kinds_of_misprint
+        ),
+        name_forests=_names(pages, kinds_of_misprint, family_columns(evidence), rng, trees // 3),
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Rankings:
-    """What misprints teach: all of them against good pages, added up and by a forest, and each kind by itself."""
+def shift_and_scale(
+    good: NDArray[np.floating], *, least_scale: float = LEAST_SCALE
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """``DetectorModel.shift`` and ``scale``, (statistics,) each, from deviations of a press's good pages (pages, n).
 
-    logit: Logit
-    forest: Forest
-    kinds: tuple[str, ...]
-    kind_forests: tuple[Forest, ...]
-
-    @classmethod
-    def of(
-        cls,
-        pages: Pages,
-        groups: NDArray[np.float64],
-        columns: NDArray[np.float64],
-        *,
-        rng: np.random.Generator,
-        trees: int,
-    ) -> Self:
-        """From ``group_columns`` and ``every_column``; kinds by themselves if there are two or more."""
-
-        def against_good(kind: str) -> Forest:
-            which = ~pages.bad | (pages.kind == kind)
-            bad, count = pages.bad[which], trees // 4
-            return fitted_forest(
-                columns[which], bad, even(bad), rng=rng, trees=count, column_share=KIND_SHARE
-            )
-
-        weight = even(pages.bad)
-        kinds = tuple(np.unique(pages.kind[pages.bad]).tolist())
-        kinds = kinds if len(kinds) > 1 else ()
-        return cls(
-            logit=fitted_logit(groups, pages.bad, weight),
-            forest=fitted_forest(columns, pages.bad, weight, rng=rng, trees=trees, column_share=COLUMN_SHARE),
-            kinds=kinds,
-            kind_forests=tuple(against_good(kind) for kind in kinds),
-        )
-
-    def mixed(self, groups: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``mixed_columns``."""
-        of_kinds = scores_of(self.kind_forests, columns)
-        return mixed_columns(self.logit.score(groups), self.forest.score(columns), of_kinds)
+    The mean is drawn towards 0 by ``SHIFT_PAGES``, the variance towards 1 by ``SCALE_PAGES``, and widened by 1 + 1 / n,
+    for the mean is no better known (predictive variance of a normal sample).
+    """
+    n = len(good)
+    shift = good.sum(axis=0) / (n + SHIFT_PAGES)
+    squares = ((good - shift) ** 2).sum(axis=0)
+    variance = (squares + SCALE_PAGES) / (n + SCALE_PAGES - 1) * (1 + 1 / max(n, 1))
+    return shift, np.sqrt(variance).clip(min=least_scale)
 
 
 def _names(

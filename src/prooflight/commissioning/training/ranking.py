@@ -1,47 +1,23 @@
-"""Misprints and good pages -> how to rank pages: a weighted sum by ridge regression of log odds, and a forest."""
+"""Misprints and good pages -> forests that rank pages."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import optimize
 
-from prooflight.detectors.matched_filter.ranking import Forest, Logit
+from prooflight.detectors.matched_filter.ranking import Forest
 from prooflight.kernels.statistics.forest import Examples, TreeNodes, grow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LEAST_ROWS: Final = 2
-RIDGE: Final = 2.0
-"""Half the inverse variance of weights of columns in standard deviations, beside log losses of one."""
 
 
 def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Weights with which both sides count the same."""
     return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
-
-
-def fitted_logit(
-    columns: NDArray[np.floating], bad: NDArray[np.bool_], weight: NDArray[np.floating]
-) -> Logit:
-    """Logistic regression with a ridge: columns (pages, columns), weight (pages,) of each page."""
-    mean, sd = columns.mean(axis=0), columns.std(axis=0) + 1e-9
-    x = np.column_stack([np.ones(len(bad)), (columns - mean) / sd])
-    ridge = np.full(x.shape[1], RIDGE)
-    ridge[0] = 0
-    sign = np.where(bad, 1.0, -1.0)
-
-    def loss(amounts: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        right = sign * (x @ amounts)
-        slope = -weight * sign / (1 + np.exp(right))
-        total = weight @ np.logaddexp(0, -right) + ridge @ amounts**2
-        return float(total), x.T @ slope + 2 * ridge * amounts
-
-    found = optimize.minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B").x
-    weights = found[1:] / sd
-    return Logit(weights=weights, start=float(found[0] - weights @ mean))
 
 
 def fitted_forest(

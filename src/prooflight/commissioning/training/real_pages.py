@@ -1,4 +1,4 @@
-"""Real good pages take the place of simulated ones: the threshold is set anew, and what is promised said anew."""
+"""Real good pages take the place of simulated ones: what the press does is learned anew, and what is promised."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.commissioning.training.adapting import fit_for
+from prooflight.commissioning.training.learn import Pages
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from prooflight.inspection.job import ScannedPage
     from prooflight.press.artefact import Press
 
 FEWEST_REAL: Final = 20
@@ -33,29 +35,44 @@ def new_scans(press: Press, digests: Mapping[str, str]) -> dict[str, str]:
 
 
 def recalibrated(
-    press: Press, scores: Mapping[str, float], digests: Mapping[str, str], *, false_alarm_rate: float
+    press: Press, pages: Sequence[ScannedPage], digests: Mapping[str, str], *, false_alarm_rate: float
 ) -> Press:
-    """The press after good pages scored so, by page; digests: of their scans.
+    """The press made fit by these good pages; digests: of the scans, by page, of those to learn from.
 
-    A page of the job is a design and counts once. RequestError: the press was not taught our detector, or altogether
-    there are too few real pages.
+    Real pages take the place of simulated ones, and add up over calls. A page of the job is a design and counts once.
+    RequestError: the press was not taught our detector, or altogether there are too few real pages.
     """
     ours = press.ours
     if ours is None:
         remedy = "build it with `prooflight press build --detector quick`"
         raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
-    real = np.concatenate([ours.real, np.array([scores[page] for page in digests], np.float64)])
-    if real.size < FEWEST_REAL:
-        what = f"{real.size} good pages that were not learned from before"
+    fresh = [page for page in pages if page.name in digests]
+    if astray := [page.name for page in fresh if page.another]:
+        what = f"{', '.join(astray[:5])} {'shows' if len(astray) == 1 else 'show'} another page"
+        raise RequestError("good pages", what, remedy="leave out what is not good")
+    values = [ours.pages.values[: ours.real], *(page.values[None] for page in fresh)]
+    features = [ours.pages.page_features[: ours.real], *(page.page_features[None] for page in fresh)]
+    count = ours.real + len(fresh)
+    if count < FEWEST_REAL:
+        what = f"{count} good pages that were not learned from before"
         raise RequestError(
             "good pages", what, remedy=f"give {FEWEST_REAL} or more, each another page of a job"
         )
-    learned = CalibratedDetector.calibrated(
+    good = Pages(
+        values=np.concatenate(values),
+        page_features=np.concatenate(features),
+        design=np.arange(count),
+        kind=np.full(count, ""),
+        press=np.zeros(count, np.int64),
+    )
+    learned = fit_for(
         ours.model,
-        simulated=ours.simulated,
-        real=real,
+        ours.scores.reference,
+        good,
+        np.zeros(count, bool),
         false_alarm_rate=false_alarm_rate,
         misprint_rate=ours.misprint_rate,
+        real=True,
     )
     seen = " ".join([*press.origin.get(SEEN, "").split(), *digests.values()])
     return replace(press, ours=learned, origin=dict(press.origin) | {SEEN: seen})

@@ -7,13 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.learn import (
-    Pages,
-    certain_score,
-    learn_model,
-    learn_scatter,
-    pooled,
-)
+from prooflight.commissioning.training.adapting import fit_for
+from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
     ScatterWork,
@@ -21,41 +16,36 @@ from prooflight.commissioning.training.simulated_days import (
     good_prior,
     good_residual_variance,
 )
-from prooflight.detectors.false_alarm_rate import GoodScores
-from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.pages.parallel import in_order
-from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from prooflight.commissioning.training.simulated_days import Rows
-    from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
 
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
-LEAST_RANKED: Final = 200
-"""Designs from which misprints teach a ranking: with 112 the score that none taught cost less, with 300 more."""
 FEWEST: Final = 24
-"""Designs below which nothing is worth learning: 6 for scatter, 9 to learn and 9 to calibrate."""
+"""Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
 PILOT_SHARE: Final = 1 / 8
 PILOT: Final = (6, 40)
+DEFAULT_RATE: Final = 0.01
+"""What is promised where the press file does not say: as rare as counts support, and no rarer."""
 BINS: Final = 8
 """Of the paper's network: a few hundred pages do not fill more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Numbers of designs that teach how statistics scatter, that teach all else, and that set the threshold."""
+    """Numbers of designs that teach how statistics scatter, and that say what the press's good pages do."""
 
     pilot: range
-    learn: range
-    tune: range
+    calibrate: range
 
     @classmethod
     def of(cls, designs: int) -> Plan:
@@ -64,8 +54,7 @@ class Plan:
             raise RequestError("designs", f"{designs} teach too little", remedy=f"ask for {FEWEST} or more")
         low, high = PILOT
         pilot = min(max(round(designs * PILOT_SHARE), low), high)
-        half = pilot + (designs - pilot) // 2
-        return cls(pilot=range(pilot), learn=range(pilot, half), tune=range(half, designs))
+        return cls(pilot=range(pilot), calibrate=range(pilot, designs))
 
 
 def trained(
@@ -74,17 +63,18 @@ def trained(
     *,
     designs: int,
     seed: int,
+    false_alarm_rate: float = DEFAULT_RATE,
     paper: bool = False,
     processes: int | None = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Press:
-    """The press with our detector; paper: also with the learned one of the paper.
+    """The press with our detector: the ranking that is shipped, made fit for it; paper: also the paper's learned one.
 
     designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
-    half and half all else and the threshold. With the latter, misprints of half of the designs are printed as
-    well, and teach a ranking if there are ``LEAST_RANKED`` designs of them. RequestError: too few designs.
+    what this press's good pages do, which sets the threshold. With ``paper`` misprints of these are printed as well,
+    which teach the paper's network alone. RequestError: too few designs.
     """
-    plan = Plan.of(designs)
+    plan, ranking = Plan.of(designs), shipped_ranking()
 
     def gathered(work: ScatterWork | StatisticsWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
@@ -93,43 +83,26 @@ def trained(
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
     scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
-    good = StatisticsWork(press=press, pages=pages, seed=seed, scatter=scatter, misprints=False)
-    if paper:
-        both = replace(good, misprints=True, windows=True)
-        learn = gathered(both, plan.learn, "good prints and misprints")
-    else:
-        learn = gathered(good, plan.learn, "good prints")
-    tune = gathered(good, plan.tune, "false alarms")
-    ours = _ours(press, learn, tune, scatter, stream(seed, "training-ranking"))
-    return replace(press, ours=ours, bayes=_bayes(press, learn) if paper else None)
-
-
-def _ours(
-    press: Press, learn: Rows, tune: Rows, scatter: Scatter, rng: np.random.Generator
-) -> CalibratedDetector:
-    """Learned from the learning rows; what good pages of the tuning rows score sets the threshold."""
-    model = learn_model(
-        Pages.of(learn),
-        names=learn["names"].tolist(),
+    work = StatisticsWork(
+        press=press, pages=pages, seed=seed, scatter=scatter, misprints=paper, windows=paper
+    )
+    rows = gathered(work, plan.calibrate, "good prints and misprints" if paper else "good prints")
+    model = replace(
+        ranking.model,
         scatter=scatter,
         residual_variance=good_residual_variance(press),
         prior=good_prior(press),
-        rng=rng,
-        ranked=bool((learn["kind"] != "").any()) and np.unique(learn["design"]).size >= LEAST_RANKED,
     )
-    return calibrated_for(press, model, tune)
-
-
-def calibrated_for(press: Press, model: DetectorModel, good: Rows) -> CalibratedDetector:
-    """The detector with the threshold that keeps what the press file asks for; good: rows that taught nothing."""
-    pages = Pages.of(good)
-    score = certain_score(model, pages, good["another"])
-    return CalibratedDetector.calibrated(
+    every = Pages.of(rows)
+    ours = fit_for(
         model,
-        simulated=GoodScores.of(score, pages.design).worst,
-        false_alarm_rate=1 / press.good_pages_per_false_alarm,
+        ranking.reference,
+        every.rows(~every.bad),
+        rows["another"][~every.bad],
+        false_alarm_rate=false_alarm_rate,
         misprint_rate=press.costs.misprint_rate,
     )
+    return replace(press, ours=ours, bayes=_bayes(press, rows) if paper else None)
 
 
 def _bayes(press: Press, learn: Rows) -> BayesDetector:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.false_alarm_rate import GoodScores, Promise, least_false_alarm_rate, posterior_bound
+from prooflight.detectors.false_alarm_rate import GoodScores, PressScores, Promise, posterior_bound
+from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError
-from prooflight.files.schema import Block, Chance, Kept, Misfit, check_arrays, checked, part_of, rising
+from prooflight.files.schema import Block, Chance, Count, Kept, Misfit, check_arrays, checked, part_of, rising
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.registration.register import Registration
 
-ENOUGH_REAL: Final = 100
-"""Real pages whose own tail is drawn on: 20 in it fix its mean excess to a quarter."""
-UPPER: Final = 0.8
-"""Quantile from which scores make a tail."""
 LEAST_SCORES: Final = 2
 """Of which one begins a tail."""
 WRONG_PAGE: Final = 1000.0
@@ -34,14 +31,26 @@ WRONG_PAGE: Final = 1000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoodPages:
+    """What scans of a press's own good pages said: by it the model was adapted to the press."""
+
+    values: NDArray[np.float32]
+    """(pages, statistics)"""
+    page_features: NDArray[np.float64]
+    """(pages, PAGE_FEATURES)"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibratedDetector:
-    """What one press's good prints taught, and how rarely they alarm."""
+    """A ranking made fit for one press: what its good prints do, and how rarely they alarm."""
 
     model: DetectorModel
-    simulated: NDArray[np.float64]
-    """(designs,) scores of simulated good pages, the worst of each design, rising."""
-    real: NDArray[np.float64]
-    """(pages,) scores of real good pages, one a page of a job, rising."""
+    scores: PressScores
+    """Of good pages, by which the threshold was set."""
+    pages: GoodPages
+    """The press's own, whose scores are among ``scores``."""
+    real: int
+    """How many of them are real pages; 0: they are simulated."""
     promise: Promise
     threshold: float
     misprint_rate: float
@@ -52,34 +61,33 @@ class CalibratedDetector:
     def calibrated(
         cls,
         model: DetectorModel,
+        scores: PressScores,
         *,
-        simulated: NDArray[np.float64],
+        pages: GoodPages,
         false_alarm_rate: float,
         misprint_rate: float,
-        real: NDArray[np.float64] | None = None,
+        real: int = 0,
     ) -> Self:
         """The detector with the threshold that keeps ``false_alarm_rate``, or what comes nearest, on these good pages.
 
-        Real pages are like those to come, simulated ones only as like as the press is modelled. So real pages alone
-        promise what their number allows, and all else where they are ``ENOUGH_REAL``. Fewer are mixed with simulated
-        ones, whose scores are raised and stretched first by as much as the real ones exceed them, never lowered.
+        real: how many of the press's own good pages are real; the others are simulated.
         """
-        real = np.zeros(0) if real is None else np.sort(real)
-        simulated = np.sort(simulated)
-        basis = _basis(simulated, real, false_alarm_rate)
-        rate = max(false_alarm_rate, basis.least_rate)
-        threshold, by_count = basis.threshold(rate)
-        alone = _alone(real, false_alarm_rate)
+        rate = max(false_alarm_rate, scores.least_rate)
+        threshold, by_count = scores.threshold(rate)
+        alone = scores.alone(rate)
+        own = scores.own.worst.size
         promise = Promise(
             rate=rate,
             asked=false_alarm_rate,
-            simulated=0 if alone else simulated.size,
-            real=real.size,
-            conformal=by_count and (alone or not real.size),
+            simulated=own - real,
+            real=real,
+            reference=0 if alone else scores.reference.worst.size,
+            conformal=by_count,
         )
         return cls(
             model=model,
-            simulated=simulated,
+            scores=scores,
+            pages=pages,
             real=real,
             promise=promise,
             threshold=threshold,
@@ -88,7 +96,7 @@ class CalibratedDetector:
 
     def decide(self, score: float) -> Decision:
         """Decide by one page's score."""
-        p_value = _basis(self.simulated, self.real, self.promise.asked).p_value(score)
+        p_value = self.scores.p_value(score, self.promise.rate)
         return Decision(
             misprint=bool(score > self.threshold),
             score=float(score),
@@ -99,9 +107,12 @@ class CalibratedDetector:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
-        return {"simulated": self.simulated, "real": self.real} | {
-            f"tolerance.{name}": array for name, array in self.model.arrays().items()
+        scores: dict[str, NDArray[Any]] = {
+            "reference": self.scores.reference.worst,
+            "own": self.scores.own.worst,
         }
+        scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
+        return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
         """The rest: what JSON can hold."""
@@ -111,19 +122,23 @@ class CalibratedDetector:
         return {
             "false_alarm_rate": self.promise.asked,
             "misprint_rate": self.misprint_rate,
+            "real": self.real,
             "tolerance": model,
         }
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
         """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
-        checked(CalibratedFacts, facts, under=under)
+        told = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
-        check_arrays(
-            {name: a for name, a in arrays.items() if not name.startswith(mark)}, TABLE, {}, under=under
-        )
-        if arrays["simulated"].size < LEAST_SCORES:
-            raise Misfit(f"{under}simulated", f"holds fewer than {LEAST_SCORES} scores")
+        own = {name: a for name, a in arrays.items() if not name.startswith(mark)}
+        sizes = {"statistics": len(told.tolerance.get("names", ())), "features": PAGE_FEATURES}
+        check_arrays(own, TABLE, sizes, under=under)
+        for name in ("reference", "own"):
+            if arrays[name].size < LEAST_SCORES:
+                raise Misfit(f"{under}{name}", f"holds fewer than {LEAST_SCORES} scores")
+        if told.real > arrays["own"].size:
+            raise Misfit(f"{under}real", f"is {told.real}, of {arrays['own'].size} pages")
         DetectorModel.check(part_of(arrays, mark), facts["tolerance"], under=under + mark)
 
     @classmethod
@@ -133,10 +148,11 @@ class CalibratedDetector:
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
         return cls.calibrated(
             DetectorModel.from_parts(part_of(arrays, "tolerance."), told),
-            simulated=arrays["simulated"],
-            real=arrays["real"],
+            PressScores(reference=GoodScores(worst=arrays["reference"]), own=GoodScores(worst=arrays["own"])),
             false_alarm_rate=facts["false_alarm_rate"],
             misprint_rate=facts["misprint_rate"],
+            pages=GoodPages(values=arrays["values"], page_features=arrays["page_features"]),
+            real=facts["real"],
         )
 
 
@@ -145,12 +161,15 @@ class CalibratedFacts(Block):
 
     false_alarm_rate: Chance
     misprint_rate: Chance
+    real: Count
     tolerance: dict[str, Any]
 
 
 TABLE: Final = {
-    "simulated": Kept(dtype="float64", shape=("designs",), rule=rising),
-    "real": Kept(dtype="float64", shape=("pages",), rule=rising, empty=True),
+    "reference": Kept(dtype="float64", shape=("designs",), rule=rising),
+    "own": Kept(dtype="float64", shape=("pages",), rule=rising),
+    "values": Kept(dtype="float32", shape=("pages", "statistics")),
+    "page_features": Kept(dtype="float64", shape=("pages", "features")),
 }
 
 
@@ -193,25 +212,3 @@ def score_of(
         return np.nan
     score = model.score(values[None], page_features[None])[0]
     return float(np.maximum(score, WRONG_PAGE) if another else score)
-
-
-def _alone(real: NDArray[np.float64], false_alarm_rate: float) -> bool:
-    """Whether real pages decide by themselves."""
-    return bool(
-        real.size >= ENOUGH_REAL or (real.size and false_alarm_rate >= least_false_alarm_rate(real.size))
-    )
-
-
-def _basis(simulated: NDArray[np.float64], real: NDArray[np.float64], false_alarm_rate: float) -> GoodScores:
-    """The good pages that thresholds and p-values rest on."""
-    if not real.size:
-        return GoodScores(worst=simulated)
-    if _alone(real, false_alarm_rate):
-        return GoodScores(worst=real)
-    begin, of_real = float(np.quantile(simulated, UPPER)), float(np.quantile(real, UPPER))
-    excess, real_excess = (
-        float((some[some >= at] - at).mean()) for some, at in ((simulated, begin), (real, of_real))
-    )
-    stretched = begin + (simulated - begin) * max(real_excess / max(excess, 1e-9), 1.0)
-    raised = np.where(simulated > begin, stretched, simulated) + max(of_real - begin, 0.0)
-    return GoodScores(worst=np.sort(np.concatenate([raised, real])))

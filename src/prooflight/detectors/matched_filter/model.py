@@ -1,8 +1,8 @@
 """What one press's good prints taught our detector, and what misprints did: from statistics to one score.
 
-A page's statistics are compared with what good pages of such content give, each family of them is calibrated by
-itself, and families are weighed against each other by what misprints taught; or, where none were seen, by how far the
-most telling ones are out.
+A page's statistics are compared with what good pages of such content give on this press, each family of them is
+calibrated by itself, and forests that misprints taught rank pages by all of it; or, where none were seen, how far the
+most telling families are out.
 """
 
 from __future__ import annotations
@@ -18,12 +18,9 @@ from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, Residua
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
-    Logit,
-    Outright,
     every_column,
     family_columns,
-    group_columns,
-    mixed_columns,
+    ranked,
     scores_of,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
@@ -105,14 +102,8 @@ class DetectorModel:
     tail: NDArray[np.float64]
     """(families, 3) where the tail begins, and scale and shape of a generalised Pareto distribution beyond."""
     tail_from: float
-    logit: Logit | None
-    """Of ``group_columns``; None: no misprint was seen in learning."""
     forest: Forest | None
-    """Of ``every_column``."""
-    mix: Logit | None
-    """Of ``mixed_columns``."""
-    outright: Outright | None
-    """Of the mix and ``guard``."""
+    """Of ``every_column``: log odds of misprints against good pages; None: no misprint was seen in learning."""
     kinds: tuple[str, ...]
     """Kinds of misprints that were seen in learning."""
     kind_forests: tuple[Forest, ...]
@@ -166,13 +157,10 @@ class DetectorModel:
         page_features: NDArray[np.floating],
         deviations: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        guard = self.guard(evidence)
-        if self.logit is None or self.forest is None or self.mix is None or self.outright is None:
-            return guard
+        if self.forest is None:
+            return self.guard(evidence)
         every = every_column(evidence, page_features, deviations)
-        summed = self.logit.score(group_columns(evidence, self.families))
-        mixed = self.mix.score(mixed_columns(summed, self.forest.score(every), self.of_kinds(every)))
-        return self.outright.lifted(mixed, guard)
+        return ranked(self.forest.score(every), self.of_kinds(every))
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
@@ -189,8 +177,6 @@ class DetectorModel:
         """What an artefact keeps as tensors."""
         found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
         found |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
-        if self.logit is not None and self.mix is not None:
-            found |= {"logit.weights": self.logit.weights, "mix.weights": self.mix.weights}
         forests = {} if self.forest is None else {"forest": self.forest}
         for of, those in (("kind", self.kind_forests), ("name", self.name_forests)):
             forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
@@ -207,8 +193,7 @@ class DetectorModel:
             "families": list(self.families),
             "spread": asdict(self.residual_variance),
             "tail_from": self.tail_from,
-            "starts": [None if one is None else one.start for one in (self.logit, self.mix)],
-            "outright": None if self.outright is None else asdict(self.outright),
+            "ranked": self.forest is not None,
             "kinds": list(self.kinds),
             "threshold": self.threshold,
             "good_designs": self.good_designs,
@@ -220,10 +205,9 @@ class DetectorModel:
         told = checked(ModelFacts, facts, under=under)
         told.check(under)
         forests = dict(_forests_of(told))
-        table = TABLE | (WEIGHTS if told.outright else {})
         own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
         sizes = told.sizes()
-        check_arrays(own, table, sizes, under=under)
+        check_arrays(own, TABLE, sizes, under=under)
         known = {name: at for at, name in enumerate(told.families)}
         if arrays["family"].tolist() != [known[one.cause] for one in told.statistics]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
@@ -239,10 +223,6 @@ class DetectorModel:
         def forest(which: str) -> Forest:
             return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST})
 
-        def weights(which: str, start: float | None) -> Logit | None:
-            return None if start is None else Logit(weights=arrays[f"{which}.weights"], start=start)
-
-        ranked = facts["starts"][0] is not None
         return cls(
             **{name: arrays[name] for name in ARRAYS},
             statistics=tuple(map(Statistic.parse, facts["names"])),
@@ -251,10 +231,7 @@ class DetectorModel:
             residual_variance=ResidualVariance(**facts["spread"]),
             prior=PrintPrior(**facts.get("prior", {})),
             tail_from=facts["tail_from"],
-            logit=weights("logit", facts["starts"][0]),
-            forest=forest("forest") if ranked else None,
-            mix=weights("mix", facts["starts"][1]),
-            outright=Outright(**facts["outright"]) if ranked else None,
+            forest=forest("forest") if facts["ranked"] else None,
             kinds=tuple(facts["kinds"]),
             kind_forests=tuple(forest(f"kind{index}") for index in range(len(facts["kinds"]))),
             name_forests=tuple(forest(f"name{index}") for index in range(len(facts["kinds"]))),
@@ -275,13 +252,6 @@ class DetectorModel:
             best = members[int(np.argmax(deviations[0, members]))]
             found.append((self.families[index], statistics[best]))
         return found
-
-
-class OutrightFacts(Block):
-    """``Outright``."""
-
-    guard: Number
-    score: Number
 
 
 class ResidualVarianceFacts(Block):
@@ -322,8 +292,8 @@ class ModelFacts(Block):
     spread: ResidualVarianceFacts
     prior: PriorFacts | None = None
     tail_from: Chance
-    starts: tuple[Number | None, Number | None]
-    outright: OutrightFacts | None
+    ranked: Annotated[bool, Field(strict=True)]
+    """Whether misprints were seen in learning."""
     kinds: Annotated[tuple[Name, ...], Field(max_length=100)]
     threshold: Number | None
     """None: infinite, not set; JSON knows no infinity."""
@@ -337,9 +307,8 @@ class ModelFacts(Block):
             raise Misfit(f"{under}families", "must be those of its statistics, sorted")
         if len(set(self.kinds)) < len(self.kinds):
             raise Misfit(f"{under}kinds", "must differ from each other")
-        ranked = self.outright is not None
-        if any((start is not None) != ranked for start in self.starts) or (self.kinds and not ranked):
-            raise Misfit(f"{under}starts", "must be there if misprints taught a ranking, and only then")
+        if self.kinds and not self.ranked:
+            raise Misfit(f"{under}ranked", "must be true where there are kinds")
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
@@ -350,12 +319,9 @@ class ModelFacts(Block):
         """Extents of arrays, and columns of what rankings look at: as this version counts them."""
         nothing = np.zeros((1, len(self.families)))
         page_features, deviations = np.zeros((1, PAGE_FEATURES)), np.zeros((1, len(self.names)))
-        mixed = mixed_columns(np.zeros(1), np.zeros(1), np.zeros((1, len(self.kinds))))
         return {
             "statistics": len(self.names),
             "families": len(self.families),
-            "groups": group_columns(nothing, self.families).shape[1],
-            "mixed": mixed.shape[1],
             "every": every_column(nothing, page_features, deviations).shape[1],
             "of families": family_columns(nothing).shape[1],
         }
@@ -363,7 +329,7 @@ class ModelFacts(Block):
 
 def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
     """Names of the forests, and which columns each looks at."""
-    if facts.outright is None:
+    if not facts.ranked:
         return
     yield "forest", "every"
     for index in range(len(facts.kinds)):
@@ -394,8 +360,4 @@ TABLE: Final = {
         for name, shape in SCATTER_SHAPES.items()
     },
     "scatter.light": Kept(dtype="float64", shape=(len(SIZES),), above=0),
-}
-WEIGHTS: Final = {
-    "logit.weights": Kept(dtype="float64", shape=("groups",)),
-    "mix.weights": Kept(dtype="float64", shape=("mixed",)),
 }

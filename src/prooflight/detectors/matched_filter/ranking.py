@@ -1,4 +1,4 @@
-"""What misprints taught: how what families say adds up. Columns, a weighted sum of them, and a forest."""
+"""What misprints taught: the columns that forests look at, and the forests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.files.schema import Kept, Misfit, check_arrays
 from prooflight.kernels.statistics.forest import shares_of
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 LEAST_CHANCE: Final = 0.01
 RANKS: Final = (0, 2, 5, 10, 20, 40)
 """Of the families by what they say, beside the families themselves in what the forest looks at."""
-RUNS: Final = (0, 1, 4, 12, 40)
-"""Families are put in order by what they say; means of the first, of the second to fourth, and so on are looked at."""
 
 
 def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -34,62 +31,6 @@ def every_column(
 ) -> NDArray[np.float64]:
     """``family_columns``, what the page is like, and every statistic by itself."""
     return np.hstack([family_columns(evidence), page_features, deviations])
-
-
-def group_columns(evidence: NDArray[np.floating], families: Sequence[str]) -> NDArray[np.float64]:
-    """What each group of families says most (those of one first word), and how broadly the page is off."""
-    first = np.array([Statistic.parse(family).word for family in families])
-    groups = np.stack([evidence[:, first == one].max(axis=1) for one in dict.fromkeys(first)], axis=1)
-    ordered = -np.sort(-evidence, axis=1)
-    ends = [*RUNS[1:], ordered.shape[1]]
-    runs = [
-        ordered[:, begin:end].mean(axis=1)
-        for begin, end in zip(RUNS, ends, strict=True)
-        if begin < ordered.shape[1]
-    ]
-    return np.column_stack([*runs, np.sqrt(ordered[:, 0]), groups, np.sqrt(groups)])
-
-
-def mixed_columns(
-    summed: NDArray[np.floating], seen: NDArray[np.floating], of_kinds: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """What rankings say, made one row a page: (pages,) twice, and (pages, kinds) of each kind against good pages.
-
-    A page need look like one kind only: of the kinds the most counts, the next, the mean of three and the mean odds.
-    """
-    if not of_kinds.shape[1]:
-        return np.column_stack([summed, seen])
-    ordered = -np.sort(-of_kinds, axis=1)
-    odds = np.log(np.exp(of_kinds).mean(axis=1))
-    return np.column_stack([summed, seen, ordered[:, :2], ordered[:, :3].mean(axis=1), odds])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Logit:
-    """A weighted sum."""
-
-    weights: NDArray[np.float64]
-    """(columns,)"""
-    start: float
-
-    def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Log odds of rows (pages, columns): (pages,); unbounded, so that the worst stand out."""
-        return np.asarray(self.start + columns @ self.weights)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outright:
-    """Where the score that no misprint taught speaks for itself: forests say no more of a page that is further out."""
-
-    guard: float
-    """Of that score: hardly a good page is beyond."""
-    score: float
-    """Of the taught score: as few good pages are beyond."""
-
-    def lifted(self, score: NDArray[np.floating], guard: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Taught scores (pages,), those of pages beyond ``guard`` raised by how far they are."""
-        beyond = guard - self.guard
-        return np.where(beyond > 0, np.maximum(score, self.score) + beyond, score)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,3 +87,13 @@ FOREST: Final = {
 def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:
     """What each forest says of rows (pages, columns): (pages, forests), none of which there may be."""
     return np.array([forest.score(columns) for forest in forests]).reshape(-1, len(columns)).T
+
+
+def ranked(of_all: NDArray[np.floating], of_kinds: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What forests say, made one score a page: log odds against good pages of all misprints together, (pages,), and of
+    the kind that a page looks like most, of (pages, kinds).
+
+    Together they rank kinds that taught neither better than what each kind was weighed by (`study ranking`).
+    """
+    most = of_kinds.max(axis=1) if of_kinds.shape[1] else 0.0
+    return np.asarray(of_all + most)

@@ -1,0 +1,74 @@
+"""A press's own good pages -> how far its statistics lie from those that taught the ranking, and how widely.
+
+What a press does that no other does (a cloudy paper, a lamp that ripples, looser register) moves some statistics and
+leaves the others. Each is measured anew, in its own units, so that what good pages do anyway counts for nothing and all
+else as before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.learn import LEAST_SCALE, certain_score, shift_and_scale
+from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, GoodPages
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.commissioning.training.learn import Pages
+    from prooflight.detectors.matched_filter.model import DetectorModel
+
+LEAST_EXACT: Final = 0.1
+"""The same where good prints are exact: there hardly anything scatters. (assumed)"""
+FOLDS: Final = 5
+
+
+def adapted(model: DetectorModel, good: Pages) -> DetectorModel:
+    """The model with shift and scale of every statistic as this press's good pages have them (``shift_and_scale``)."""
+    plain = replace(model, shift=np.zeros_like(model.shift), scale=np.ones_like(model.scale))
+    deviations = plain.deviations(good.values, good.page_features)
+    least = LEAST_EXACT if model.residual_variance.exact else LEAST_SCALE
+    shift, scale = shift_and_scale(deviations, least_scale=least)
+    return replace(model, shift=shift, scale=scale)
+
+
+def fit_for(
+    model: DetectorModel,
+    reference: GoodScores,
+    good: Pages,
+    another: NDArray[np.bool_],
+    *,
+    false_alarm_rate: float,
+    misprint_rate: float,
+    real: bool = False,
+) -> CalibratedDetector:
+    """A ranking made fit for the press whose good pages these are, with the promise that they and the others allow.
+
+    model: not adapted to any press, or to this one by other pages; reference: its scores of those that taught it.
+    another: whether a scan showed another page.
+    """
+    own = GoodScores.of(own_scores(model, good, another), good.design)
+    return CalibratedDetector.calibrated(
+        adapted(model, good),
+        PressScores(reference=reference, own=own),
+        pages=GoodPages(values=good.values, page_features=good.page_features),
+        false_alarm_rate=false_alarm_rate,
+        misprint_rate=misprint_rate,
+        real=own.worst.size if real else 0,
+    )
+
+
+def own_scores(model: DetectorModel, good: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Scores of a press's good pages, (pages,), each by what the others of them taught (``FOLDS`` parts by design)."""
+    turn = np.unique(good.design, return_inverse=True)[1] % FOLDS
+    found = np.empty(len(turn))
+    for index in range(FOLDS):
+        mine = turn == index
+        if mine.any():
+            others = adapted(model, good.rows(~mine))
+            found[mine] = certain_score(others, good.rows(mine), another[mine])
+    return found

@@ -1,0 +1,197 @@
+"""The ranking that is shipped: learned from every lesson, judged by folds of press days that had not taught it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.adapting import adapted
+from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
+from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.matched_filter.shipped import ShippedRanking
+from prooflight.pages.parallel import in_order
+from prooflight.rng import stream
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.ranking.rows import RankingPlan, lessons
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight_studies.ranking.rows import Lesson
+
+FOLDS: Final = 4
+TREES: Final = 240
+LEFT_OUT_TREES: Final = 120
+"""Of rankings that are made to see what a kind that nobody taught is worth."""
+RATES: Final = (0.01, 0.02, 0.05)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Taught:
+    """All rows of all lessons, in one order."""
+
+    pages: Pages
+    day: NDArray[np.int64]
+    another: NDArray[np.bool_]
+    severity: NDArray[np.float64]
+    names: list[str]
+    scatter: Scatter
+    """Of the first press: each press has its own when it is made ready."""
+
+    @classmethod
+    def of(cls, every: list[Lesson]) -> Taught:
+        """Presses are numbered in their order."""
+        sets = [(number, rows) for number, lesson in enumerate(every) for rows in lesson.rows]
+        pages = Pages.of(sets[0][1], sets[0][0])
+        for number, rows in sets[1:]:
+            pages = pages.beside(Pages.of(rows, number))
+        names = sets[0][1]["names"][: pages.values.shape[1]].tolist()
+        one = {
+            name: np.concatenate([rows[name] for _, rows in sets]) for name in ("day", "another", "severity")
+        }
+        return cls(pages=pages, **one, names=names, scatter=every[0].scatter)
+
+    @property
+    def fold(self) -> NDArray[np.int64]:
+        """Which each row is judged in: press days take turns."""
+        return np.asarray(np.unique(self.day, return_inverse=True)[1] % FOLDS)
+
+    def model(self, which: NDArray[np.bool_], rng: np.random.Generator, trees: int) -> Any:
+        """What some rows teach."""
+        return learn_model(
+            self.pages.rows(which), names=self.names, scatter=self.scatter, rng=rng, trees=trees
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JudgedFold:
+    """Rows that one fold judges: their scores and kinds."""
+
+    rows: NDArray[np.int64]
+    score: NDArray[np.float64]
+    kind: NDArray[np.str_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoldWork:
+    """Number of a fold, and the kind that is kept from teaching ("": none) -> what it says of its rows."""
+
+    taught: Taught
+    seed: int
+
+    def __call__(self, task: tuple[int, str]) -> JudgedFold:
+        """Each press's rows are judged by the model made fit by that press's good pages of the other folds."""
+        index, without = task
+        taught, pages = self.taught, self.taught.pages
+        mine = taught.fold == index
+        learn = ~mine & (pages.kind != without if without else True)
+        rng = stream(self.seed, "ranking-fold", index)
+        model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
+        judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
+        score, kind = np.empty(len(mine)), np.zeros(len(mine), "U16")
+        for one in np.unique(pages.press):
+            here = pages.press == one
+            fit = adapted(model, pages.rows(here & ~mine & ~pages.bad))
+            mine_here = pages.rows(judged & here)
+            score[judged & here] = certain_score(fit, mine_here, taught.another[judged & here])
+            kind[judged & here] = fit.kinds_of(mine_here.values, mine_here.page_features)
+        rows = np.flatnonzero(judged)
+        return JudgedFold(rows=rows, score=score[rows], kind=kind[rows])
+
+
+def run_ranking_study(
+    results: Path,
+    *,
+    cache: Path,
+    plan: RankingPlan | None = None,
+    ship: Path | None = None,
+    left_out: bool = True,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> dict[str, Any]:
+    """Teach, judge, and write ``ranking.md`` into ``results``; ship: where the ranking goes, if it is to be shipped.
+
+    left_out: whether each kind is also judged by a ranking that it did not teach.
+    """
+    plan = plan or RankingPlan()
+    taught = Taught.of(lessons(plan, cache, processes=processes, progress=progress))
+    pages, work = taught.pages, FoldWork(taught=taught, seed=plan.seed)
+    kinds = np.unique(pages.kind[pages.bad]).tolist()
+    tasks = [(fold, "") for fold in range(FOLDS)]
+    tasks += [(fold, kind) for kind in kinds for fold in range(FOLDS)] if left_out else []
+    scores, said = np.full(len(pages.bad), np.nan), np.zeros(len(pages.bad), "U16")
+    untaught: dict[str, list[JudgedFold]] = {kind: [] for kind in kinds}
+    for (_, kind), one in zip(tasks, in_order(work, tasks, processes=processes, fewest=2), strict=True):
+        if kind:
+            untaught[kind].append(one)
+        else:
+            scores[one.rows], said[one.rows] = one.score, one.kind
+        progress(f"judged {'all kinds' if not kind else 'without ' + kind}")
+    model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
+    ranking = ShippedRanking(
+        model=model,
+        reference=GoodScores.of(scores[~pages.bad], _design(pages)[~pages.bad]),
+        misprints=np.sort(scores[pages.bad]),
+    )
+    size_mb = 0.0
+    if ship is not None:
+        ranking.save(ship)
+        size_mb = ship.stat().st_size / 1e6
+    found = {
+        "plan": {name: getattr(plan, name) for name in RankingPlan.__slots__},
+        "worlds": worlds_digest(),
+        "size_mb": size_mb,
+        "good": int((~pages.bad).sum()),
+        "misprints": int(pages.bad.sum()),
+        "statistics": len(taught.names),
+        "rates": [_at(scores, pages, rate) for rate in RATES],
+        "kinds": [_kind(kind, taught, scores, said, untaught[kind]) for kind in kinds],
+    }
+    write_page(results / "ranking.md", "ranking", found)
+    return found
+
+
+def _design(pages: Pages) -> NDArray[np.int64]:
+    """A number a design and press."""
+    return np.asarray(pages.design + 10_000_000 * pages.press)
+
+
+def _at(scores: NDArray[np.float64], pages: Pages, rate: float) -> dict[str, float]:
+    threshold = np.quantile(scores[~pages.bad], 1 - rate, method="higher")
+    return {"rate": rate, "caught": float((scores[pages.bad] > threshold).mean())}
+
+
+def _kind(
+    kind: str,
+    taught: Taught,
+    scores: NDArray[np.float64],
+    said: NDArray[np.str_],
+    untaught: list[JudgedFold],
+) -> dict[str, Any]:
+    """One kind at 1 % of the good pages judged: caught, named right, and caught where it did not teach."""
+    pages = taught.pages
+    threshold = np.quantile(scores[~pages.bad], 1 - RATES[0], method="higher")
+    mine = pages.kind == kind
+    hit = mine & (scores > threshold)
+    found: dict[str, Any] = {
+        "kind": kind,
+        "count": int(mine.sum()),
+        "caught": float(hit.sum() / mine.sum()),
+        "named": float((said[hit] == kind).mean()) if hit.any() else None,
+        "untaught": None,
+    }
+    if untaught:
+        rows = np.concatenate([one.rows for one in untaught])
+        score = np.concatenate([one.score for one in untaught])
+        bad = pages.bad[rows]
+        found["untaught"] = float(
+            (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()
+        )
+    return found

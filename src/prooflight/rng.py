@@ -142,6 +142,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "stress-mark": Purpose(
             "a misprint that no detector is taught by", (SEED, FREE + 7, "scene", "design", "kind")
         ),
+        "stress-ties": Purpose("ties among summaries of a run's pages", (SEED, FREE + 12, "run")),
         "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 8)),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
         "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),

@@ -11,6 +11,8 @@ from scipy import fft, sparse
 from scipy.sparse.linalg import splu
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 TILE_PIXELS: Final = 32
@@ -18,14 +20,25 @@ TILE_PIXELS: Final = 32
 MOST_TILES: Final = 48
 COARSE_PIXELS: Final = 512
 """The first shift is looked for with the longer side shrunk to at most this."""
+CANDIDATES: Final = 4
+"""First shifts that are tried at most: an array of pads looks alike a whole pitch off."""
+NEARLY: Final = 0.8
+"""A shift whose edges are so much like the best one's is tried as well."""
+FAR: Final = 0.02
+"""What a shift as great as ``REACH`` costs: of shifts that fit alike, the shorter one is meant. [likeness]"""
 REACH: Final = 0.06
 """Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints lie off (worlds.toml)."""
-SHRINKS: Final = (8, 8, 4, 4, 2, 2, 1, 1, 1)
-"""Resolutions at which the field is measured in turn; each step is linear and leaves about a tenth."""
+STARTS: Final = (((8, 0.05), (8, 0.05), (4, 0.1), (4, 0.2)), ((4, 0.1), (4, 0.2)))
+"""How the field is measured first; the better one is kept: the first reaches further, but a fine array misleads it.
+Each step: how many times smaller, and the standard deviation of the field's second difference between tiles [pixels of
+the full scan]; it is linear and leaves about a tenth."""
+STEPS: Final = ((2, 0.4), (2, 0.4), (1, 1.0), (1, 1.0), (1, 1.0))
+"""Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent or
+set off within a few tiles is followed. Tuned on the tuning half of docs/results/golden.md and known transforms of it."""
+STRETCH: Final = 0.03
+"""Standard deviation of the field's slope: good prints and scans do not stretch by more. [-]"""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
-BEND_PIXELS: Final = 0.05
-"""Standard deviation of the field's second difference between tiles. [pixels of the full scan]"""
 TILE_SD_PIXELS: Final = 0.3
 """Of a tile's displacement beyond its noise: edges that moved by themselves (widths that vary)."""
 EDGE_SD: Final = 0.1
@@ -90,21 +103,34 @@ class GoldenPlace:
 def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace:
     """Find where ``scan`` shows ``golden``, both (lines, pixels) of one shape, contrast about 1.
 
-    A shift by correlation of edges, then a field of displacements from coarse to fine: at each tile one linear step of
+    Shifts by correlation of edges, of which the best is kept, then a field of displacements from coarse to fine: at each tile one linear step of
     least squares (Lucas and Kanade), all tiles together under a penalty on second differences, tiles that do not fit
     left out step by step.
     """
     tile = max(TILE_PIXELS, 8 * int(np.ceil(max(golden.shape) / MOST_TILES / 8)))
     rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
-    shift = _first_shift(golden, scan)
-    nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
-    where = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
-    stiff = _stiffness(rows, columns) / BEND_PIXELS**2
-    pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in set(SHRINKS)}
-    for shrink in SHRINKS:
-        where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
-    small, seen = pictures[8]
-    return replace(where, likeness=_likeness(small, where.moved(small, shrink=8), seen))
+    slopes, bends = (_stiffness(rows, columns, order) for order in (1, 2))
+    pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in (1, 2, 4, 8)}
+
+    def stepped(where: GoldenPlace, steps: Sequence[tuple[int, float]]) -> GoldenPlace:
+        for shrink, bend_pixels in steps:
+            stiff = slopes / (STRETCH * tile) ** 2 + bends / bend_pixels**2
+            where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
+        return where
+
+    def compared(where: GoldenPlace, shrink: int) -> GoldenPlace:
+        small, seen = pictures[shrink]
+        return replace(where, likeness=_likeness(where.moved(small, shrink=shrink), seen))
+
+    def worth(where: GoldenPlace) -> float:
+        return where.likeness - FAR * (np.hypot(*where.shift_pixels) / (REACH * max(golden.shape))) ** 2
+
+    tried = []
+    for shift in _first_shifts(golden, scan):
+        nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
+        start = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
+        tried += [compared(stepped(start, steps), 2) for steps in STARTS]
+    return compared(stepped(max(tried, key=worth), STEPS), 8)
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
@@ -129,29 +155,52 @@ def _edges(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     return np.asarray(across + 1j * along, np.complex64)
 
 
-def _first_shift(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> tuple[float, float]:
-    """Shift across and along at which the edges correlate most, to a coarse pixel. [pixels]"""
+def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> list[tuple[float, float]]:
+    """Shifts across and along at which the edges are most alike, to a coarse pixel, the likeliest first. [pixels]
+
+    Alike is twice the correlation over the energy of both where they overlap: otherwise an array of pads is found too
+    close by, where more of it overlaps.
+    """
     shrink = max(1, int(np.ceil(max(golden.shape) / COARSE_PIXELS)))
     size = (golden.shape[1] // shrink, golden.shape[0] // shrink)
-    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (golden, scan)]
+    one, two = (
+        _edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (golden, scan)
+    )
     reach = int(REACH * max(size)) + 1
-    one, two = (np.pad(_edges(image), ((0, reach), (0, reach))) for image in small)
-    likeness = fft.ifft2(np.conj(fft.fft2(one)) * fft.fft2(two)).real
     near = np.arange(-reach, reach + 1)
-    window = likeness[np.ix_(near, near)]
-    along, across = np.unravel_index(window.argmax(), window.shape)
-    return float(near[across] * shrink), float(near[along] * shrink)
+    padded = [fft.next_fast_len(extent + reach) for extent in one.shape]
+    product = np.conj(fft.fft2(one, padded)) * fft.fft2(two, padded)
+    both = fft.ifft2(product).real[np.ix_(near, near)]
+    energy = _overlapping(np.abs(one) ** 2, -near) + _overlapping(np.abs(two) ** 2, near)
+    alike = 2 * both / np.maximum(energy, 1e-6 * max(float(energy.max()), 1e-9))
+    alike -= FAR * np.add.outer((near / reach) ** 2, (near / reach) ** 2)
+    peaks = (alike == cv2.dilate(alike, np.ones((5, 5)))) & (alike >= NEARLY * alike.max())
+    order = np.argsort(-alike[peaks], kind="stable")[:CANDIDATES]
+    return [(float(near[x] * shrink), float(near[y] * shrink)) for y, x in np.argwhere(peaks)[order]]
 
 
-def _likeness(golden: NDArray[np.float32], moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
-    """Of the scan's edges to the golden's where it shows them; what of either has no partner counts against it."""
+def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Sum of ``energy`` (lines, pixels) where another of its shape, shifted against it, has a partner.
+
+    (shifts, shifts), along and across; above 0: what lies too far down or right, so that the first lines have none.
+    """
+    lines, pixels = energy.shape
+    total = cv2.integral(energy, sdepth=cv2.CV_64F)
+    top, bottom = np.maximum(shifts, 0), np.minimum(lines, lines + shifts)
+    left, right = np.maximum(shifts, 0), np.minimum(pixels, pixels + shifts)
+    corners = (total[np.ix_(y, x)] for y, x in ((bottom, right), (top, left), (bottom, left), (top, right)))
+    whole, outer, below, beside = corners
+    return np.asarray(whole + outer - below - beside, np.float64)
+
+
+def _likeness(moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
+    """Correlation of the scan's edges with those of the golden, moved, where both show something."""
     known = np.isfinite(moved)
-    whole, other = _edges(golden), _edges(scan)
-    if np.abs(whole).max(initial=0) < LEAST_EDGE:
+    one, two = _edges(np.where(known, moved, scan))[known], _edges(scan)[known]
+    if np.abs(one).max(initial=0) < LEAST_EDGE:
         return 0.0
-    likely = (np.conj(_edges(np.where(known, moved, scan))) * other)[known].sum().real
-    energy = np.sqrt((np.abs(whole) ** 2).sum() * (np.abs(other) ** 2).sum())
-    return float(likely) / max(float(energy), 1e-9)
+    energy = np.sqrt((np.abs(one) ** 2).sum() * (np.abs(two) ** 2).sum())
+    return float((np.conj(one) * two).sum().real) / max(float(energy), 1e-9)
 
 
 def _step(
@@ -201,8 +250,8 @@ def _tile_sums(image: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
     return image.reshape(rows, tile, columns, tile).sum(axis=(1, 3))
 
 
-def _stiffness(rows: int, columns: int) -> sparse.csc_matrix:
-    """Sum of squared second differences of a grid (rows x columns) as a quadratic form."""
+def _stiffness(rows: int, columns: int, order: int) -> sparse.csc_matrix:
+    """Sum of squared first or second differences of a grid (rows x columns) as a quadratic form."""
 
     def difference(count: int, order: int) -> sparse.csr_matrix:
         matrix = sparse.eye(count, format="csr")
@@ -212,13 +261,13 @@ def _stiffness(rows: int, columns: int) -> sparse.csc_matrix:
 
     along, across = sparse.eye(rows), sparse.eye(columns)
     total = sparse.csc_matrix((rows * columns, rows * columns))
-    if columns > 2:
-        part = sparse.kron(along, difference(columns, 2))
+    if columns > order:
+        part = sparse.kron(along, difference(columns, order))
         total = total + part.T @ part
-    if rows > 2:
-        part = sparse.kron(difference(rows, 2), across)
+    if rows > order:
+        part = sparse.kron(difference(rows, order), across)
         total = total + part.T @ part
-    if rows > 1 and columns > 1:
+    if order == 2 and rows > 1 and columns > 1:
         part = sparse.kron(difference(rows, 1), difference(columns, 1))
         total = total + 2 * part.T @ part
     return sparse.csc_matrix(total)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Self
 import cv2
 import numpy as np
 from scipy import fft, sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg import solveh_banded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,8 +35,8 @@ the full scan]; it is linear and leaves about a tenth."""
 STEPS: Final = ((2, 0.4), (2, 0.4), (1, 1.0), (1, 1.0), (1, 1.0))
 """Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent or
 set off within a few tiles is followed. Tuned on the tuning half of docs/results/golden.md and known transforms of it."""
-STRETCH: Final = 0.03
-"""Standard deviation of the field's slope: good prints and scans do not stretch by more. [-]"""
+STRETCH: Final = 0.1
+"""Standard deviation of the slope of the field between tiles: no scan bends by more within a few. [-]"""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
 TILE_SD_PIXELS: Final = 0.3
@@ -45,6 +45,10 @@ EDGE_SD: Final = 0.1
 """Of a pixel's residual while the field is fitted, as a share of the scan's contrast."""
 LEAST_INFORMATION: Final = 1e-6
 """Of a tile, so that one without edges has a place: its own. [1/pixel^2]"""
+WEAK: Final = 1e-6
+"""How a tile is held where it is, whatever tells. [1/pixel^2]"""
+BANDS: Final = 2
+"""Rows of tiles that a second difference reaches."""
 MOST_STEP: Final = 2.0
 """Of a tile in one step, in pixels of the resolution at hand: a linear step reaches no further."""
 MARGIN_PIXELS: Final = 4
@@ -53,8 +57,10 @@ LEAST_EDGE: Final = 0.02
 """Of gradients [contrast/pixel]: a golden scan without any such edge has no place."""
 LIKE: Final = 0.5
 """Least correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
-MOST_BENT: Final = 0.02
-"""Of the longer side, by which displacements may differ: 6 mm of A4 (good prints: 1 mm; worlds.toml)."""
+MOST_BENT: Final = 0.03
+"""Of the longer side, by which displacements may differ: a stretch of 3 % or a turn of 1.7 degrees."""
+MOST_LOOSE: Final = 4
+"""By how much the edge tolerance grows at most where the field bends. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,14 +80,42 @@ class GoldenPlace:
 
     @property
     def found(self) -> bool:
-        """Whether the scan shows what the golden shows, and not bent out of shape."""
-        bent = max(float(np.ptp(node)) for node in self.nodes)
-        return self.likeness >= LIKE and bent <= MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
+        """Whether the scan shows what the golden shows."""
+        return self.likeness >= LIKE
+
+    @property
+    def bent(self) -> bool:
+        """Whether the scan is too far out of shape for its field to be trusted."""
+        most = max(float(np.ptp(node)) for node in self.nodes)
+        return most > MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
 
     @property
     def shift_pixels(self) -> tuple[float, float]:
         """Mean displacement across and along. [pixels]"""
         return float(self.nodes[0].mean()), float(self.nodes[1].mean())
+
+    @property
+    def slopes(self) -> NDArray[np.float64]:
+        """(2, 2) displacement across and along, for each pixel across and along, in the mean. [-]"""
+        _, rows, columns = self.nodes.shape
+        along, across = np.mgrid[:rows, :columns] * float(self.tile_pixels)
+        places = np.stack([across - across.mean(), along - along.mean()]).reshape(2, -1)
+        return np.asarray(self.nodes.reshape(2, -1) @ np.linalg.pinv(places), np.float64)
+
+    def loose_pixels(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """By how many pixels more than elsewhere edges may lie off (lines, pixels): whole ones of the field's bend.
+
+        Between tiles the field is linear. Where a part of a board is set off, it is wrong by up to its bend.
+        """
+        bend = np.zeros(self.nodes.shape[1:], np.float32)
+        for axis in (1, 2):
+            if self.nodes.shape[axis] > 2:
+                inner = [slice(1, -1) if at == axis else slice(None) for at in (1, 2)]
+                second = np.abs(np.diff(self.nodes, 2, axis=axis)).max(axis=0)
+                bend[tuple(inner)] = np.maximum(bend[tuple(inner)], second)
+        loose = np.minimum(cv2.dilate(bend, np.ones((3, 3), np.uint8)), MOST_LOOSE).astype(np.uint8)
+        size = (loose.shape[1] * self.tile_pixels, loose.shape[0] * self.tile_pixels)
+        return cv2.resize(loose, size, interpolation=cv2.INTER_NEAREST)[: shape[-2], : shape[-1]]
 
     def moved(self, image: NDArray[np.float32], *, shrink: int = 1) -> NDArray[np.float32]:
         """``image`` (lines, pixels) of the golden, ``shrink`` times smaller, where this scan shows it.
@@ -208,7 +242,7 @@ def _step(
     golden: NDArray[np.float32],
     scan: NDArray[np.float32],
     shrink: int,
-    stiff: sparse.csc_matrix,
+    stiff: NDArray[np.float64],
 ) -> NDArray[np.float32]:
     """The field after one linear step at one resolution."""
     own, precision = _tile_moves(now, golden, scan, shrink)
@@ -250,36 +284,43 @@ def _tile_sums(image: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
     return image.reshape(rows, tile, columns, tile).sum(axis=(1, 3))
 
 
-def _stiffness(rows: int, columns: int, order: int) -> sparse.csc_matrix:
-    """Sum of squared first or second differences of a grid (rows x columns) as a quadratic form."""
+def _stiffness(rows: int, columns: int, order: int) -> NDArray[np.float64]:
+    """Sum of squared first or second differences of a grid (rows x columns) of displacements, as a quadratic form.
+
+    Upper bands as ``solveh_banded`` takes them; unknowns by tile, across and along in turn.
+    """
 
     def difference(count: int, order: int) -> sparse.csr_matrix:
         matrix = sparse.eye(count, format="csr")
-        for _ in range(min(order, count - 1)):
+        for _ in range(order):
             matrix = matrix[1:] - matrix[:-1]
         return matrix
 
     along, across = sparse.eye(rows), sparse.eye(columns)
-    total = sparse.csc_matrix((rows * columns, rows * columns))
+    parts = []
     if columns > order:
-        part = sparse.kron(along, difference(columns, order))
-        total = total + part.T @ part
+        parts.append(sparse.kron(along, difference(columns, order)))
     if rows > order:
-        part = sparse.kron(difference(rows, order), across)
-        total = total + part.T @ part
+        parts.append(sparse.kron(difference(rows, order), across))
     if order == 2 and rows > 1 and columns > 1:
-        part = sparse.kron(difference(rows, 1), difference(columns, 1))
-        total = total + 2 * part.T @ part
-    return sparse.csc_matrix(total)
+        parts.append(np.sqrt(2) * sparse.kron(difference(rows, 1), difference(columns, 1)))
+    count = rows * columns
+    total = sum((part.T @ part for part in parts), sparse.csr_matrix((count, count)))
+    both = sparse.coo_matrix(sparse.kron(total, sparse.eye(2)))
+    bands = np.zeros((2 * BANDS * columns + 2, 2 * count))
+    upper = both.row <= both.col
+    row, column = both.row[upper], both.col[upper]
+    bands[len(bands) - 1 + row - column, column] = both.data[upper]
+    return bands
 
 
 def _solved(
-    precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: sparse.csc_matrix
+    precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Field (tiles, 2) that weighs the tiles' own goals against stiffness; weakly held where nothing tells."""
-    count = len(goal)
-    xx, xy, yy = (sparse.diags(precision[:, a, b]) for a, b in ((0, 0), (0, 1), (1, 1)))
-    weak = sparse.eye(count) * 1e-6
-    matrix = sparse.bmat([[xx + stiff + weak, xy], [xy, yy + stiff + weak]], format="csc")
-    wanted = np.einsum("nab,nb->an", precision, goal).ravel() + 1e-6 * goal.T.ravel()
-    return splu(matrix).solve(wanted).reshape(2, count).T
+    held = precision + np.eye(2) * WEAK
+    bands = stiff.copy()
+    bands[-1] += np.einsum("naa->na", held).ravel()
+    bands[-2, 1::2] += held[:, 0, 1]
+    wanted = np.einsum("nab,nb->na", held, goal).ravel()
+    return np.asarray(solveh_banded(bands, wanted, overwrite_ab=True, check_finite=False)).reshape(-1, 2)

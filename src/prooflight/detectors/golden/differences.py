@@ -36,7 +36,12 @@ EDGE: Final = 0.5
 WIDE_PIXELS: Final = 8
 """An edge that lies off by less than this is the same edge, off its place; beyond, it is missing or too much."""
 MOST_MISFIT: Final = 0.1
-"""Share of edges off their places above which two scans do not fit."""
+"""Two scans above it do not fit: pairs of the tuning half and their transforms have at most 0.07 (spurs and mouse bites lie
+within reach of an edge too), and 0.13 and more if put 3 pixels off. [-]"""
+
+MOSTLY: Final = 0.8
+"""Of what differs, the least share that is edges off their places where two scans do not fit; of another page's
+differences, half at most lie near an edge by chance. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +69,8 @@ class GoldenDifference:
     """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
     place: GoldenPlace
     misfit: float = 0.0
-    """Of pixels at the golden's edges, the share where the scan's edge lies too far off, but within ``WIDE_PIXELS``; 0 if
-    it cannot exceed ``MOST_MISFIT``. [-]"""
+    """Pixels where an edge lies too far off, but within ``WIDE_PIXELS``, for each at the golden's edges; at most 1; 0 if it
+    is sure not to exceed ``MOST_MISFIT``, or if much else differs: that is another page, or a spoilt one. [-]"""
 
     @property
     def fits(self) -> bool:
@@ -135,8 +140,9 @@ def _of_channel(
     misfit = 0.0
     if np.count_nonzero(off) > MOST_MISFIT * edges:
         square = np.ones((2 * WIDE_PIXELS + 1, 2 * WIDE_PIXELS + 1), np.uint8)
-        near = np.abs(_excess(moved, scan, square, noise)) <= allowed.least[0][1] / 2
-        misfit = np.count_nonzero(off & near) / max(edges, 1)
+        near = off & (np.abs(_excess(moved, scan, square, noise)) <= allowed.least[0][1] / 2)
+        if np.count_nonzero(near) >= MOSTLY * np.count_nonzero(off):
+            misfit = min(np.count_nonzero(near) / max(edges, 1), 1.0)
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
         if side == 1:

@@ -20,7 +20,7 @@ TILE_PIXELS: Final = 32
 MOST_TILES: Final = 48
 COARSE_PIXELS: Final = 512
 """The first shift is looked for with the longer side shrunk to at most this."""
-CANDIDATES: Final = 4
+CANDIDATES: Final = 6
 """First shifts that are tried at most: an array of pads looks alike a whole pitch off."""
 NEARLY: Final = 0.8
 """A shift whose edges are so much like the best one's is tried as well."""
@@ -28,15 +28,16 @@ FAR: Final = 0.02
 """What a shift as great as ``REACH`` costs: of shifts that fit alike, the shorter one is meant. [likeness]"""
 REACH: Final = 0.06
 """Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints lie off (worlds.toml)."""
-STARTS: Final = (((8, 0.05), (8, 0.05), (4, 0.1), (4, 0.2)), ((4, 0.1), (4, 0.2)))
+STARTS: Final = (
+    ((8, 0.05, 0.02), (8, 0.05, 0.02), (4, 0.1, 0.02), (4, 0.2, 0.02)),
+    ((4, 0.1, 0.02), (4, 0.2, 0.02)),
+)
 """How the field is measured first; the better one is kept: the first reaches further, but a fine array misleads it.
-Each step: how many times smaller, and the standard deviation of the field's second difference between tiles [pixels of
-the full scan]; it is linear and leaves about a tenth."""
-STEPS: Final = ((2, 0.4), (2, 0.4), (1, 1.0), (1, 1.0), (1, 1.0))
+Each step: how many times smaller; the standard deviation of the field's second difference between tiles [pixels of the
+full scan]; and that of its slope [-]. A step is linear and leaves about a tenth."""
+STEPS: Final = ((2, 0.4, 0.03), (2, 0.4, 0.03), (1, 1.0, 0.1), (1, 1.0, 0.1), (1, 1.0, 0.1))
 """Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent or
 set off within a few tiles is followed. Tuned on the tuning half of docs/results/golden.md and known transforms of it."""
-STRETCH: Final = 0.1
-"""Standard deviation of the slope of the field between tiles: no scan bends by more within a few. [-]"""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
 TILE_SD_PIXELS: Final = 0.3
@@ -57,6 +58,8 @@ LEAST_EDGE: Final = 0.02
 """Of gradients [contrast/pixel]: a golden scan without any such edge has no place."""
 LIKE: Final = 0.5
 """Least correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
+LIKE_BENT: Final = 0.9
+"""Least correlation where the field is bent: another page may be bent to look a little alike. [-]"""
 MOST_BENT: Final = 0.03
 """Of the longer side, by which displacements may differ: a stretch of 3 % or a turn of 1.7 degrees."""
 MOST_LOOSE: Final = 4
@@ -81,7 +84,7 @@ class GoldenPlace:
     @property
     def found(self) -> bool:
         """Whether the scan shows what the golden shows."""
-        return self.likeness >= LIKE
+        return self.likeness >= (LIKE_BENT if self.bent else LIKE)
 
     @property
     def bent(self) -> bool:
@@ -146,9 +149,9 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
     slopes, bends = (_stiffness(rows, columns, order) for order in (1, 2))
     pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in (1, 2, 4, 8)}
 
-    def stepped(where: GoldenPlace, steps: Sequence[tuple[int, float]]) -> GoldenPlace:
-        for shrink, bend_pixels in steps:
-            stiff = slopes / (STRETCH * tile) ** 2 + bends / bend_pixels**2
+    def stepped(where: GoldenPlace, steps: Sequence[tuple[int, float, float]]) -> GoldenPlace:
+        for shrink, bend_pixels, slope in steps:
+            stiff = slopes / (slope * tile) ** 2 + bends / bend_pixels**2
             where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
         return where
 
@@ -269,8 +272,12 @@ def _tile_moves(
     off = (moved - scan) / np.float32(EDGE_SD)
     tile = now.tile_pixels // shrink
     gx, gy = np.asarray(slope.real, np.float32), np.asarray(slope.imag, np.float32)
-    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off)
-    xx, xy, yy, x, y = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
+    # What lies above the golden all over a tile is light, not a move: means are taken out.
+    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off)
+    xx, xy, yy, x, y, *sums = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
+    sum_x, sum_y, sum_off = (each / tile for each in sums)
+    xx, xy, yy = xx - sum_x**2, xy - sum_x * sum_y, yy - sum_y**2
+    x, y = x - sum_x * sum_off, y - sum_y * sum_off
     normal = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) + np.eye(2) * LEAST_INFORMATION
     own = np.linalg.solve(normal, np.stack([x, y], axis=-1)[..., None])[..., 0]
     most = MOST_STEP * shrink

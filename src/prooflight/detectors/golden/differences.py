@@ -36,8 +36,8 @@ EDGE: Final = 0.5
 WIDE_PIXELS: Final = 8
 """An edge that lies off by less than this is the same edge, off its place; beyond, it is missing or too much."""
 MOST_MISFIT: Final = 0.1
-"""Two scans above it do not fit: pairs of the tuning half and their transforms have at most 0.07 (spurs and mouse bites lie
-within reach of an edge too), and 0.13 and more if put 3 pixels off. [-]"""
+"""Two scans above it do not fit: pairs of the tuning half and their transforms have at most 0.07 (spurs and mouse bites
+lie within reach of an edge too), and 0.13 and more if put 3 pixels off. [-]"""
 
 MOSTLY: Final = 0.8
 """Of what differs, the least share that is edges off their places where two scans do not fit; of another page's
@@ -69,8 +69,10 @@ class GoldenDifference:
     """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
     place: GoldenPlace
     misfit: float = 0.0
-    """Pixels where an edge lies too far off, but within ``WIDE_PIXELS``, for each at the golden's edges; at most 1; 0 if it
-    is sure not to exceed ``MOST_MISFIT``, or if much else differs: that is another page, or a spoilt one. [-]"""
+    """Pixels where an edge lies too far off, but within ``WIDE_PIXELS``, for each at the golden's edges; at most 1.
+
+    0 if it is sure not to exceed ``MOST_MISFIT``, or if much else differs: that is another page, or a spoilt one. [-]
+    """
 
     @property
     def fits(self) -> bool:
@@ -136,13 +138,13 @@ def _of_channel(
         if (loose == more).any():
             looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
             excess = np.where(known & (loose == more), looser, excess)
-    off, edges = np.abs(excess) > allowed.least[0][1], np.count_nonzero(known & (varying > EDGE))
+    off, edges = np.abs(excess) > allowed.least[0][1], int(np.count_nonzero(known & (varying > EDGE)))
     misfit = 0.0
     if np.count_nonzero(off) > MOST_MISFIT * edges:
         square = np.ones((2 * WIDE_PIXELS + 1, 2 * WIDE_PIXELS + 1), np.uint8)
         near = off & (np.abs(_excess(moved, scan, square, noise)) <= allowed.least[0][1] / 2)
         if np.count_nonzero(near) >= MOSTLY * np.count_nonzero(off):
-            misfit = min(np.count_nonzero(near) / max(edges, 1), 1.0)
+            misfit = min(float(np.count_nonzero(near)) / max(edges, 1), 1.0)
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
         if side == 1:

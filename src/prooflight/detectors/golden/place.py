@@ -33,11 +33,12 @@ STARTS: Final = (
     ((4, 0.1, 0.02), (4, 0.2, 0.02)),
 )
 """How the field is measured first; the better one is kept: the first reaches further, but a fine array misleads it.
+
 Each step: how many times smaller; the standard deviation of the field's second difference between tiles [pixels of the
 full scan]; and that of its slope [-]. A step is linear and leaves about a tenth."""
 STEPS: Final = ((2, 0.4, 0.03), (2, 0.4, 0.03), (1, 1.0, 0.1), (1, 1.0, 0.1), (1, 1.0, 0.1))
-"""Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent or
-set off within a few tiles is followed. Tuned on the tuning half of docs/results/golden.md and known transforms of it."""
+"""Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent
+or set off within a few tiles is followed. Chosen on the tuning half of docs/results/golden.md and known transforms."""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
 TILE_SD_PIXELS: Final = 0.3
@@ -140,9 +141,9 @@ class GoldenPlace:
 def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace:
     """Find where ``scan`` shows ``golden``, both (lines, pixels) of one shape, contrast about 1.
 
-    Shifts by correlation of edges, of which the best is kept, then a field of displacements from coarse to fine: at each tile one linear step of
-    least squares (Lucas and Kanade), all tiles together under a penalty on second differences, tiles that do not fit
-    left out step by step.
+    Shifts by correlation of edges, of which the best is kept, then a field of displacements from coarse to fine: at
+    each tile one linear step of least squares (Lucas and Kanade), all tiles together under a penalty on first and
+    second differences, tiles that do not fit left out step by step.
     """
     tile = max(TILE_PIXELS, 8 * int(np.ceil(max(golden.shape) / MOST_TILES / 8)))
     rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
@@ -200,9 +201,7 @@ def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> lis
     """
     shrink = max(1, int(np.ceil(max(golden.shape) / COARSE_PIXELS)))
     size = (golden.shape[1] // shrink, golden.shape[0] // shrink)
-    one, two = (
-        _edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (golden, scan)
-    )
+    one, two = (_edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (golden, scan))
     reach = int(REACH * max(size)) + 1
     near = np.arange(-reach, reach + 1)
     padded = [fft.next_fast_len(extent + reach) for extent in one.shape]

@@ -75,7 +75,7 @@ class Purpose:
 
 SEED: Final = "seed"
 FREE: Final = 2**31
-"""No index reaches it: as a second word it is of ``strangers`` alone."""
+"""No index reaches it: as a second word it is of ``strangers`` alone, and the next of ``golden-transforms``."""
 
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
@@ -100,9 +100,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
         "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
-        "golden-transforms": Purpose(
-            "known moves of a golden scan", (SEED, From(FREE + 1, "transform"), "pair")
-        ),
+        "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
         "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),

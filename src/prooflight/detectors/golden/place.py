@@ -272,9 +272,9 @@ def _tile_moves(
     tile = now.tile_pixels // shrink
     gx, gy = np.asarray(slope.real, np.float32), np.asarray(slope.imag, np.float32)
     # What lies above the golden all over a tile is light, not a move: means are taken out.
-    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off)
+    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off, known.astype(np.float32))
     xx, xy, yy, x, y, *sums = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
-    sum_x, sum_y, sum_off = (each / tile for each in sums)
+    sum_x, sum_y, sum_off = (each / np.sqrt(np.maximum(sums[-1], 1)) for each in sums[:-1])
     xx, xy, yy = xx - sum_x**2, xy - sum_x * sum_y, yy - sum_y**2
     x, y = x - sum_x * sum_off, y - sum_y * sum_off
     normal = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) + np.eye(2) * LEAST_INFORMATION

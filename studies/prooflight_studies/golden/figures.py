@@ -144,13 +144,13 @@ def golden_results(
     moved: Sequence[GoldenFigures],
     outcomes: Sequence[Outcome],
     *,
-    mpx_per_s: float,
+    tuned_on: Sequence[str],
     ms_per_pair: float,
 ) -> dict[str, Any]:
     """All figures of the page.
 
     rows: by method, the last with the halves exchanged; moved: of the test half, by transform; outcomes: of
-    ``rows[-2]``.
+    ``rows[-2]``; tuned_on: transforms.
     """
     shown = [field.name for field in fields(GoldenFigures) if field.name != "by_kind"]
     return {
@@ -162,7 +162,7 @@ def golden_results(
             for kind, (marked, found, much) in rows[-2].by_kind.items()
         ],
         "wrong": [wrong for one in outcomes for wrong in _wrong(one)],
-        "mpx_per_s": mpx_per_s,
+        "tuned_on": list(tuned_on),
         "ms_per_pair": ms_per_pair,
     }
 

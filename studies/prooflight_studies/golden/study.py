@@ -24,7 +24,7 @@ from prooflight_studies.golden.figures import (
     mean_overlap,
 )
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, read_pairs, touching
-from prooflight_studies.golden.transforms import BEYOND, TRANSFORMS, transformed_pairs
+from prooflight_studies.golden.transforms import TRANSFORMS, TUNED_ON, transformed_pairs
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
@@ -73,19 +73,15 @@ def run_golden_study(
     tuning, test = halves(pairs)
     rng = stream(seed, "golden-bootstrap")
     names = QUICK if quick else tuple(TRANSFORMS)
-    moved: dict[str, list[tuple[GoldenPair, Seen]]] = {}
-    for name in (name for name in names if name not in BEYOND):
+    moved: list[tuple[GoldenPair, Seen]] = []
+    for name in QUICK if quick else TUNED_ON:
         progress(f"tuning half, {name}: {len(tuning)} pairs")
-        moved[name] = looked_at(transformed_pairs(tuning, name, seed=seed + TUNING))
-    rows, outcomes, seconds = [], [], 0.0
+        moved += looked_at(transformed_pairs(tuning, name, seed=seed + TUNING))
+    rows, outcomes = [], []
     for method in METHODS[-1:] if quick else METHODS:
         progress(f"{method}: {len(pairs)} pairs")
-        started = time.process_time()
         even, odd = looked_at(tuning, method), looked_at(test, method)
-        seconds = time.process_time() - started
-        own = even
-        if method == METHODS[-1]:
-            own = even + [one for some in moved.values() for one in some]
+        own = even + moved if method == METHODS[-1] else even
         chosen = tuned(own)
         outcomes = [judged(*one, chosen) for one in odd]
         rows.append(figures(outcomes, chosen, method=method, tuned_on="even", rng=rng))
@@ -101,11 +97,15 @@ def run_golden_study(
     by_transform = []
     for name in names:
         progress(f"test half, {name}: {len(test)} pairs")
-        said = [judged(*one, chosen) for one in looked_at(transformed_pairs(test, name, seed=seed + TEST))]
+        others = transformed_pairs(test, name, seed=seed + TEST)
+        said = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
         by_transform.append(figures(said, chosen, method=name, tuned_on="even", rng=rng))
-    mpx = sum(pair.scan[0].size for pair in pairs) * len(EDGES_PIXELS) / 1e6
     found = golden_results(
-        rows, by_transform, outcomes, mpx_per_s=mpx / seconds, ms_per_pair=_ms_per_pair(test)
+        rows,
+        by_transform,
+        outcomes,
+        tuned_on=QUICK if quick else TUNED_ON,
+        ms_per_pair=_ms_per_pair(test),
     )
     write_page(results / "golden.md", "golden", found)
     if picture is not None:
@@ -132,10 +132,16 @@ def looked_at(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tu
     return [(pair, places_of(differences(pair, method))) for pair in pairs]
 
 
-def places_of(differing: Mapping[float, GoldenDifference]) -> Seen:
+def seen_by(pair: GoldenPair, setting: Setting) -> Seen:
+    """What our method sees in a pair with one setting."""
+    differing = differences(pair, METHODS[-1], [setting.edge_pixels])
+    return places_of(differing, [setting.joining_pixels])
+
+
+def places_of(differing: Mapping[float, GoldenDifference], joinings: Sequence[int] = JOININGS_PIXELS) -> Seen:
     """Of each edge tolerance and joining, the places that differ."""
     seen: Seen = {}
-    for (edge, one), joining in itertools.product(differing.items(), JOININGS_PIXELS):
+    for (edge, one), joining in itertools.product(differing.items(), joinings):
         compared = one.fits and one.place.found
         found = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
         seen[edge, joining] = found

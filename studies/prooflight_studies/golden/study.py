@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-EDGES_PIXELS: Final = (1.5, 2.0, 2.3, 2.9)
-"""Radii of discs of 9, 13, 21 and 25 pixels."""
-JOININGS_PIXELS: Final = (2, 3, 4, 5, 6, 8, 10)
+EDGES_PIXELS: Final = (1.5, 2.0, 2.3)
+"""Radii of discs of 9, 13 and 21 pixels."""
+JOININGS_PIXELS: Final = (2, 4, 6, 8)
 VOLUMES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 20.0, 24.0, 28.0)
 MARGINS_PIXELS: Final = tuple(range(6, 15))
 VOLUME_SPREAD: Final = 0.5

@@ -145,7 +145,7 @@ class GoldenSheet(PreparedOnly):
         return (
             f"the scan does not fit its golden: shifted by {across:.2f} x {along:.2f} mm, stretched by "
             f"{slopes[0, 0]:.1%} x {slopes[1, 1]:.1%}, turned by {turn_deg:.1f} degrees"
-            + (", and bent" if where.bent else f"; still {difference.misfit:.0%} of its edges lie off")
+            + (", and bent" if where.bent else f"; still {difference.misfit:.0%} of it lies off")
         )
 
     def _inspection(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.golden.levels import level_difference
-from prooflight.detectors.golden.place import GoldenPlace, place
+from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,10 +35,14 @@ EDGE: Final = 0.5
 """Where a golden varies by more within the edge tolerance, it shows an edge. [contrast]"""
 WIDE_PIXELS: Final = 8
 """An edge that lies off by less than this is the same edge, off its place; beyond, it is missing or too much."""
-MOST_MISFIT: Final = 0.1
-"""Two scans above it do not fit: pairs of the tuning half and their transforms have at most 0.07 (spurs and mouse bites
-lie within reach of an edge too), and 0.13 and more if put 3 pixels off. [-]"""
-
+EDGES_OFF: Final = 0.1
+"""Share of a tile's edges off their places above which the tile is."""
+MOST_MISFIT: Final = 0.4
+"""Share of tiles with edges that are off their places, above which two scans do not fit: one large defect on a board
+with few edges must not make it so. Pairs of the tuning half have at most 0.11; put 3 pixels off, most have 0.49 and more.
+"""
+LEAST_EDGES: Final = 32
+"""Of a tile that counts. [pixels]"""
 MOSTLY: Final = 0.8
 """Of what differs, the least share that is edges off their places where two scans do not fit; of another page's
 differences, half at most lie near an edge by chance. [-]"""
@@ -69,9 +73,9 @@ class GoldenDifference:
     """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
     place: GoldenPlace
     misfit: float = 0.0
-    """Pixels where an edge lies too far off, but within ``WIDE_PIXELS``, for each at the golden's edges; at most 1.
+    """Share of tiles with edges where these lie too far off, but within ``WIDE_PIXELS``.
 
-    0 if it is sure not to exceed ``MOST_MISFIT``, or if much else differs: that is another page, or a spoilt one. [-]
+    0 if few edges differ, or if much else differs: that is another page, or a spoilt one. [-]
     """
 
     @property
@@ -138,13 +142,7 @@ def _of_channel(
         if (loose == more).any():
             looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
             excess = np.where(known & (loose == more), looser, excess)
-    off, edges = np.abs(excess) > allowed.least[0][1], int(np.count_nonzero(known & (varying > EDGE)))
-    misfit = 0.0
-    if np.count_nonzero(off) > MOST_MISFIT * edges:
-        square = np.ones((2 * WIDE_PIXELS + 1, 2 * WIDE_PIXELS + 1), np.uint8)
-        near = off & (np.abs(_excess(moved, scan, square, noise)) <= allowed.least[0][1] / 2)
-        if np.count_nonzero(near) >= MOSTLY * np.count_nonzero(off):
-            misfit = min(float(np.count_nonzero(near)) / max(edges, 1), 1.0)
+    misfit = _misfit(moved, scan, excess, known & (varying > EDGE), noise, allowed.least[0][1])
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
         if side == 1:
@@ -159,6 +157,35 @@ def _of_channel(
             enough &= np.abs(excess) > least / 2
         np.maximum(weight, np.where(enough, np.abs(mean), 0), out=weight)
     return excess, weight, misfit
+
+
+def _misfit(
+    golden: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    excess: NDArray[np.float32],
+    edges: NDArray[np.bool_],
+    noise: NDArray[np.float32],
+    least: float,
+) -> float:
+    """See ``GoldenDifference``."""
+    off = np.abs(excess) > least
+    if np.count_nonzero(off) <= EDGES_OFF * MOST_MISFIT * np.count_nonzero(edges):
+        return 0.0
+    square = np.ones((2 * WIDE_PIXELS + 1, 2 * WIDE_PIXELS + 1), np.uint8)
+    near = off & (np.abs(_excess(golden, scan, square, noise)) <= least / 2)
+    if np.count_nonzero(near) < MOSTLY * np.count_nonzero(off):
+        return 0.0
+    each, misplaced = (_tile_counts(image) for image in (edges, near))
+    counted = each >= LEAST_EDGES
+    return float((misplaced > EDGES_OFF * each)[counted].mean()) if counted.any() else 0.0
+
+
+def _tile_counts(image: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Pixels that are set in every tile (rows, columns)."""
+    lines, pixels = (-extent % TILE_PIXELS for extent in image.shape)
+    whole = np.pad(image, ((0, lines), (0, pixels)))
+    rows, columns = whole.shape[0] // TILE_PIXELS, whole.shape[1] // TILE_PIXELS
+    return np.asarray(whole.reshape(rows, TILE_PIXELS, columns, TILE_PIXELS).sum(axis=(1, 3)), np.int_)
 
 
 def _inner(shape: tuple[int, ...], edge_pixels: float) -> NDArray[np.bool_]:

@@ -210,7 +210,12 @@ def test_only_known_purposes_share_a_stream() -> None:
 
 def _small_streams() -> Iterator[tuple[str, np.random.Generator]]:
     """Over every number that is fixed somewhere, and those that come before it where an index counts from 1 or 2."""
-    fixed = {word for each in PURPOSES.values() for word in each.layout[1:] if isinstance(word, int) and word < FREE}
+    fixed = {
+        word
+        for each in PURPOSES.values()
+        for word in each.layout[1:]
+        if isinstance(word, int) and word < FREE
+    }
     numbers = sorted({max(number - before, 0) for number in fixed for before in range(3)})
     seeds = {3} | {each.layout[0] for each in PURPOSES.values() if not each.seeded}
     for name, purpose in PURPOSES.items():

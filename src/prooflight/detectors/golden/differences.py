@@ -39,8 +39,8 @@ EDGES_OFF: Final = 0.1
 """Share of a tile's edges off their places above which the tile is."""
 MOST_MISFIT: Final = 0.4
 """Share of tiles with edges that are off their places, above which two scans do not fit: one large defect on a board
-with few edges must not make it so. Pairs of the tuning half have at most 0.11; most of them 0.49 or more if put 3 pixels
-off. [-]"""
+with few edges must not make it so. Pairs of the tuning half have at most 0.11; most of them 0.49 or more if they are
+put 3 pixels off. [-]"""
 LEAST_EDGES: Final = 32
 """Of a tile that counts. [pixels]"""
 MOSTLY: Final = 0.8

@@ -111,7 +111,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "press-bootstrap-ideal": Purpose("which days resample costs in the ideal world", (SEED, 7)),
         "press-bootstrap-real": Purpose("which press days of real pages resample their costs", (SEED, 8)),
         "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
-        "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
         "ranking-fold": Purpose(
             "trees that judge one fold of the pages that teach", (SEED, FREE + 9, "fold")
@@ -143,14 +142,13 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "stress-mark": Purpose(
             "a misprint that no detector is taught by", (SEED, FREE + 7, "scene", "design", "kind")
         ),
-        "stress-ties": Purpose("ties among summaries of a run's pages", (SEED, FREE + 12, "run")),
         "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 8)),
+        "stress-ties": Purpose("ties among summaries of a run's pages", (SEED, FREE + 12, "run")),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
         "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),
         "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),
         "table-noise": Purpose("errors of tables measured by so many exposures", (4, "exposures")),
         "training-print": Purpose("prints of a design that teach a press", (SEED, "design", 12)),
-        "training-ranking": Purpose("trees of the ranking that is taught", (SEED, 13)),
         "training-session": Purpose("the session of a press day", (SEED, "first design", 11)),
         "trial-recipes": Purpose("recipes on which a press's tables are judged", (SEED,)),
         "world-piece": Purpose("where a page is cut, to be printed on both paths", (SEED, "page")),

@@ -26,6 +26,7 @@ from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
 from prooflight_studies.press.scans import Scene
+from prooflight_studies.ranking.rows import RESTS_ON
 from prooflight_studies.stress.given import load_stress
 from prooflight_studies.stress.rows import StressWork
 
@@ -157,7 +158,7 @@ def _rows(
         "wrong": replace(plain, wrong_under=("", COSTLY)),
     }
     facts = {
-        "algorithms": dict(ALGORITHMS),
+        "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
         "stress": stress.digest,
         "worlds": worlds_digest(),
         "press": press.digest,

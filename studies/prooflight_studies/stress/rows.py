@@ -40,7 +40,8 @@ class StressWork:
 
     Columns: design, kind (of the misprint, "" where good), severity, nuisance ("" where none), day, values
     (statistics,), boxes (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them
-    ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the statistics.
+    ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the
+    statistics.
     """
 
     scene: Scene

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from prooflight.cli import run
+from prooflight.cli.show import people
 from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.journal import Journal
 from prooflight.pages.files import write_tiff
@@ -135,10 +136,11 @@ def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     assert told[1:] == [
         "prooflight: promise suspended: the promised false-alarm rate does not hold for the last 4 sheets"
     ]
+    monkeypatch.setattr(people, "width", 400)
     assert run(["run", "show", "--journal", str(journal)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "suspended from sheet 2 on" in shown
-    assert "not like those that" in shown  # the note of sheet 2
+    assert "promise suspended; this press's good pages are not like those" in shown  # the note of sheet 2
     assert run(["runs", "--journal", str(journal), "--json"]) == 0
     (facts,) = json.loads(capsys.readouterr().out)
     assert (facts["promise_suspended_from"], facts["counts"]["promise_suspended"]) == (2, 4)

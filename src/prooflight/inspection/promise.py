@@ -34,7 +34,7 @@ class Judged:
 def summary_of(inspection: Inspection) -> NDArray[np.float64] | None:
     """What an inspected page says of its run; None: it was not inspected, or says nothing.
 
-    A misprint says as much as a good page: the test allows for some, and to leave out what alarms would be to choose.
+    A misprint by its verdict says as much as a good page: pages left out for what they say are not exchangeable.
     """
     return None if inspection.verdict.verdict == "not-inspected" else inspection.summary
 

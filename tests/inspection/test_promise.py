@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,13 +16,18 @@ from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, G
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, summary_of
 from prooflight.detectors.matched_filter.exchangeability import FALSELY, ExchangeabilityTest
 from prooflight.detectors.matched_filter.naming import FAMILIES
+from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.promise import PromiseWatch
+from prooflight.inspection.promise import summary_of as summary_of_page
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
 OWN = 40
@@ -135,6 +141,26 @@ def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: Cal
     assert (
         "look at 40 good pages and run `prooflight press learn X.press JOB SCANS --good`" in watch.suspended
     )
+
+
+def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
+    trained_press: Press, page: Page, make_page: Callable[..., Page]
+) -> None:
+    inspector = Inspector.of(trained_press, "ours")
+    watch = PromiseWatch.of(inspector.detector)
+    assert isinstance(watch.test, PressRunTest)
+    prepared = inspector.prepare(page)
+    good, other = (
+        inspector.inspect(prepared, np.rint(inspector.planned(shown).expected.expected_dn).astype(np.uint16))
+        for shown in (page, make_page(8))
+    )
+    summary = summary_of_page(good)
+    assert summary is not None
+    assert summary.shape == (len(watch.test.test.names),)
+    assert np.isfinite(summary).all()
+    assert other.verdict.kind == "wrong-page"
+    assert summary_of_page(other) is None
+    assert summary_of_page(replace(good, verdict=Verdict.skipped("p0007", "too dark"))) is None
 
 
 def test_a_press_keeps_room_beside_its_own_pages(ours: CalibratedDetector) -> None:

@@ -96,6 +96,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "drift-prints": Purpose("prints and scans of a press that drifts", (SEED, 1)),
         "drift-session": Purpose("the session in which a press drifts", (SEED, 0)),
         "drum-faults": Purpose("where the faults of a simulated drum lie", (SEED, 9)),
+        "exchangeability-ties": Purpose(
+            "ranks of pages that tie, and which page is forgotten", (SEED, FREE + 11)
+        ),
         "exhibit-misprint": Purpose("a misprint to be shown; seeded by exhibit-place", (SEED,)),
         "exhibit-place": Purpose("pages and seeds tried for a misprint to be shown", (SEED, "kind")),
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),

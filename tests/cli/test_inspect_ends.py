@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from prooflight.cli import run
 from prooflight.inspection.job import InspectPage
+from prooflight.inspection.promise import PromiseWatch
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 
@@ -165,6 +167,62 @@ def test_verdicts_already_made_are_shown_whatever_ends_the_inspection(
     assert found == code
     assert [row["verdict"] for row in rows] == ["good", "good", *["not-inspected"] * 4]
     assert all(names in row["reason"] for row in rows[2:])
+
+
+class Second:
+    """A run's test that has had enough of the second page."""
+
+    strangest = "lines along the travel"
+
+    def __init__(self) -> None:
+        self.pages = 0
+
+    def add(self, summary: Any) -> None:
+        self.pages += 1
+
+    @property
+    def suspended(self) -> bool:
+        return self.pages >= 2
+
+
+@pytest.mark.parametrize("report", [False, True])
+def test_a_job_whose_pages_are_not_like_the_presss_own_says_so(
+    report: bool,
+    folder: Path,
+    inspect: Callable[..., tuple[int, list[dict[str, Any]], str]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pages 1 and 4 are inspected; nobody looked at those between, and they add nothing."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
+    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed=0: PromiseWatch(test=Second()))
+    inspected = InspectPage.inspection
+
+    def summed(self: InspectPage, page: Page, scan: Any) -> Any:
+        return replace(inspected(self, page, scan), summary=np.zeros(1))
+
+    monkeypatch.setattr(InspectPage, "inspection", summed)
+    more = ["--report", folder / "report"] if report else []
+    code, rows, said = inspect(folder / "job", folder / "scans", "--press", folder / "x.press", *more)
+    assert code == 3
+    assert [row["verdict"] for row in rows] == WORDS
+    assert [row["promise_suspended"] for row in rows] == [False] * 3 + [True] * 3
+    why = "the promised false-alarm rate does not hold"
+    assert said.count(why) == 1
+    if report:
+        page = (folder / "report" / "report.html").read_text()
+        assert why in page
+        assert page.count(", promise suspended") == 3
+
+
+def test_a_job_like_the_presss_own_says_nothing_of_its_promise(
+    made: Path, inspect: Callable[..., tuple[int, list[dict[str, Any]], str]], tmp_path: Path
+) -> None:
+    code, rows, said = inspect(
+        made / "job", made / "scans", "--press", made / "x.press", "--report", tmp_path / "report"
+    )
+    assert (code, said) == (0, "")
+    assert {row["promise_suspended"] for row in rows} == {False}
+    assert "uspended" not in (tmp_path / "report" / "report.html").read_text()
 
 
 def test_people_read_how_many_were_not_inspected(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

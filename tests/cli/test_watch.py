@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from prooflight.cli import run
+from prooflight.cli.show import people
+from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.journal import Journal
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
@@ -91,6 +93,57 @@ def test_the_drum_is_watched_and_journalled(
         assert facts.end is not None
         assert facts.end.counts["good"] == 9
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
+
+
+class Third:
+    """A run's test that has had enough of the third page."""
+
+    strangest = "lines along the travel"
+
+    def __init__(self) -> None:
+        self.pages = 0
+
+    def add(self, summary: Any) -> None:
+        self.pages += 1
+
+    @property
+    def suspended(self) -> bool:
+        return self.pages >= 3
+
+
+def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
+    press_file: Path,
+    job: Path,
+    trigger: int,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Line by line, at the end, in the journal, and in what is shown of the run."""
+    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed: PromiseWatch(test=Third()))
+    monkeypatch.setattr("prooflight.line.monitor.evidence.summary_of", lambda _inspection: np.zeros(1))
+    journal = tmp_path / "runs.sqlite"
+    code, rows, said = watch(
+        capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 6,
+        "--trigger", trigger, "--journal", journal, "--json",
+    )  # fmt: skip
+    assert code == 0
+    (notice,) = (row for row in rows if "notice" in row)
+    assert notice["notice"] == "promise-suspended"
+    assert [row["promise_suspended"] for row in rows if "page" in row] == [False] * 2 + [True] * 4
+    told = said.splitlines()
+    assert "(most of all: lines along the travel): the promised false-alarm rate does not hold" in told[0]
+    assert told[1:] == [
+        "prooflight: promise suspended: the promised false-alarm rate does not hold for the last 4 sheets"
+    ]
+    monkeypatch.setattr(people, "width", 400)
+    assert run(["run", "show", "--journal", str(journal)]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "suspended from sheet 2 on" in shown
+    assert "promise suspended; this press's good pages are not like those" in shown  # the note of sheet 2
+    assert run(["runs", "--journal", str(journal), "--json"]) == 0
+    (facts,) = json.loads(capsys.readouterr().out)
+    assert (facts["promise_suspended_from"], facts["counts"]["promise_suspended"]) == (2, 4)
 
 
 def test_a_misprint_ends_with_exit_code_1(

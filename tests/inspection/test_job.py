@@ -80,7 +80,7 @@ def test_the_reason_says_where_a_missing_scan_was_looked_for(
     source: JobSource, scans: Path, press: Press
 ) -> None:
     inspect = InspectPage(job=source, inspector=Inspector.of(press, "chi-square"), scans=scans)
-    assert inspect((2, None)).reason == f"its scan is missing (looked for p0002.tif in {scans})"
+    assert inspect((2, None)).verdict.reason == f"its scan is missing (looked for p0002.tif in {scans})"
 
 
 def test_a_file_that_is_no_tiff_keeps_its_place(source: JobSource, scans: Path) -> None:
@@ -129,7 +129,7 @@ def test_from_job_to_verdicts_by_way_of_files(source: JobSource, scans: Path, pr
         pickle.loads(pickle.dumps(task))(number)
     inspect = pickle.loads(pickle.dumps(InspectPage(job=source, inspector=Inspector.of(press, "chi-square"))))
     with source.open() as job:
-        verdicts = [inspect(pair) for pair in paired(job, scans, sensors=1)]
+        verdicts = [inspect(pair).verdict for pair in paired(job, scans, sensors=1)]
     assert [verdict.page for verdict in verdicts] == ["p0001", "p0002", "p0003"]
     assert [verdict.verdict for verdict in verdicts] == ["good", "not-inspected", "misprint"]
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import errno
+import json
 import math
 import sqlite3
 from dataclasses import MISSING, fields, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.journal import lock, packs
+from prooflight.journal.exporting import run_facts, write_csv
 from prooflight.journal.journal import Journal, content_digest
 from prooflight.journal.opening import default_journal
 from prooflight.journal.queue import JournalQueue
@@ -46,6 +50,7 @@ FULL = Verdict(
     reason="streak at x = 83 mm – “né”",
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},
     expected_cost={"accept": 0.03, "stop": 0.006},
+    promise_suspended=True,
 )
 
 
@@ -93,6 +98,48 @@ def test_a_page_comes_back_with_everything(path: Path) -> None:
     for name, array in kept.items():
         assert found.evidence[name].dtype == array.dtype
         np.testing.assert_array_equal(found.evidence[name], array)
+
+
+def test_rows_from_before_promises_could_be_suspended_are_read(path: Path) -> None:
+    with Journal.open(str(path)) as journal:
+        run = journal.begin_run(facts())
+        journal.record(run, record(1, kept=False))
+        assert journal.commit()
+    with sqlite3.connect(path) as database:
+        (text,) = database.execute("SELECT whole_verdict FROM pages").fetchone()
+        before = json.loads(text)
+        assert before.pop("promise_suspended") is False
+        database.execute("UPDATE pages SET whole_verdict = ?", [json.dumps(before)])
+    with Journal.open(str(path), read_only=True) as journal:
+        assert journal.page(run, 1).verdict.promise_suspended is False
+        assert journal.run(run).promise_suspended_from is None
+
+
+@pytest.mark.parametrize("score", [0.5, math.inf])
+def test_a_run_says_from_which_sheet_its_promise_was_suspended(path: Path, score: float) -> None:
+    """Each run by itself; a note of another thing says nothing, nor does a reason that only looks like it."""
+    looks_like = 'a page named "promise_suspended": true'
+    with Journal.open(str(path)) as journal:
+        for since in (3, 99):
+            run = journal.begin_run(facts())
+            for sheet in range(6):
+                one = record(sheet, score=0.5, kept=False, notes=("said",) if sheet in (1, since) else ())
+                verdict = replace(one.verdict, reason=looks_like)
+                if sheet >= since:
+                    verdict = replace(
+                        verdict, verdict="misprint", action="stop", score=score, promise_suspended=True
+                    )
+                journal.record(run, replace(one, verdict=verdict))
+        assert journal.commit()
+        assert [one.promise_suspended_from for one in journal.runs()] == [3, None]
+        assert journal.run(1).promise_suspended_from == 3
+        assert run_facts(journal.run(1))["promise_suspended_from"] == 3
+        assert [one.verdict.promise_suspended for one in journal.pages(1)] == [False] * 3 + [True] * 3
+        text = StringIO()
+        write_csv(journal.pages(1), text)
+    assert [row["promise_suspended"] for row in csv.DictReader(StringIO(text.getvalue()))] == (
+        ["False"] * 3 + ["True"] * 3
+    )
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

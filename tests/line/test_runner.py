@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from tests.line.runs import NOTHING, PATIENCE_S, Book, SheetInspector
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
+from prooflight.inspection.promise import PromiseWatch
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
 from prooflight.line.queues import Waiting
@@ -25,6 +26,11 @@ from prooflight.scans.lines import LineBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.verdict import Word
+    from prooflight.line.notices import Notice
 
 
 def seen(page: int | None, time_s: float = 0.0, *kinds: Any) -> SeenPage:
@@ -86,6 +92,8 @@ def watched(
     source: Source | None = None,
     clock: Clock | None = None,
     book: Book | None = None,
+    promise: PromiseWatch | None = None,
+    notice: Callable[[Notice], None] = lambda _notice: None,
     **settings: Any,
 ) -> tuple[Running, list[Outcome]]:
     told: list[Outcome] = []
@@ -97,9 +105,10 @@ def watched(
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
         book=book or Book(len(script)),
         inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
-        watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script)),
+        watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script), promise=promise or PromiseWatch()),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,
+        notice=notice,
         clock=clock or Clock(),
     )
     return running, told
@@ -244,6 +253,67 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
 
     _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
     assert [dict(one.evidence.values) for one in told] == [{"gain-cyan": 9.0}, {}, {"gain-cyan": 9.0}]
+
+
+@dataclass
+class Third:
+    """A run's test that has had enough of the third page; remembers what it was given."""
+
+    seen: list[float] = field(default_factory=list)
+    strangest: str = "lines along the travel"
+
+    def add(self, summary: NDArray[np.float64]) -> None:
+        self.seen.append(float(summary[0]))
+
+    @property
+    def suspended(self) -> bool:
+        return len(self.seen) >= 3
+
+
+class Summing(SheetInspector):
+    """Sheet n adds n to its run, whatever is said of it."""
+
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+        said = super().inspect(ready, scan, name=name, seed=seed)
+        word: Word = "misprint" if name == "sheet 3" else "good"
+        evidence = PageEvidence(summary=np.array([float(name.removeprefix("sheet "))]))
+        return replace(said, verdict=replace(said.verdict, verdict=word), evidence=evidence)
+
+
+def test_a_run_suspends_its_promise_once_and_every_verdict_from_then_on_says_so() -> None:
+    """Sheet 0 is decided last of the first two; 1 is spoilt, 2 did not come, 4 breaks the judge, 3 is a misprint."""
+    third, second = Third(), threading.Event()
+
+    def first(name: str) -> None:
+        if name == "sheet 4":
+            raise RuntimeError(name)
+        if name == "sheet 0":
+            assert second.wait(PATIENCE_S)
+        else:
+            second.set()
+
+    gone = MissingPage(job_page=2, faults=(Fault(kind="missing", first_line=0, detail="gone"),))
+    script = [seen(0), seen(1, 0.0, "stretch"), gone, *(seen(page) for page in range(3, 9))]
+    notices: list[Notice] = []
+    running, told = watched(
+        script, inspector=Summing(first=first), promise=PromiseWatch(test=third), notice=notices.append
+    )
+    running.start()
+    assert running.join(PATIENCE_S)
+    assert third.seen == [0.0, 3.0, 5.0]
+    assert [one.record.verdict.promise_suspended for one in told] == [False] * 5 + [True] * 4
+    (notice,) = notices
+    assert notice.kind == "promise-suspended"
+    assert "lines along the travel" in notice.text
+    assert [one.record.notes for one in told] == [()] * 5 + [(notice.text,)] + [()] * 3
+    status = running.status()
+    assert (status.promise_suspended, status.good, status.untold) == (4, 6, 0)
+
+
+def test_a_run_whose_detector_has_no_test_promises_on() -> None:
+    running, told = run([seen(page) for page in range(5)], inspector=Summing())
+    assert {one.record.verdict.promise_suspended for one in told} == {False}
+    assert running.status().promise_suspended == 0
 
 
 @pytest.mark.parametrize("error", [ScanError("sheet", "is short", remedy="scan"), RuntimeError("odd")])

@@ -25,7 +25,7 @@ def inspect_golden(
     """Show one verdict a scan, or a page of the job."""
     from prooflight.cli.inspected import inspected
     from prooflight.inspection.golden import GoldenInspector, golden_pages
-    from prooflight.inspection.job import Tried
+    from prooflight.inspection.job import Tried, alone
     from prooflight.pages.parallel import in_order
 
     loaded = None if press is None else Press.load(press)
@@ -34,7 +34,7 @@ def inspect_golden(
     sensors = None if loaded is None else len(loaded.sensors)
     pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm, troubles=troubles)
     work = GoldenInspector.of(loaded, *dict.fromkeys(page.golden for page in pages))
-    tried = Tried(work, attrgetter("name"))
+    tried = Tried(work, attrgetter("name"), alone)
     done = inspected(
         in_order(tried, pages, killed=tried.killed),
         lambda verdict: verdict,

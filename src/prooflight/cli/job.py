@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from prooflight.cli import show
+from prooflight.cli import faults, show
 from prooflight.cli.options import Detector, JobPath, Json, Pages, PressArtefact, Profile, Seed
 from prooflight.errors import RequestError
 from prooflight.pages.job import JobSource, parse_pages
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 
     from prooflight.cli.inspected import Inspected
     from prooflight.inspection.job import InspectPage, Pair
+    from prooflight.inspection.promise import Judged, PromiseWatch
     from prooflight.reporting.report import PageEntry
+
+InRun = TypeVar("InRun", "Judged", "PageEntry")
 
 
 World = Annotated[
@@ -234,6 +238,7 @@ def inspect(
     from prooflight.cli.inspected import inspected
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, name_of, paired
+    from prooflight.inspection.promise import Judged, PromiseWatch
     from prooflight.pages.parallel import in_order
 
     loaded = Press.load(press)
@@ -242,22 +247,32 @@ def inspect(
     with source.open() as opened:
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
     work = InspectPage(job=source, inspector=inspector, scans=scans)
+    promise = PromiseWatch.of(inspector.detector)
     if report is None:
-        tried = Tried(work, name_of)
+        tried = Tried(work, name_of, Judged)
         done = inspected(
-            in_order(tried, pairs, killed=tried.killed),
-            lambda seen: seen,
+            _in_run(in_order(tried, pairs, killed=tried.killed), promise),
+            attrgetter("verdict"),
             names=[name_of(pair) for pair in pairs],
-            unseen=lambda _place, verdict: verdict,
+            unseen=lambda _place, verdict: Judged(promise.marked(verdict)),
             json=json,
         )
     else:
-        done = _reported(work, pairs, report, job=name, json=json)
+        done = _reported(work, pairs, report, promise, job=name, json=json)
     if not json:
         show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
+    if promise.suspended:
+        faults.told(promise.suspended)
     _leave(done)
+
+
+def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
+    """What inspection makes, in the order of the job, with what the run by then says of its promise."""
+    for place, item in enumerate(items):
+        promise.add(item.summary, place)
+        yield replace(item, verdict=promise.marked(item.verdict), summary=None)
 
 
 def _leave(done: Inspected[Any]) -> None:
@@ -267,7 +282,7 @@ def _leave(done: Inspected[Any]) -> None:
 
 
 def _reported(
-    work: InspectPage, pairs: Sequence[Pair], report: Path, *, job: str, json: bool
+    work: InspectPage, pairs: Sequence[Pair], report: Path, promise: PromiseWatch, *, job: str, json: bool
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.inspected import inspected
@@ -277,15 +292,15 @@ def _reported(
 
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        in_order(pictured, pairs, killed=pictured.killed),
+        _in_run(in_order(pictured, pairs, killed=pictured.killed), promise),
         attrgetter("verdict"),
         names=[name_of(pair) for pair in pairs],
-        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], verdict),
+        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], promise.marked(verdict)),
         json=json,
     )
     report.mkdir(parents=True, exist_ok=True)
     pages_per_s = len(pairs) / (time.perf_counter() - started)
-    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s)
+    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s, suspended=promise.suspended)
     write_report(report / "report.html", done.items, summary)
     return done
 

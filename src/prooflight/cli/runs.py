@@ -198,11 +198,19 @@ def replay(
     if json:
         rows = {figure.name: {"recorded": figure.recorded, "again": figure.again} for figure in figures}
         show.print_json(
-            {"run": found.id, "sheet": sheet, "page": page.verdict.page, "same": same, "figures": rows}
+            {
+                "run": found.id,
+                "sheet": sheet,
+                "page": page.verdict.page,
+                "same": same,
+                "promise_suspended": page.verdict.promise_suspended,
+                "figures": rows,
+            }
         )
     else:
         headings = ("", "recorded", "again", "")
-        title = f"Sheet {sheet} of run {found.id}, {page.verdict.page}"
+        told = (f"Sheet {sheet} of run {found.id}", page.verdict.page, show.suspended(page.verdict))
+        title = ", ".join(filter(None, told))
         table = show.table_of(title, headings, words=headings)
         for figure in figures:
             word = Text("same", style="green") if figure.same else Text("differs", style="bold red")
@@ -335,6 +343,9 @@ def _facts_table(run: RunRow) -> Table:
         "with faults": run.faulty,
         "not recorded": run.dropped_pages,
         "evidence given up": run.dropped_evidence,
+        "promise": ""
+        if (first := run.promise_suspended_from) is None
+        else f"suspended from sheet {first} on",
     }
     for name, value in rows.items():
         if value not in ("", 0) or name == "misprints":
@@ -349,6 +360,7 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
         verdict = page.verdict
         what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
         what += ["late"] if page.late else []
+        what += filter(None, [show.suspended(verdict)])
         table.add_row(
             str(page.sheet),
             visible(verdict.page),

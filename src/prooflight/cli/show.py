@@ -116,7 +116,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             Text(verdict.verdict, style=style),
             verdict.action,
-            Text(verdict.reason or verdict.kind or ""),
+            Text("; ".join(filter(None, (verdict.reason or verdict.kind, suspended(verdict))))),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
@@ -131,6 +131,11 @@ def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
     people.print(verdict_table(verdicts, title=title))
     parts = [count(len(verdicts), "page"), count(alarms, "misprint")]
     people.print(", ".join(parts + ([f"{unseen:,} not inspected"] if unseen else [])))
+
+
+def suspended(verdict: Verdict) -> str:
+    """That nothing was promised of a verdict, in words; empty: the promise held."""
+    return "promise suspended" if verdict.promise_suspended else ""
 
 
 def _short(score: float) -> str:

@@ -31,6 +31,7 @@ from prooflight.pages.job import JobSource
 from prooflight.pages.process import settle_process
 from prooflight.press.artefact import Press
 from prooflight.reporting.live import Recent
+from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -196,8 +197,10 @@ def watch(
 
 
 def _ended(status: Status, lacks: str) -> int:
-    """Say what keeps a run from being complete, if anything does; its exit code."""
+    """Say what keeps a run from being complete or its promise from holding, if anything does; its exit code."""
     broke_off = status.phase is Phase.FAULT
+    if status.promise_suspended:
+        faults.told(suspended(status.promise_suspended))
     if broke_off or lacks:
         faults.told("; ".join(filter(None, (status.detail, lacks))))
     if broke_off and not status.good + status.misprints:

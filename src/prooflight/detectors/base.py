@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -104,6 +104,8 @@ class Inspection(Shown):
     """By which ``Detector.decided_again`` comes to the same decision."""
     state: Callable[[], PrintState] = PrintState
     """What the run's control charts take from it."""
+    summary: NDArray[np.float64] | None = None
+    """By which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector has no such test."""
     planned: PlannedPage | None = None
     """The page as it entered the press; None: a detector was asked without an ``Inspector``, which puts it here."""
 
@@ -164,6 +166,33 @@ class Detector(Protocol):
 
     def decided_again(self, kept: KeptArrays) -> Decision:
         """The decision that ``Inspection.kept`` led to; RequestError: it is none of this detector's."""
+        ...
+
+
+class RunTest(Protocol):
+    """Whether the pages of one run are like those that the detector's promise rests on."""
+
+    def add(self, summary: NDArray[np.float64]) -> None:
+        """The next page of the run, ``Inspection.summary``."""
+        ...
+
+    @property
+    def suspended(self) -> bool:
+        """Whether the pages were ever too unlike for the promise to hold."""
+        ...
+
+    @property
+    def strangest(self) -> str:
+        """In what they are most unlike, in words."""
+        ...
+
+
+@runtime_checkable
+class ChecksRuns(Protocol):
+    """A detector that knows the good pages of its press, and says when a run's are not like them."""
+
+    def run_test(self, *, seed: int) -> RunTest:
+        """Before a run's first page; seed: of what is drawn at random."""
         ...
 
 

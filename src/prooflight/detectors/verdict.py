@@ -104,6 +104,8 @@ class Verdict(Shown):
     """What was found of each ink that the page has, by its letter; empty: this detector does not look."""
     expected_cost: Mapping[str, float] = field(default_factory=dict)
     """Of letting pass (``accept``) and of stopping (``stop``), at this probability. [cent]"""
+    promise_suspended: bool = False
+    """Whether the run's pages had shown, by this one, that the promised false-alarm rate does not hold for them."""
 
     def __post_init__(self) -> None:
         """Whoever makes or reads it: nothing is good by a number that is not finite."""

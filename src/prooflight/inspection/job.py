@@ -12,6 +12,7 @@ import numpy as np
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
+from prooflight.inspection.promise import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 Pair = tuple[int, "RecordedScan | None"]
 Item = TypeVar("Item")
+Result = TypeVar("Result")
 LONGEST = 4
 """A recorded scan may be so many times as long as its page's: what lies beyond is not looked at, but is read."""
 DIGEST_DIGITS = 16
@@ -129,22 +131,29 @@ def unusable(name: str, error: Exception) -> Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried(Generic[Item]):
+class Tried(Generic[Item, Result]):
     """Work on one page; where the page or its scan cannot be used, the verdict is not-inspected, and why."""
 
-    work: Callable[[Item], Verdict]
+    work: Callable[[Item], Result]
     name: Callable[[Item], str]
+    bare: Callable[[Verdict], Result]
+    """From the verdict on a page that nobody looked at."""
 
-    def __call__(self, item: Item) -> Verdict:
-        """The verdict on one page."""
+    def __call__(self, item: Item) -> Result:
+        """What the work gives, or stands for it."""
         try:
             return self.work(item)
         except UNUSABLE as error:
-            return unusable(self.name(item), error)
+            return self.bare(unusable(self.name(item), error))
 
-    def killed(self, item: Item) -> Verdict:
-        """The verdict on a page whose inspection the system ended."""
-        return Verdict.skipped(self.name(item), KILLED)
+    def killed(self, item: Item) -> Result:
+        """Of a page whose inspection the system ended."""
+        return self.bare(Verdict.skipped(self.name(item), KILLED))
+
+
+def alone(verdict: Verdict) -> Verdict:
+    """A verdict as it is, where its page is in no run; for ``Tried.bare``."""
+    return verdict
 
 
 def first_reason(verdicts: Sequence[Verdict]) -> str:
@@ -161,12 +170,13 @@ class InspectPage:
     scans: Path | None = None
     """Where scans were looked for."""
 
-    def __call__(self, pair: Pair) -> Verdict:
-        """The verdict on one page and its scan; ProoflightError: one of them cannot be used."""
+    def __call__(self, pair: Pair) -> Judged:
+        """What one page and its scan come to; ProoflightError: one of them cannot be used."""
         number, scan = pair
         if scan is None:
-            return scan_missing(page_name(number), self.scans)
-        return self.inspection(self.page(number), scan).verdict
+            return Judged(scan_missing(page_name(number), self.scans))
+        inspection = self.inspection(self.page(number), scan)
+        return Judged(inspection.verdict, summary_of(inspection))
 
     def page(self, number: int) -> Page:
         """The job's page as it lies in the press."""

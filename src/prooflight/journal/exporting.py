@@ -22,7 +22,7 @@ CSV_COLUMNS: Final = (
     *("sheet", "job_page", *ASKED_ALONE),
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
     *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
-    *("first_line", "time_s", "faults", "notes", "nuisance"),
+    *("first_line", "time_s", "faults", "notes", "nuisance", "promise_suspended"),
 )
 """x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
 
@@ -43,6 +43,7 @@ def run_facts(run: RunRow) -> dict[str, Any]:
             **{name: getattr(run, name) for name in COUNTED},
             "dropped_pages": run.dropped_pages,
             "dropped_evidence": run.dropped_evidence,
+            "promise_suspended_from": run.promise_suspended_from,
             "detail": "" if end is None else end.detail,
             "settings": settings,
             "counts": {} if end is None else end.counts,

@@ -92,6 +92,8 @@ class RunRow:
     """That the journal could not keep while it could not write."""
     dropped_evidence: int
     """Pages whose evidence it gave up to keep their rows."""
+    promise_suspended_from: int | None
+    """Sheet from which on its pages were too unlike the press's own for the detector's promise; None: none was."""
 
 
 COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty")

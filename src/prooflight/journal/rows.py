@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from operator import index
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import case, func, insert, select, true, update
 
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
     from prooflight.journal.queue import Batch
     from prooflight.journal.records import State
+
+
+SUSPENDED: Final = '"promise_suspended": true'
+"""In a verdict as ``json_text`` writes it; within a string its quotes would be escaped."""
 
 
 def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[str, int]]) -> None:
@@ -155,17 +159,32 @@ def read_runs(
         of_pages = of_pages.where(page.run_id == run_id)
         query = query.where(stored_runs.c.id == run_id)
     counts = {row.run_id: row._asdict() for row in connection.execute(of_pages)}
+    suspended = _suspended_from(connection, run_id)
     last = connection.execute(select(func.max(stored_runs.c.id))).scalar()
     found = []
     for row in connection.execute(query):
         try:
-            found.append(_run(row, counts.get(row.id, {}), writer_lives=writer_lives and row.id == last))
+            lives = writer_lives and row.id == last
+            found.append(_run(row, counts.get(row.id, {}), suspended.get(row.id), writer_lives=lives))
         except ValueError as error:
             damaged(row.id, error)
     return found
 
 
-def _run(row: Row[Any], counts: Mapping[Any, Any], *, writer_lives: bool) -> RunRow:
+def _suspended_from(connection: Connection, run_id: int | None) -> dict[Any, int]:
+    """By run, the sheet with which it said that its detector's promise does not hold: a note stands there."""
+    page = stored_pages.c
+    says = func.instr(page.whole_verdict, SUSPENDED) > 0
+    query = select(page.run_id, func.min(page.sheet).label("sheet")).where(page.noted == 1, says)
+    if run_id is not None:
+        query = query.where(page.run_id == run_id)
+    rows = connection.execute(query.group_by(page.run_id))
+    return {row.run_id: row.sheet for row in rows if isinstance(row.sheet, int)}
+
+
+def _run(
+    row: Row[Any], counts: Mapping[Any, Any], suspended_from: int | None, *, writer_lives: bool
+) -> RunRow:
     found, end = RunColumns(**row._asdict()), None
     state: State = "running" if writer_lives else "interrupted"
     if found.ended_s is not None and found.ending is not None:
@@ -180,5 +199,6 @@ def _run(row: Row[Any], counts: Mapping[Any, Any], *, writer_lives: bool) -> Run
         state=state,
         dropped_pages=found.dropped_pages,
         dropped_evidence=found.dropped_evidence,
+        promise_suspended_from=suspended_from,
         **{name: counts.get(name, 0) for name in COUNTED},
     )

@@ -1,4 +1,6 @@
-"""What a run says that is of no sheet: a page of the job that cannot be used, a source that has fallen silent."""
+"""What a run says that is of no sheet: a page of the job that cannot be used, a source that has fallen silent, and of
+the run as a whole: a promise that does not hold.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 
     from prooflight.scans.lines import LineBlock
 
-NoticeKind = Literal["page-unusable", "page-usable", "silent", "lines-again"]
+NoticeKind = Literal["page-unusable", "page-usable", "silent", "lines-again", "promise-suspended"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.verdict import Verdict
+from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
+from prooflight.line.notices import Notice
 from prooflight.pages.files import page_name
 
 if TYPE_CHECKING:
@@ -37,6 +39,8 @@ class Outcome:
     """False: no sheet, but a page that did not come."""
     announcements: tuple[Announcement, ...] = ()
     """What the run says with it; known when it has been put in order."""
+    notices: tuple[Notice, ...] = ()
+    """What the run says then that is of no channel."""
 
 
 def outcome(
@@ -133,6 +137,7 @@ class RunWatch:
     adapting: Adapting | None
     sheets: int | None
     """In the run; None: nobody said."""
+    promise: PromiseWatch = field(default_factory=PromiseWatch)
 
     def add(self, outcome: Outcome) -> Outcome:
         """The next sheet, in order; returns it with what the run says now."""
@@ -142,7 +147,13 @@ class RunWatch:
         if self.adapting is not None:
             for name, level in self.adapting.see(evidence.values):
                 said += self.monitor.excursion(number, name, level, pages_left=left)
-        if not said:
+        news = []
+        design = number if outcome.record.job_page is None else outcome.record.job_page
+        if self.promise.add(evidence.summary, design):
+            news.append(Notice(kind="promise-suspended", text=self.promise.suspended))
+        verdict = self.promise.marked(outcome.record.verdict)
+        if not said and verdict is outcome.record.verdict:
             return outcome
-        record = replace(outcome.record, notes=(*outcome.record.notes, *(one.text for one in said)))
-        return replace(outcome, record=record, announcements=tuple(said))
+        notes = (*outcome.record.notes, *(one.text for one in said), *(one.text for one in news))
+        record = replace(outcome.record, verdict=verdict, notes=notes)
+        return replace(outcome, record=record, announcements=tuple(said), notices=tuple(news))

@@ -412,6 +412,9 @@ class Running:
             self.tally.count(VERDICTS[record.verdict.verdict])
         if record.late:
             self.tally.count("late")
+        self.tally.count("promise_suspended", by=record.verdict.promise_suspended)
+        for notice in told.notices:  # the record has it among its notes
+            self._finish_one(f"notice {notice.kind}", self._notice, notice)
         self.tally.count("announcements", by=len(told.announcements))
         adapting = self._watch.adapting
         if adapting is not None and (press := adapting.renewed(self._press, record.sheet)) is not None:

@@ -33,4 +33,4 @@ class Settings:
     stall_s: float = STALL_S
     """Without a line from the source, after which that is announced."""
     seed: int = 0
-    """Of randomised integral transforms."""
+    """Of randomised integral transforms, and of ranks that tie."""

@@ -24,7 +24,7 @@ RATE_PAGES: Final = 32
 
 COUNTED: Final = (
     *("pages_seen", "good", "misprints", "late", "not_inspected", "missing", "absent", "to_come", "untold"),
-    *("announcements", "being_inspected"),
+    *("announcements", "promise_suspended", "being_inspected"),
 )
 """What of ``Status`` a ``Tally`` counts, by the same names."""
 VERDICTS: Final = {"good": "good", "misprint": "misprints", "not-inspected": "not_inspected"}
@@ -79,6 +79,8 @@ class Status:
     faults: Mapping[str, int]
     """Of the paper path, by kind."""
     announcements: int
+    promise_suspended: int
+    """Sheets, and pages that did not come, since the run showed that the detector's promise does not hold."""
     queue_depth: int
     being_inspected: int
     ahead: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from prooflight.inspection.promise import PromiseWatch
 from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns_mm
 from prooflight.line.monitor.run import RunMonitor
@@ -58,7 +59,10 @@ def watched(
         book=book,
         inspector=SheetInspector(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
         watch=RunWatch(
-            monitor=monitor, adapting=Adapting.begin(press) if follow else None, sheets=len(book) or None
+            monitor=monitor,
+            adapting=Adapting.begin(press) if follow else None,
+            sheets=len(book) or None,
+            promise=PromiseWatch.of(inspector.detector, seed=settings.seed),
         ),
         settings=settings,
         **told,

@@ -20,6 +20,7 @@ from rich.text import Text
 from prooflight.errors import plain, sentence
 from prooflight.line.monitor.channels import drift_channels
 from prooflight.line.status import Phase
+from prooflight.reporting import wording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,6 +96,8 @@ def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float |
             parts.append(_announcements(recent))
         parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(1, 2)))
         parts += [Text(text, style="yellow") for text in recent.notices]
+    if status.promise_suspended:
+        parts.append(Text(sentence(wording.suspended(status.promise_suspended)), style="bold red"))
     if status.detail:
         parts.append(Text(sentence(status.detail), style="bold red"))
     style = PHASES.get(status.phase, "yellow")

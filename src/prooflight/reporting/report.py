@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self
@@ -13,6 +13,7 @@ from prooflight.detectors.base import Inspection
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
+from prooflight.inspection.promise import summary_of
 from prooflight.pages.files import page_name
 from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
@@ -21,6 +22,9 @@ from prooflight.reporting.html import data_uri, template
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Pair
@@ -53,6 +57,8 @@ class PageEntry:
     """None: nothing to look at, or no scan."""
     truth: Misprint | None = None
     """What was done to the page on purpose; None: nothing, or not known."""
+    summary: NDArray[np.float64] | None = field(default=None, compare=False)
+    """What it adds to its run, until that is known."""
 
     @property
     def alarmed(self) -> bool:
@@ -74,6 +80,8 @@ class RunSummary:
     seed: int | None
     date: str
     pages_per_s: float
+    suspended: str = ""
+    """Why the promise does not hold for these pages; empty: nothing says so."""
 
     @classmethod
     def today(
@@ -84,6 +92,7 @@ class RunSummary:
         pages_per_s: float,
         world: str | None = None,
         seed: int | None = None,
+        suspended: str = "",
     ) -> Self:
         """Of a job that was inspected today."""
         return cls(
@@ -95,6 +104,7 @@ class RunSummary:
             seed=seed,
             date=datetime.now(UTC).strftime("%Y-%m-%d"),
             pages_per_s=pages_per_s,
+            suspended=suspended,
         )
 
 
@@ -183,7 +193,9 @@ class PicturedPage:
         number, scan = pair
         try:
             page = self.work.page(number)
-            return page_entry(page, self._result(page, scan), self.work.inspector.press)
+            result = self._result(page, scan)
+            summary = summary_of(result) if isinstance(result, Inspection) else None
+            return replace(page_entry(page, result, self.work.inspector.press), summary=summary)
         except UNUSABLE as error:
             return unpictured_entry(number, unusable(page_name(number), error))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from prooflight.detectors.matched_filter.naming import family_in_words
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 if TYPE_CHECKING:
@@ -88,24 +89,6 @@ def _size(region: Region) -> str:
     return f"{region.width_mm:.{digits}f} × {region.height_mm:.{digits}f} mm"
 
 
-FAMILIES = {
-    "box": "places that are lighter or darker than good prints vary",
-    "apart": "places that stand out from the rest of the page",
-    "flat": "places that stand out from the page's flat parts",
-    "spread": "differences spread over many places",
-    "excess": "more places that are off than good prints have",
-    **dict.fromkeys(("streak", "line", "calm"), "lines along the travel"),
-    "band": "lines and waves across the travel",
-    **dict.fromkeys(("wave", "swell"), "waves along the travel"),
-    **dict.fromkeys(("ghost", "echo", "double"), "echoes of the page's own content"),
-    "swap": "inks that have changed places",
-    "moved": "ink planes that lie elsewhere",
-    "fit": "amounts that the page as a whole is off by",
-    "place": "where page and ink planes lie, and whether they look as designed",
-    "energy": "differences of any kind",
-}
-
-
 def family(name: str | None) -> str:
     """A family of evidence in plain words.
 
@@ -114,7 +97,7 @@ def family(name: str | None) -> str:
     """
     if name is None:
         return "–"
-    what = FAMILIES.get(Statistic.parse(name).word)
+    what = family_in_words(Statistic.parse(name).word)
     return f"{what} ({name})" if what else name
 
 
@@ -146,6 +129,16 @@ def not_inspected(of_what: str, number: int, first: str) -> str:
     """
     said, which = ("was", "") if number == 1 else ("were", "the first ")
     return f"{of_what} {said} not inspected" + (f" ({which}{first})" if first else "")
+
+
+def suspended(number: int) -> str:
+    """That so many verdicts, the last of their run, were made without a promise.
+
+    >>> suspended(57)
+    'promise suspended: the promised false-alarm rate does not hold for the last 57 sheets'
+    """
+    sheets = "sheet" if number == 1 else f"{number:,} sheets"
+    return f"promise suspended: the promised false-alarm rate does not hold for the last {sheets}"
 
 
 def millimetres(value: float) -> str:

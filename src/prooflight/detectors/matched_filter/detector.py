@@ -15,9 +15,11 @@ from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
+from prooflight.detectors.matched_filter.exchangeability import summaries
 from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
 from prooflight.detectors.matched_filter.print_state import print_state
+from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import Area, KeptArrays, PlannedPage
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision, Region
     from prooflight.pages.raster import Page
@@ -82,6 +85,10 @@ class MatchedFilterDetector(StationDetector):
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
             return self.calibrated.decide(score_of(model, values, page_features, another=another))
 
+    def run_test(self, *, seed: int) -> PressRunTest:
+        """See ``ChecksRuns``."""
+        return PressRunTest.of(self.calibrated, seed=seed)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MatchedFilterPage(PreparedOnly):
@@ -123,6 +130,7 @@ class MatchedFilterPage(PreparedOnly):
             expect=lambda: cut(station.predict(page, placement), area),
             kept={"wrong_page": np.array(another), "values": values, "portrait": page_features},
             state=partial(print_state, analysis, station.sensors),
+            summary=None if another else summary_of(ours.model, values, page_features),
         )
 
     def _explained(
@@ -169,6 +177,15 @@ def _regions(
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
     )
+
+
+def summary_of(
+    model: DetectorModel, values: NDArray[np.floating], page_features: NDArray[np.floating]
+) -> NDArray[np.float64] | None:
+    """One page's ``summaries``, from its statistics (n,); None: one of them is no finite number."""
+    if not (np.isfinite(values).all() and np.isfinite(page_features).all()):
+        return None
+    return summaries(model, model.deviations(values[None], page_features[None]))[0]
 
 
 def present_inks(page: Page) -> str:

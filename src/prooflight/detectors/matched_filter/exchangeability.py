@@ -4,6 +4,10 @@ Each page is ranked, by several summaries of what its scan said, among the press
 before it. Where all of these are exchangeable the ranks are independent and uniform (Vovk, Gammerman, Shafer 2005,
 theorem 8.1), and a gambler who bets on small ones gains a factor of 1 / a or more, ever, with a probability of a at
 most (Ville 1939). Wealth beyond that says that they are not: the press does what its good pages did not show.
+
+In a long run pages are forgotten, so that no more are kept than ``REMEMBERED``. Which one is drawn without regard to
+its age, the newest among them, and that leaves the theorem as it is: given all pages that were kept, the newest was any
+of them alike, and what is kept for later says nothing of which. Were the oldest forgotten, later ranks would tell.
 """
 
 from __future__ import annotations
@@ -24,7 +28,9 @@ FALSELY: Final = 0.001
 STAKES: Final = np.array([0.1, 0.2, 0.35, 0.5, 0.7, 0.85])
 """Exponents e of the bets e p^(e - 1), each of which has the mean 1; their wealths are averaged."""
 MISPRINTS: Final = 0.05
-"""Share of a run's pages that may be misprints: no rank counts as smaller. (assumed: presses are stopped before)"""
+"""Share of a run's pages that may be misprints: no rank is taken to be smaller. (assumed: presses stop before)"""
+REMEMBERED: Final = 2000
+"""Pages of a run that are kept beside as many as the press has of its own: a page then ranks to 1 in 2000."""
 
 
 def summaries(model: DetectorModel, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -41,6 +47,8 @@ class ExchangeabilityTest:
 
     known: list[NDArray[np.float64]]
     """Summaries of pages by which the next are ranked."""
+    room: int
+    """For so many of them."""
     names: tuple[str, ...]
     log_wealth: NDArray[np.float64]
     """(groups, stakes)"""
@@ -54,12 +62,13 @@ class ExchangeabilityTest:
         pages = ours.model.deviations(ours.pages.values, ours.pages.page_features)
         return cls(
             known=list(summaries(ours.model, pages)),
+            room=len(pages) + REMEMBERED,
             names=words,
             log_wealth=np.zeros((len(words), STAKES.size)),
         )
 
     def add(self, summary: NDArray[np.float64], rng: np.random.Generator) -> None:
-        """One more page of the run, (groups,); rng: breaks ties."""
+        """One more page of the run, (groups,); rng: breaks ties, and forgets."""
         before = np.stack(self.known)
         above = (before > summary).sum(axis=0)
         alike = (before == summary).sum(axis=0) + 1
@@ -67,6 +76,10 @@ class ExchangeabilityTest:
         p = MISPRINTS + (1 - MISPRINTS) * p
         self.log_wealth += np.log(_bet(p))
         self.known.append(summary)
+        if len(self.known) > self.room:
+            forgotten, last = int(rng.integers(len(self.known))), self.known.pop()
+            if forgotten < len(self.known):
+                self.known[forgotten] = last
         self.most = max(self.most, self.log_of_all)
 
     @property

@@ -25,6 +25,33 @@ KIND_OF_FAMILY: Final = {
 """Kinds of families that speak of one alone."""
 DENSITY: Final = ("gain", "gain-all", "gain-rms", "dot", "tilt", "shape", "shape-most")
 """Amounts of the fit that say how much ink there is."""
+FAMILIES: Final = {
+    "box": "places that are lighter or darker than good prints vary",
+    "apart": "places that stand out from the rest of the page",
+    "flat": "places that stand out from the page's flat parts",
+    "spread": "differences spread over many places",
+    "excess": "more places that are off than good prints have",
+    **dict.fromkeys(("streak", "line", "calm"), "lines along the travel"),
+    "band": "lines and waves across the travel",
+    **dict.fromkeys(("wave", "swell"), "waves along the travel"),
+    **dict.fromkeys(("ghost", "echo", "double"), "echoes of the page's own content"),
+    "step": "an ink that is off in a part of the page",
+    "swap": "inks that have changed places",
+    "moved": "ink planes that lie elsewhere",
+    "fit": "amounts that the page as a whole is off by",
+    "place": "where page and ink planes lie, and whether they look as designed",
+    "energy": "differences of any kind",
+}
+"""By the first words of statistics, for people."""
+
+
+def family_in_words(word: str) -> str | None:
+    """What statistics of this first word look at; None: nobody has said it in words.
+
+    >>> family_in_words("streak")
+    'lines along the travel'
+    """
+    return FAMILIES.get(word)
 
 
 def kind_of(statistic: Statistic) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
+from prooflight.inspection.promise import summary_of
 from prooflight.line.monitor.run import PageEvidence
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
     left_mm = press.geometry.left_mm(page_width_mm) + shift_mm[0]
     at_mm = np.asarray((np.arange(state.excess.shape[1]) + 0.5) * state.pitch_mm - left_mm)
     return PageEvidence(
-        values=values, columns=columns(state.excess, state.light, at_mm, columns_mm(press).size)
+        values=values,
+        columns=columns(state.excess, state.light, at_mm, columns_mm(press).size),
+        summary=summary_of(inspection),
     )
 
 

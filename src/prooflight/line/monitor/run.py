@@ -51,6 +51,8 @@ class PageEvidence:
     """By channel; channels of which the page says nothing are missing."""
     columns: NDArray[np.float32] | None = None
     """(columns,) light over what was expected, less what is alike nearby [-]; None: nothing is known."""
+    summary: NDArray[np.float64] | None = None
+    """``inspection.promise.summary_of``."""
 
     @property
     def unsound(self) -> tuple[str, ...]:

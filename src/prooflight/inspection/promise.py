@@ -1,0 +1,75 @@
+"""Whether the detector's promise stands for a run's pages, page after page in the order of the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Self
+
+from prooflight.detectors.base import ChecksRuns
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Detector, Inspection, RunTest
+    from prooflight.detectors.verdict import Verdict
+
+PAGES_TO_LEARN: Final = 40
+"""Good pages that a person is asked to look at. (assumed: what a person looks through at one sitting)"""
+SUSPENDED: Final = (
+    "this press's good pages are not like those that the promise rests on (most of all: {}): the promised "
+    "false-alarm rate does not hold; look at {} good pages and run `prooflight press learn X.press JOB SCANS --good`"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One page's verdict, and what it adds to its run."""
+
+    verdict: Verdict
+    summary: NDArray[np.float64] | None = None
+    """``summary_of``."""
+
+
+def summary_of(inspection: Inspection) -> NDArray[np.float64] | None:
+    """What an inspected page says of its run; None: it was not inspected, or says nothing.
+
+    A misprint by its verdict says as much as a good page: pages left out for what they say are not exchangeable.
+    """
+    return None if inspection.verdict.verdict == "not-inspected" else inspection.summary
+
+
+@dataclass(slots=True, kw_only=True)
+class PromiseWatch:
+    """Adds up what the pages of one run say, until they say that the promise does not hold; that is final."""
+
+    test: RunTest | None = None
+    """None: the detector has none, or it has said all that it can."""
+    suspended: str = ""
+    """Why the promise does not hold, in one line; empty: nothing says so."""
+    seen: set[int] = field(default_factory=set)
+    """Designs of which a sheet came."""
+
+    @classmethod
+    def of(cls, detector: Detector, *, seed: int = 0) -> Self:
+        """Before the run's first page. seed: of what the test draws at random."""
+        return cls(test=detector.run_test(seed=seed) if isinstance(detector, ChecksRuns) else None)
+
+    def add(self, summary: NDArray[np.float64] | None, design: int) -> bool:
+        """The next page of the run; whether the promise is suspended by it, which happens once.
+
+        Of each design the first sheet counts: copies of one are not exchangeable with pages of many.
+        """
+        if self.test is None or summary is None or design in self.seen:
+            return False
+        self.seen.add(design)
+        self.test.add(summary)
+        if not self.test.suspended:
+            return False
+        self.suspended = SUSPENDED.format(self.test.strangest, PAGES_TO_LEARN)
+        self.test = None
+        return True
+
+    def marked(self, verdict: Verdict) -> Verdict:
+        """The verdict on the page that came last, or on one behind it."""
+        return replace(verdict, promise_suspended=True) if self.suspended else verdict

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import numpy as np
 
+from prooflight.detectors.matched_filter.calibrated import ScannedPage
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
 from prooflight.inspection.promise import Judged, summary_of
@@ -22,8 +23,6 @@ from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Inspector
@@ -185,22 +184,6 @@ class InspectPage:
     def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
         """The verdict on one page, as ``page`` gives it, and all that it rests on, with what pictures need."""
         return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScannedPage:
-    """What one page of a job said to our detector."""
-
-    name: str
-    score: float
-    values: NDArray[np.float32]
-    """(statistics,)"""
-    page_features: NDArray[np.float64]
-    """(PAGE_FEATURES,)"""
-    another: bool
-    """Whether the scan shows another page."""
-    digest: str
-    """Of its scan."""
 
 
 @dataclass(frozen=True, slots=True)

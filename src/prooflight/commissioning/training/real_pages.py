@@ -14,7 +14,7 @@ from prooflight.errors import RequestError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from prooflight.inspection.job import ScannedPage
+    from prooflight.detectors.matched_filter.calibrated import ScannedPage
     from prooflight.press.artefact import Press
 
 FEWEST_REAL: Final = 20

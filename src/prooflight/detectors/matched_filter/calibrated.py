@@ -41,6 +41,22 @@ class GoodPages:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScannedPage:
+    """What one page of a job said to our detector."""
+
+    name: str
+    score: float
+    values: NDArray[np.float32]
+    """(statistics,)"""
+    page_features: NDArray[np.float64]
+    """(PAGE_FEATURES,)"""
+    another: bool
+    """Whether the scan shows another page."""
+    digest: str
+    """Of its scan."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibratedDetector:
     """A ranking made fit for one press: what its good prints do, and how rarely they alarm."""
 

@@ -30,7 +30,7 @@ def drawn(
 ) -> Pages:
     """Good pages, and of every other design a misprint of one of three kinds where ``wrong``.
 
-    Compressed statistics are normal about what a page's first feature says, of 0.2; shift, scale: what a press does to
+    Compressed statistics are normal about what a page's first feature says; shift, scale: what a press does to
     every one of them, in standard deviations.
     """
     rng = np.random.default_rng(seed)
@@ -40,7 +40,7 @@ def drawn(
     normal = shift + scale * rng.standard_normal((design.size, len(NAMES)))
     for place, one in enumerate(KINDS):
         normal[kind == one, 3 * place : 3 * place + 2] += 4.0
-    compressed = 3 + 0.3 * page_features[:, :1] + 0.2 * normal
+    compressed = 10 + page_features[:, :1] + 0.8 * normal
     return Pages(
         values=(np.expm1(compressed) / 3).astype(np.float32),
         page_features=page_features,
@@ -80,10 +80,10 @@ def test_what_a_press_does_to_statistics_comes_back_as_others_have_them(
 def test_only_what_moves_is_moved(model: DetectorModel) -> None:
     pages = drawn(400, 6)
     values = pages.values.copy()
-    values[:, 3] = np.expm1(np.log1p(3 * values[:, 3]) + 0.6) / 3  # three deviations further out
+    values[:, 3] = np.expm1(np.log1p(3 * values[:, 3]) + 2.4) / 3  # three deviations further out
     was, found = adapted(model, pages), adapted(model, replace(pages, values=values))
     moved = found.shift - was.shift
-    assert moved[3] == pytest.approx(0.6 / model.sd[3] * 400 / 401, rel=1e-3)
+    assert moved[3] == pytest.approx(2.4 / model.sd[3] * 400 / 401, rel=1e-3)
     assert np.delete(moved, 3) == pytest.approx(np.zeros(len(NAMES) - 1), abs=1e-9)
 
 
@@ -164,14 +164,15 @@ def test_what_a_press_is_made_fit_by_is_what_it_keeps(
 def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
     model: DetectorModel, reference: GoodScores
 ) -> None:
-    """Every statistic 2 deviations out and twice as wide; 1 % promised by 60 pages, on six presses of such a kind.
+    """Every statistic 2 deviations out and twice as wide; 1 % promised by 60 pages, on twelve such presses (seeds 100 to 311).
 
-    Of 3000 further pages each 1 % is known to 0.18 % a press, what 60 pages know of a press to a third: six presses
-    together to 0.16 %. Not made fit, most pages alarm, and made fit, misprints still do.
+    From press to press of 60 pages what is kept differs by 0.64 % (measured over 60 presses, whose mean is 1.02 %), so
+    that twelve tell their mean to 0.19 %, of which three are allowed. Not made fit, most pages alarm, and made fit,
+    misprints still do.
     """
     threshold = reference.threshold(0.01)[0]
     alarms, unfit, caught = [], [], []
-    for seed in range(6):
+    for seed in range(12):
         ours = fit_for(
             model,
             reference,
@@ -187,6 +188,6 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
         wrong = drawn(600, 300 + seed, wrong=True, shift=2.0, scale=2.0)
         wrong = wrong.rows(wrong.bad)
         caught.append((ours.model.score(wrong.values, wrong.page_features) > ours.threshold).mean())
-    assert 0.003 < np.mean(alarms) < 0.015
+    assert 0.0044 < np.mean(alarms) < 0.0157
     assert np.mean(unfit) > 0.5
     assert np.mean(caught) > 5 * np.mean(alarms)

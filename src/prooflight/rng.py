@@ -15,7 +15,7 @@ That matters where one run draws both with one seed. These runs do:
 
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
   and design 2;
-- ``study press``: the resampling of costs and designs 6 to 8; the last ranking and design 9;
+- ``study press``: the resampling of costs and designs 6 to 8;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is said;
@@ -110,7 +110,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "press-bootstrap-ideal": Purpose("which days resample costs in the ideal world", (SEED, 7)),
         "press-bootstrap-real": Purpose("which press days of real pages resample their costs", (SEED, 8)),
         "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
-        "press-ranking": Purpose("trees of the ranking that all designs teach", (SEED, 9)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
         "ranking-fold": Purpose(
             "trees that judge one fold of the pages that teach", (SEED, FREE + 9, "fold")
@@ -148,7 +147,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),
         "table-noise": Purpose("errors of tables measured by so many exposures", (4, "exposures")),
         "training-print": Purpose("prints of a design that teach a press", (SEED, "design", 12)),
-        "training-ranking": Purpose("trees of the ranking that is taught", (SEED, 13)),
         "training-session": Purpose("the session of a press day", (SEED, "first design", 11)),
         "trial-recipes": Purpose("recipes on which a press's tables are judged", (SEED,)),
         "world-piece": Purpose("where a page is cut, to be printed on both paths", (SEED, "page")),

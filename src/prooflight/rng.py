@@ -88,7 +88,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
         "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
         "detectability-session": Purpose(
-            "the press day of one print", (SEED, FREE + 1, "page", "use", "print")
+            "the press day of one print", (SEED, FREE + 13, "page", "use", "print")
         ),
         "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
         "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
@@ -101,6 +101,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
         "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
+        "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
         "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
@@ -142,6 +143,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             "a misprint that no detector is taught by", (SEED, FREE + 7, "scene", "design", "kind")
         ),
         "stress-nuisance": Purpose("a nuisance of one print; seeded by the print", (SEED, FREE + 8)),
+        "stress-ties": Purpose("ties among summaries of a run's pages", (SEED, FREE + 12, "run")),
         "study-print": Purpose("misprint, print and noise of a copy", (SEED, "design", From(1, "copy"))),
         "study-session": Purpose("the session of a press day", (SEED, "set", "first design", 0, 1)),
         "table-colours": Purpose("which of a page's rarer colours stand for all", (SEED, "page")),

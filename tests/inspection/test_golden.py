@@ -259,3 +259,13 @@ def test_light_that_is_no_number_once_columns_are_taken_out_is_not_compared(
         said = GoldenInspector(press=spoilt)(pages[0])
     assert said.verdict == "not-inspected"
     assert "not finite numbers" in said.reason
+
+
+def test_a_scan_out_of_shape_is_not_inspected_and_says_how(tmp_path: Path) -> None:
+    golden = saved(tmp_path / "golden.tif", sheet())
+    stretched = cv2.resize(sheet(), None, fx=1.045, fy=1.0, interpolation=cv2.INTER_CUBIC)[:, 6 : 6 + PIXELS]
+    said = verdict_of(golden, saved(tmp_path / "scan.tif", stretched))
+    assert (said.verdict, said.action, said.regions, said.score) == ("not-inspected", "accept", (), None)
+    assert said.reason.startswith("the scan does not fit its golden: shifted by ")
+    assert "stretched by 4." in said.reason  # of 4.5 %
+    assert said.shift_mm is not None

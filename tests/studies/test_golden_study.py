@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,13 @@ from tests.stand_ins import others
 from prooflight.errors import RequestError, ScanError
 from prooflight_studies.golden.figures import Outcome, Setting, figures
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, overlap, read_pairs
-from prooflight_studies.golden.study import differences, judged, tuned
+from prooflight_studies.golden.study import judged, looked_at, tuned
+from prooflight_studies.golden.transforms import CUT_PIXELS, set_off, shifted, transformed, turned, warped
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from prooflight_studies.golden.transforms import Field
 
 SETTING = Setting(edge_pixels=2.0, joining_pixels=4, least_volume=6.0, margin_pixels=10)
 
@@ -53,6 +57,14 @@ def test_figures_add_up_over_images() -> None:
     assert made.false_95_per_image == (0.0, 1.0)
 
 
+def test_no_false_region_in_thirty_images_may_still_be_one_in_ten() -> None:
+    made = figures(
+        [outcome(5, 0, 5)] * 30, SETTING, method="golden", tuned_on="even", rng=np.random.default_rng(0)
+    )
+    assert made.false_most_per_image == pytest.approx(-np.log(0.05) / 30)  # Poisson: exp(-30 rate) = 0.05
+    assert made.found_least_percent == pytest.approx(100 * 0.05 ** (1 / 150))  # binomial: share^150 = 0.05
+
+
 def drawn_pair(name: str, seed: int) -> GoldenPair:
     """A board of bars with two dark specks, marked with a margin of 9 pixels."""
     rng = np.random.default_rng(seed)
@@ -69,11 +81,60 @@ def drawn_pair(name: str, seed: int) -> GoldenPair:
 
 def test_tuning_finds_the_margin_that_the_markers_left() -> None:
     pairs = [drawn_pair(f"pair{seed}", seed) for seed in range(3)]
-    seen = {pair.name: differences(pair, "difference, opened") for pair in pairs}
-    setting = tuned(pairs, seen)
+    looked = looked_at(pairs, "difference, opened")
+    setting = tuned(looked)
     assert setting.margin_pixels == 9
-    said = [judged(pair, seen[pair.name], setting) for pair in pairs]
+    said = [judged(*one, setting) for one in looked]
     assert [(one.hits, one.false) for one in said] == [(2, 0)] * 3
+
+
+# --- known transforms ---
+
+
+def test_a_golden_is_moved_and_its_scan_and_marks_stay() -> None:
+    pair = drawn_pair("pair", 1)
+    across = 5.0
+
+    def right(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+        return np.stack([np.full(shape, across, np.float32), np.zeros(shape, np.float32)])
+
+    moved = transformed(pair, right, np.random.default_rng(0))
+    inner = slice(CUT_PIXELS, -CUT_PIXELS)
+    np.testing.assert_array_equal(moved.scan, pair.scan[:, inner, inner])
+    np.testing.assert_array_equal(moved.golden, np.roll(pair.golden, 5, axis=2)[:, inner, inner])
+    whole = [box for box in pair.marked if max(box[2:]) <= 160 - CUT_PIXELS and min(box[:2]) >= CUT_PIXELS]
+    assert moved.marked == tuple(tuple(side - CUT_PIXELS for side in box) for box in whole)
+    assert len(moved.marked) + len(moved.cut) == len(pair.marked)
+
+
+@pytest.mark.parametrize(
+    ("field", "most"), [(shifted(12), 12), (warped(3), 3), (set_off(2), 2), (turned(0.5), 1.42)]
+)
+def test_fields_move_by_no_more_than_they_say(field: Field, most: float) -> None:
+    rng = np.random.default_rng(3)
+    reached = [
+        float(np.hypot(*field((160, 280), rng)).max()) for _ in range(5)
+    ]  # turned: 0.0087 of 161 pixels
+    assert max(reached) <= most * 1.001
+    assert max(reached) > 0.5 * most
+
+
+def test_what_is_found_on_a_mark_that_is_cut_is_neither_right_nor_false() -> None:
+    pair = drawn_pair("pair", 2)
+    (looked,) = looked_at([pair])
+    whole = judged(*looked, SETTING)
+    assert (whole.hits, whole.false) == (2, 0)
+    without = replace(pair, marked=pair.marked[:1], kinds=(5,))
+    assert judged(without, looked[1], SETTING).false == 1
+    cut = judged(replace(without, cut=pair.marked[1:]), looked[1], SETTING)
+    assert (cut.hits, cut.false) == (1, 0)
+
+
+def test_a_pair_that_does_not_fit_finds_nothing() -> None:
+    pair = drawn_pair("pair", 3)
+    seen = dict.fromkeys(looked_at([pair])[0][1])
+    said = judged(pair, seen, SETTING)
+    assert (said.unfit, said.hits, said.false) == (True, 0, 0)
 
 
 # --- files ---
@@ -136,7 +197,7 @@ def pairs_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_every_defect_of_a_few_pairs_is_found_and_nothing_else(pairs_folder: Path) -> None:
     tuning, _ = halves(read_pairs(pairs_folder))
-    said = [judged(pair, differences(pair, "golden"), SETTING) for pair in tuning[:3]]
+    said = [judged(*one, SETTING) for one in looked_at(tuning[:3])]
     assert len(said) == 3
     assert sum(one.hits for one in said) == sum(len(one.kinds) for one in said)
     assert sum(one.false for one in said) == 0

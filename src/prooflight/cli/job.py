@@ -24,6 +24,14 @@ if TYPE_CHECKING:
     from prooflight.reporting.report import PageEntry
 
 
+World = Annotated[
+    str,
+    typer.Option(
+        help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift."
+    ),
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add these commands to the program."""
     for command in (demo, rip, simulate, inspect):
@@ -36,16 +44,23 @@ def demo(
     ] = None,
     pages: Annotated[int | None, typer.Option(help="How many sheets to print.", min=1)] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
+    world: World = "press",
     profile: Profile = None,
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """Print a job on the simulated press with some misprints, inspect every sheet, write report.html."""
+    """Print a job on the simulated press with some misprints, inspect every sheet, write report.html.
+
+    In the press world prints move and drift as real ones do, and our detector looks at them; in the ideal world, the
+    paper's own, its first detector does.
+    """
     from prooflight.cli import demonstration as demonstration
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import RunSummary, counts, write_report
+    from prooflight.simulation.worlds import known_world
 
+    into = known_world(world)
     say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
     if job is None:
@@ -59,17 +74,23 @@ def demo(
     source = JobSource(path=job, dpi=1.0, profile=profile)
     with source.open() as opened:
         sizes, name = opened.page_sizes_mm, opened.name
-    press = demonstration.demo_press(sizes, seed=seed, progress=say)
+    press = demonstration.demo_press(
+        sizes,
+        world=into,
+        seed=seed,
+        progress=say,
+        shown=lambda days, total, what: _shown(days, total, what, quiet=json),
+    )
     artefact = out / f"{press.name}.press"
     press.save(artefact)
     source = JobSource(path=job, dpi=press.dpi, profile=profile)
     sheets = demonstration.plan(len(sizes), pages, seed=seed)
-    work = demonstration.PrintAndInspect(job=source, press=press, seed=seed, titles=titles)
+    work = demonstration.PrintAndInspect(job=source, press=press, world=into, seed=seed, titles=titles)
     started = time.perf_counter()
     entries = list(_shown(in_order(work, sheets), len(sheets), "printing and inspecting", quiet=json))
     pages_per_s = len(entries) / (time.perf_counter() - started)
-    inspector = Inspector.of(press, "chi-square")
-    summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world="ideal", seed=seed)
+    inspector = Inspector.of(press, demonstration.DETECTOR[into])
+    summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
     write_report(report, entries, summary)
@@ -133,12 +154,7 @@ def simulate(
     job: JobPath,
     press: PressArtefact,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
-    world: Annotated[
-        str,
-        typer.Option(
-            help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift."
-        ),
-    ] = "ideal",
+    world: World = "ideal",
     misprint: Annotated[
         str | None, typer.Option(metavar="KIND[:SEVERITY]", help="Misprint on every page.")
     ] = None,

@@ -24,7 +24,15 @@ def register(app: typer.Typer) -> None:
     """Add them to ``prooflight``."""
     for command in (
         *(world.misprints, world.corpus, world.worlds, world.registration, world.calibration),
-        *(paper.paper, paper.robustness, paper.design, press.press, press.ranking, golden.golden),
+        *(
+            paper.paper,
+            paper.robustness,
+            paper.design,
+            press.press,
+            press.ranking,
+            press.stress,
+            golden.golden,
+        ),
         *(detectability.detectability, running.running, soak.soak),
     ):
         study.app.command()(command)

@@ -104,3 +104,47 @@ def ranking(
         show.print_json(found)
     else:
         show.written(out / "ranking.md")
+
+
+def stress(
+    stress_file: Annotated[
+        Path, typer.Option("--stress", metavar="STRESS.toml", help="Nuisances and misprints to judge by.")
+    ],
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    runs: Annotated[
+        int | None, typer.Option(help="Of 30 good pages under each nuisance; 10 if not given.", min=1)
+    ] = None,
+    marks: Annotated[
+        int | None, typer.Option(help="Designs on which each mark is drawn; 120 if not given.", min=4)
+    ] = None,
+    wrong: Annotated[
+        int | None, typer.Option(help="Designs printed wrong; 300 if not given.", min=12)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 41,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """What no detector was taught by: alarms before and after learning, misprints of other kinds; writes stress.md."""
+    from dataclasses import replace
+
+    from prooflight_studies.stress.study import StressPlan, run_stress_study
+
+    plan = StressPlan(seed=seed)
+    if quick:
+        plan = replace(plan, learn=20, runs=1, per_run=6, marks=8, wrong=12)
+    plan = replace(plan, runs=runs or plan.runs, marks=marks or plan.marks, wrong=wrong or plan.wrong)
+    out.mkdir(parents=True, exist_ok=True)
+    found = run_stress_study(
+        stress_file,
+        out,
+        cache=cache / "stress",
+        plan=plan,
+        processes=processes,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(found)
+    else:
+        show.written(out / "stress.md")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy.stats import beta, chi2
 
 from prooflight_studies.golden.pairs import KINDS, LEAST_OVERLAP
 
@@ -43,6 +44,10 @@ class Outcome:
     marked: tuple[Box, ...]
     kinds: tuple[int, ...]
     """Of the marked boxes."""
+    volumes: tuple[float, ...] = ()
+    """Of those found."""
+    unfit: bool = False
+    """The scan does not fit its golden, or shows another page, so that nothing was found."""
 
     @property
     def hits(self) -> int:
@@ -67,8 +72,15 @@ class GoldenFigures:
     found_percent: float
     found_95_percent: tuple[float, float]
     """Bootstrap over images."""
+    found_least_percent: float
+    """95 % lower bound, by count."""
+    false: int
     false_per_image: float
     false_95_per_image: tuple[float, float]
+    false_most_per_image: float
+    """95 % upper bound, by count: of no region in 30 images, 0.10."""
+    unfit: int
+    """Images that were not compared; what is marked on them counts as missed."""
     mean_overlap: float
     setting: Setting
     by_kind: dict[int, tuple[int, int, float]] = field(default_factory=dict)
@@ -91,12 +103,21 @@ def figures(
         missed=int(marked - hits),
         found_percent=float(100 * hits / marked),
         found_95_percent=_interval(share),
+        found_least_percent=100 * _least(int(hits), int(marked)),
+        false=int(extra),
         false_per_image=float(extra / len(counts)),
+        false_most_per_image=float(chi2.ppf(0.95, 2 * (extra + 1)) / 2 / len(counts)),
+        unfit=sum(one.unfit for one in outcomes),
         false_95_per_image=_interval(false),
         mean_overlap=mean_overlap(outcomes),
         setting=setting,
         by_kind=_by_kind(outcomes),
     )
+
+
+def _least(hits: int, marked: int) -> float:
+    """95 % lower bound of a share (Clopper and Pearson)."""
+    return float(beta.ppf(0.05, hits, marked - hits + 1)) if hits else 0.0
 
 
 def _interval(drawn: np.ndarray[Any, Any]) -> tuple[float, float]:
@@ -123,20 +144,31 @@ def mean_overlap(outcomes: Sequence[Outcome]) -> float:
 
 
 def golden_results(
-    rows: Sequence[GoldenFigures], outcomes: Sequence[Outcome], *, mpx_per_s: float
+    rows: Sequence[GoldenFigures],
+    moved: Sequence[GoldenFigures],
+    outcomes: Sequence[Outcome],
+    *,
+    tuned_on: Sequence[str],
+    ms_per_pair: float,
 ) -> dict[str, Any]:
-    """All figures of the page. rows: by method, the last with the halves exchanged; outcomes: of ``rows[-2]``."""
+    """All figures of the page.
+
+    rows: by method, the last with the halves exchanged; moved: of the test half, by transform; outcomes: of
+    ``rows[-2]``; tuned_on: transforms.
+    """
     shown = [field.name for field in fields(GoldenFigures) if field.name != "by_kind"]
     return {
         "least_overlap": LEAST_OVERLAP,
         "goal": {"found_percent": GOAL_FOUND_PERCENT, "false_per_image": GOAL_FALSE_PER_IMAGE},
         "rows": [{name: getattr(row, name) for name in shown} for row in rows],
+        "moved": [{name: getattr(row, name) for name in shown} for row in moved],
         "kinds": [
             {"kind": KINDS[kind], "marked": marked, "found": found, "mean_overlap": much}
             for kind, (marked, found, much) in rows[-2].by_kind.items()
         ],
         "wrong": [wrong for one in outcomes for wrong in _wrong(one)],
-        "mpx_per_s": mpx_per_s,
+        "tuned_on": list(tuned_on),
+        "ms_per_pair": ms_per_pair,
     }
 
 

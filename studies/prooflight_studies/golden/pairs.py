@@ -43,6 +43,8 @@ class GoldenPair:
     scan: NDArray[np.float32]
     marked: tuple[Box, ...]
     kinds: tuple[int, ...]
+    cut: tuple[Box, ...] = ()
+    """Marked, but only a part of it is on the scan: neither missed nor false."""
 
 
 def read_pairs(folder: Path) -> list[GoldenPair]:
@@ -108,6 +110,11 @@ def overlap(one: Box, other: Box) -> float:
         return 0.0
     areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (one, other))
     return width * height / (areas - width * height)
+
+
+def touching(one: Box, other: Box) -> bool:
+    """Whether they have a pixel in common."""
+    return all(max(one[side], other[side]) < min(one[side + 2], other[side + 2]) for side in (0, 1))
 
 
 def matched(found: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:

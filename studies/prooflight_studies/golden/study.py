@@ -23,25 +23,35 @@ from prooflight_studies.golden.figures import (
     golden_results,
     mean_overlap,
 )
-from prooflight_studies.golden.pairs import GoldenPair, halves, matched, read_pairs
+from prooflight_studies.golden.pairs import GoldenPair, halves, matched, read_pairs, touching
+from prooflight_studies.golden.transforms import TRANSFORMS, TUNED_ON, transformed_pairs
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-EDGES_PIXELS: Final = (1.5, 2.0, 2.3, 2.9)
-"""Radii of discs of 9, 13, 21 and 25 pixels."""
-JOININGS_PIXELS: Final = (2, 3, 4, 5, 6, 8, 10)
+EDGES_PIXELS: Final = (1.5, 2.0, 2.3)
+"""Radii of discs of 9, 13 and 21 pixels."""
+JOININGS_PIXELS: Final = (2, 4, 6, 8)
 VOLUMES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 20.0, 24.0, 28.0)
 MARGINS_PIXELS: Final = tuple(range(6, 15))
 VOLUME_SPREAD: Final = 0.5
 """Standard deviation of the logarithm of a place's volume, were it met again (assumed: a factor of 1.6). Tuning counts
 with it: a threshold just below the smallest defect of thirty images would be too high for the next thirty."""
 GOAL_MISSED: Final = 0.02
-GOAL_FALSE: Final = 0.2
+GOAL_FALSE: Final = 0.1
 """For each image."""
+TUNING: Final = 1
+TEST: Final = 2
+"""Added to the seed of transforms: the test half is moved by other draws."""
+QUICK: Final = ("all at once",)
 METHODS: Final = ("difference, opened", "golden, not placed", "golden")
+
+
+Seen = dict[tuple[float, int], tuple[Mark, ...] | None]
+"""What is found in one pair with each edge tolerance and joining, down to small volumes; None: nothing was
+compared, for the scan does not fit or shows another page."""
 
 
 def run_golden_study(
@@ -53,52 +63,104 @@ def run_golden_study(
     picture: Path | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[GoldenFigures]:
-    """Tune on every second pair of ``folder``, judge on the rest, for each method; write ``golden.md``.
+    """Tune on every second pair of ``folder`` and its transforms, judge on the rest; write ``golden.md``.
 
-    The last row has the halves exchanged. picture: where a contact sheet of the test half is drawn; it shows pieces of
-    the pairs. quick: a few pairs, our method alone. RequestError, ScanError: see ``read_pairs``.
+    Rows: each method; ours with the halves exchanged, tuned without transforms; ours on each transform of the rest.
+    picture: where a contact sheet of the test half is drawn; it shows pieces of the pairs. quick: a few pairs, our
+    method and one transform alone. RequestError, ScanError: see ``read_pairs``.
     """
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
     rng = stream(seed, "golden-bootstrap")
-    rows, outcomes, seconds = [], [], 0.0
+    names = QUICK if quick else tuple(TRANSFORMS)
+    moved: list[tuple[GoldenPair, Seen]] = []
+    for name in QUICK if quick else TUNED_ON:
+        progress(f"tuning half, {name}: {len(tuning)} pairs")
+        moved += looked_at(transformed_pairs(tuning, name, seed=seed + TUNING))
+    rows, outcomes = [], []
     for method in METHODS[-1:] if quick else METHODS:
         progress(f"{method}: {len(pairs)} pairs")
-        started = time.process_time()
-        seen = {pair.name: differences(pair, method) for pair in pairs}
-        seconds = time.process_time() - started
-        chosen = tuned(tuning, seen)
-        outcomes = [judged(pair, seen[pair.name], chosen) for pair in test]
+        even, odd = looked_at(tuning, method), looked_at(test, method)
+        own = even + moved if method == METHODS[-1] else even
+        chosen = tuned(own)
+        outcomes = [judged(*one, chosen) for one in odd]
         rows.append(figures(outcomes, chosen, method=method, tuned_on="even", rng=rng))
-        own = [judged(pair, seen[pair.name], chosen) for pair in tuning]
-        hits, false = sum(one.hits for one in own), sum(one.false for one in own)
+        again = [judged(*one, chosen) for one in own]
+        hits, false = sum(one.hits for one in again), sum(one.false for one in again)
         progress(
-            f"{method}: {hits} of {sum(len(one.kinds) for one in own)} and {false} false on the tuning half itself"
+            f"{method}: {hits} of {sum(len(one.kinds) for one in again)} and {false} false on {len(own)} images of "
+            "the tuning half itself"
         )
-    exchanged = tuned(test, seen)
-    swapped = [judged(pair, seen[pair.name], exchanged) for pair in tuning]
+    exchanged = tuned(odd)
+    swapped = [judged(*one, exchanged) for one in even]
     rows.append(figures(swapped, exchanged, method=METHODS[-1], tuned_on="odd", rng=rng))
-    mpx = sum(pair.scan[0].size for pair in pairs) * len(EDGES_PIXELS) / 1e6
-    write_page(results / "golden.md", "golden", golden_results(rows, outcomes, mpx_per_s=mpx / seconds))
+    by_transform = []
+    for name in names:
+        progress(f"test half, {name}: {len(test)} pairs")
+        others = transformed_pairs(test, name, seed=seed + TEST)
+        said = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
+        by_transform.append(figures(said, chosen, method=name, tuned_on="even", rng=rng))
+    found = golden_results(
+        rows,
+        by_transform,
+        outcomes,
+        tuned_on=QUICK if quick else TUNED_ON,
+        ms_per_pair=_ms_per_pair(test),
+    )
+    write_page(results / "golden.md", "golden", found)
     if picture is not None:
         from prooflight_studies.golden.sheet import draw_golden_sheet
 
-        differences_of_test = {pair.name: seen[pair.name][chosen.edge_pixels] for pair in test}
-        draw_golden_sheet(picture, test, outcomes, differences_of_test)
-    return rows
+        of_test = {pair.name: differences(pair, METHODS[-1], [chosen.edge_pixels]) for pair in test}
+        shown = {name: each[chosen.edge_pixels] for name, each in of_test.items()}
+        draw_golden_sheet(picture, test, outcomes, shown)
+    return rows + by_transform
 
 
-def differences(pair: GoldenPair, method: str) -> dict[float, GoldenDifference]:
+def _ms_per_pair(pairs: Sequence[GoldenPair]) -> float:
+    """Median time of placing and comparing one pair. [ms]"""
+    times = []
+    for pair in pairs[:10]:
+        started = time.process_time()
+        compare(pair.golden, pair.scan)
+        times.append(1e3 * (time.process_time() - started))
+    return float(np.median(times))
+
+
+def looked_at(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tuple[GoldenPair, Seen]]:
+    """Each pair, and what ``method`` sees in it."""
+    return [(pair, places_of(differences(pair, method))) for pair in pairs]
+
+
+def seen_by(pair: GoldenPair, setting: Setting) -> Seen:
+    """What our method sees in a pair with one setting."""
+    differing = differences(pair, METHODS[-1], [setting.edge_pixels])
+    return places_of(differing, [setting.joining_pixels])
+
+
+def places_of(differing: Mapping[float, GoldenDifference], joinings: Sequence[int] = JOININGS_PIXELS) -> Seen:
+    """Of each edge tolerance and joining, the places that differ."""
+    seen: Seen = {}
+    for (edge, one), joining in itertools.product(differing.items(), joinings):
+        compared = one.fits and one.place.found
+        found = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
+        seen[edge, joining] = found
+    return seen
+
+
+def differences(
+    pair: GoldenPair, method: str, edges_pixels: Sequence[float] = EDGES_PIXELS
+) -> dict[float, GoldenDifference]:
     """The pair compared with each edge tolerance."""
     if method == "difference, opened":
-        return {edge: _opened(pair, edge) for edge in EDGES_PIXELS}
+        return {edge: _opened(pair, edge) for edge in edges_pixels}
     where = GoldenPlace.same(pair.scan.shape)
     if method == "golden":
         golden, scan = in_contrasts(pair.golden, pair.scan)
         where = place(golden.mean(axis=0), scan.mean(axis=0))
     return {
         edge: compare(pair.golden, pair.scan, tolerance=replace(Tolerance(), edge_pixels=edge), where=where)
-        for edge in EDGES_PIXELS
+        for edge in edges_pixels
     }
 
 
@@ -113,65 +175,53 @@ def _opened(pair: GoldenPair, edge: float) -> GoldenDifference:
     return GoldenDifference(excess=difference, weight=weight, place=GoldenPlace.same(difference.shape))
 
 
-def judged(pair: GoldenPair, seen: dict[float, GoldenDifference], setting: Setting) -> Outcome:
+def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
     """What ``setting`` finds in a pair."""
-    found = marks(
-        seen[setting.edge_pixels], joining_pixels=setting.joining_pixels, least_volume=setting.least_volume
-    )
-    return _outcome(pair, found, setting)
-
-
-def _outcome(pair: GoldenPair, found: Iterable[Mark], setting: Setting) -> Outcome:
+    found = seen[setting.edge_pixels, setting.joining_pixels]
     lines, pixels = pair.scan.shape[1:]
-    boxes = tuple(
+    strong = [mark for mark in found or () if mark.volume >= setting.least_volume]
+    boxes = [
         (max(left, 0), max(top, 0), min(right, pixels), min(bottom, lines))
-        for left, top, right, bottom in (
-            mark.grown(setting.margin_pixels) for mark in found if mark.volume >= setting.least_volume
-        )
-    )
+        for left, top, right, bottom in (mark.grown(setting.margin_pixels) for mark in strong)
+    ]
+    hits = matched(boxes, pair.marked)
+    counted = [
+        at for at, box in enumerate(boxes) if at in hits or not any(touching(box, one) for one in pair.cut)
+    ]
     return Outcome(
         name=pair.name,
-        found=boxes,
-        pairs=matched(boxes, pair.marked),
+        found=tuple(boxes[at] for at in counted),
+        pairs={now: hits[at] for now, at in enumerate(counted) if at in hits},
         marked=pair.marked,
         kinds=pair.kinds,
+        volumes=tuple(strong[at].volume for at in counted),
+        unfit=found is None,
     )
 
 
-def tuned(pairs: Sequence[GoldenPair], seen: dict[str, dict[float, GoldenDifference]]) -> Setting:
+def tuned(looked: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
     """The setting with the least sum of missed share and false regions an image, each by its goal.
 
     Both are counted with ``VOLUME_SPREAD``. Of equals to a hundredth, the one with the greatest mean overlap.
     """
     tried: list[tuple[float, float, Setting]] = []
-    for edge, joining in itertools.product(EDGES_PIXELS, JOININGS_PIXELS):
-        found = [
-            marks(seen[pair.name][edge], joining_pixels=joining, least_volume=VOLUMES[0] / 4)
-            for pair in pairs
+    for edge, joining, margin in itertools.product(EDGES_PIXELS, JOININGS_PIXELS, MARGINS_PIXELS):
+        every = Setting(edge_pixels=edge, joining_pixels=joining, least_volume=0.0, margin_pixels=margin)
+        outcomes = [judged(*one, every) for one in looked]
+        overlap = mean_overlap(outcomes)
+        tried += [
+            (cost, overlap, replace(every, least_volume=volume))
+            for volume, cost in zip(VOLUMES, _costs(outcomes), strict=True)
         ]
-        for margin in MARGINS_PIXELS:
-            every = Setting(edge_pixels=edge, joining_pixels=joining, least_volume=0.0, margin_pixels=margin)
-            outcomes = [_outcome(pair, places, every) for pair, places in zip(pairs, found, strict=True)]
-            costs = _costs(outcomes, found)
-            overlap = mean_overlap(outcomes)
-            tried += [
-                (cost, overlap, replace(every, least_volume=volume))
-                for volume, cost in zip(VOLUMES, costs, strict=True)
-            ]
     least = min(cost for cost, _, _ in tried)
     return max((one for one in tried if one[0] <= least + 0.01), key=lambda one: (one[1], -one[0]))[2]
 
 
-def _costs(outcomes: Sequence[Outcome], found: Sequence[Sequence[Mark]]) -> list[float]:
+def _costs(outcomes: Sequence[Outcome]) -> list[float]:
     """For each of ``VOLUMES``: missed share and false regions an image, expected and each by its goal."""
     marked = sum(len(outcome.kinds) for outcome in outcomes)
-    hits = [places[at].volume for one, places in zip(outcomes, found, strict=True) for at in one.pairs]
-    false = [
-        place.volume
-        for one, places in zip(outcomes, found, strict=True)
-        for at, place in enumerate(places)
-        if at not in one.pairs
-    ]
+    hits = [one.volumes[at] for one in outcomes for at in one.pairs]
+    false = [volume for one in outcomes for at, volume in enumerate(one.volumes) if at not in one.pairs]
     costs = []
     for volume in VOLUMES:
         kept, wrong = (

@@ -10,7 +10,7 @@ from typing import Final
 
 ALGORITHMS: Final = {
     "corpus": 1,
-    "golden": 1,
+    "golden": 2,
     "matched filter": 2,
     "pages": 1,
     "paper": 1,

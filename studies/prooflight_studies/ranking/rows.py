@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 FIRST_SCENE: Final = 40
 """Numbers of the scenes of this study, apart from those of others of the same seed."""
+RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
+"""Of ``ALGORITHMS``, those that rows depend on."""
 TEACHING_SEED: Final = 31
 """Of designs, days, prints and misprints that teach; nothing is published on it."""
 
@@ -117,7 +119,7 @@ class _Bench:
     def _digest(self, scene: Scene, press: Press) -> str:
         facts = {
             "worlds": worlds_digest(),
-            "algorithms": dict(ALGORITHMS),
+            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
             "press": press.digest,
             "pilot": self.plan.pilot,
             "scene": repr(replace(scene, press=None)),  # type: ignore[arg-type]

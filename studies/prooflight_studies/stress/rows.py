@@ -10,12 +10,13 @@ import numpy as np
 
 from prooflight.rng import stream
 from prooflight.simulation.captures import Printed
+from prooflight_studies.harness.protocol import OTHERS
 from prooflight_studies.press.scans import places_mm, what_is_said
 from prooflight_studies.stress.marks import MARKS, draw_mark
 from prooflight_studies.stress.stressed import stressed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from prooflight.commissioning.training.simulated_days import PressDay
     from prooflight.detectors.matched_filter.analysis import PreparedPage
@@ -37,17 +38,20 @@ class StressWork:
 
     All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
-    Columns: design, kind (of the misprint, "" where good), nuisance ("" where none), day, values (statistics,), boxes
-    (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them ``unmade_kind`` and
-    ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the statistics.
+    Columns: design, kind (of the misprint, "" where good), severity, nuisance ("" where none), day, values
+    (statistics,), boxes (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them
+    ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the
+    statistics.
     """
 
     scene: Scene
-    """In the press world; its misprints are not asked for."""
+    """In the press world."""
     scatter: Scatter
     stress: Stress
     nuisances: tuple[str, ...]
     marks: tuple[str, ...]
+    wrong_under: tuple[str, ...] = ()
+    """Nuisances, "" for none, under each of which every design is printed once wrong, of the scene's kind in turn."""
     press_file: PressFile | None = None
     """That the scene's press was built from, for what a lamp does."""
 
@@ -70,7 +74,27 @@ class StressWork:
                     continue
                 wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
                 self._add(table, bench, wrong, known, index, kind=kind, regions_mm=drawn.regions_mm)
+        for name in self.wrong_under:
+            self._add_wrong(table, bench, self._under(bench, name, day) if name else bench, designs, name)
         return table.rows()
+
+    def _add_wrong(
+        self,
+        table: _Table,
+        bench: PressDay,
+        under: PressDay,
+        designs: Mapping[int, tuple[Printed, PreparedPage]],
+        name: str,
+    ) -> None:
+        """One misprint of each design, the same whatever the nuisance."""
+        for index, (good, known) in designs.items():
+            rng, kind = self.scene.rng(index, 1), self.scene.kind(index, 1)
+            others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
+            wrong = bench.wrong(good, kind, others, rng)
+            if wrong is None:
+                table.unmade.append((kind, index))
+                continue
+            self._add(table, under, wrong, known, index, nuisance=name, kind=kind, rng=rng)
 
     def _under(self, bench: PressDay, name: str, day: Day) -> PressDay:
         under = stressed(
@@ -94,10 +118,17 @@ class StressWork:
         nuisance: str = "",
         kind: str = "",
         regions_mm: Sequence[Region] = (),
+        rng: np.random.Generator | None = None,
     ) -> None:
-        scan = bench.scan(printed, self.scene.rng(index, COPY))
+        scan = bench.scan(printed, self.scene.rng(index, COPY) if rng is None else rng)
         said, table.names = what_is_said(bench, known, scan, self.scatter)
-        facts = {"design": index, "kind": kind, "nuisance": nuisance, "day": table.day.designs[0]}
+        facts = {
+            "design": index,
+            "kind": kind,
+            "nuisance": nuisance,
+            "day": table.day.designs[0],
+            "severity": printed.severity,
+        }
         for name, value in {**facts, **said, "places": places_mm(regions_mm)}.items():
             table.columns[name].append(value)
 

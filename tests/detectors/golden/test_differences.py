@@ -185,3 +185,101 @@ def test_no_more_than_a_good_print_does_is_evened_out() -> None:
     sheet = board()
     correction = level_difference(sheet, sheet - np.float32(0.3), np.zeros_like(sheet))
     assert np.abs(correction).max() <= 0.05
+
+
+# --- out of shape ---
+
+
+def drawn_in(sheet: np.ndarray, across: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """A scan (1, lines, pixels) that shows each place of ``sheet`` so far too far right and down. [pixels]"""
+    y, x = np.mgrid[:LINES, :PIXELS].astype(np.float32)
+    moved = cv2.remap(
+        sheet,
+        (x - across).astype(np.float32),
+        (y - along).astype(np.float32),
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return cv2.GaussianBlur(moved, (0, 0), SOFT)[None]
+
+
+def tracks(pitch: int = 24) -> np.ndarray:
+    """Rings at a pitch all over: edges all ways in every tile."""
+    sheet = np.ones((LINES, PIXELS), np.float32)
+    for y in range(0, LINES, pitch):
+        for x in range(0, PIXELS, pitch):
+            cv2.circle(sheet, (x + (y // pitch) % 3, y), 7, 0.0, 3)
+    return sheet
+
+
+@pytest.mark.parametrize("stretch", [0.003, -0.01])
+def test_a_stretch_is_found_to_a_tenth_of_a_pixel(stretch: float) -> None:
+    y, x = np.mgrid[:LINES, :PIXELS].astype(np.float32)
+    across, along = stretch * (x - PIXELS / 2), -stretch * (y - LINES / 2)
+    where = place(seen(tracks())[0], drawn_in(tracks(), across, along)[0])
+    centres = slice(16, None, 32)
+    wanted = np.stack([across[centres, centres], along[centres, centres]])
+    # Places of the golden that come to lie at these places: the field is looked up where the scan shows them.
+    assert np.abs(where.nodes - wanted)[:, 1:-1, 1:-1].max() < 0.1
+    np.testing.assert_allclose(np.diag(where.slopes), [stretch, -stretch], atol=4e-4)
+
+
+def test_a_smooth_warp_is_followed() -> None:
+    y, x = np.mgrid[:LINES, :PIXELS].astype(np.float32)
+    across, along = 3 * np.sin(x / 60) * np.cos(y / 60), 3 * np.cos(x / 60 + 1)
+    golden, scan = seen(board()), drawn_in(board(), across, along)
+    assert marks(compare(golden, scan)) == ()
+
+
+def test_a_part_that_is_set_off_is_followed() -> None:
+    y, x = np.mgrid[:LINES, :PIXELS].astype(np.float32)
+    golden, scan = seen(board()), drawn_in(board(), 3.0 * (y > 150), 0 * x)
+    found = compare(golden, scan)
+    assert marks(found) == ()
+    loose = found.place.loose_pixels((LINES, PIXELS))
+    assert loose[150].max() >= 1
+    assert loose[-1].max() == 0  # only about the line
+
+
+@pytest.mark.parametrize(("pitch", "shift"), [(12, 8), (16, 14), (24, 17)])
+def test_an_array_of_pads_is_not_mistaken_by_a_pitch(pitch: int, shift: int) -> None:
+    rng = np.random.default_rng(5)
+    sheet = np.ones((LINES + 80, PIXELS + 80), np.float32)
+    for y in range(0, LINES + 80, pitch):
+        for x in range(0, PIXELS + 80, pitch):
+            cv2.circle(sheet, (x, y), pitch // 3, 0.0, -1)
+    for _ in range(5):  # what tells one pad from the next
+        x, y = (int(rng.integers(60, extent)) for extent in (PIXELS, LINES))
+        cv2.rectangle(sheet, (x, y), (x + int(rng.integers(10, 50)), y + int(rng.integers(10, 50))), 1.0, -1)
+    golden, scan = (
+        np.ascontiguousarray(sheet[40 - off : 40 - off + LINES, 40 - off : 40 - off + PIXELS])
+        for off in (0, shift)
+    )
+    where = place(seen(golden)[0], seen(scan)[0])
+    assert np.abs(where.nodes - shift)[:, 2:-2, 2:-2].max() < 0.3
+    assert marks(compare(seen(golden), seen(scan))) == ()
+
+
+def test_light_that_differs_moves_nothing() -> None:
+    golden = seen(board())
+    assert np.abs(place(golden[0], golden[0] - np.float32(0.1)).nodes).max() < 0.1
+
+
+def test_edges_off_their_places_do_not_fit_and_missing_ones_are_a_misprint() -> None:
+    golden = seen(board())
+    off = GoldenPlace(nodes=np.full((2, 1, 1), 3.5, np.float32), tile_pixels=PIXELS, likeness=1.0)
+    misplaced = compare(golden, golden, where=off)
+    assert misplaced.misfit > 0.8
+    assert not misplaced.fits
+    bitten = np.ones((LINES, PIXELS), np.float32)
+    bitten[100:200, 100:] = 0.0
+    large = bitten.copy()
+    large[100:107, 150:280] = 1.0  # a mouse bite as wide as an edge may be off its place
+    defect = compare(seen(bitten), seen(large))
+    assert defect.fits
+    assert len(marks(defect)) == 1
+    empty = board()
+    empty[:, 100:260] = 1.0
+    missing = compare(golden, seen(empty))
+    assert missing.fits
+    assert marks(missing) != ()

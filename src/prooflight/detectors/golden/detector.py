@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -97,7 +97,11 @@ class GoldenSheet(PreparedOnly):
     """Of the press whose raw numbers scans are; empty: scans are pictures, even as they are."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
-        """See ``PreparedPage``; ScanError: the scan is none of the golden's kind."""
+        """See ``PreparedPage``; ScanError: the scan is none of the golden's kind.
+
+        A scan that shows what the golden shows but is out of shape is not inspected: what differs is how it was scanned
+        or laid down, which no place on it says anything of.
+        """
         measured = evened(scan.dn.astype(np.float32), self.sensors)
         expected, seen = _alike(scan.name, self.light, measured)
         for light, name in ((expected, self.golden), (seen, scan.name)):
@@ -114,6 +118,9 @@ class GoldenSheet(PreparedOnly):
             round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
         )
         off_place = max(abs(across), abs(along)) >= WRONG_SHIFT_MM
+        if where.found and not off_place and not difference.fits:
+            skipped = Verdict.skipped(self.page, self._misfit(difference), detector=NAME)
+            return replace(skipped, shift_mm=(across, along))
         another = not where.found or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
@@ -125,6 +132,20 @@ class GoldenSheet(PreparedOnly):
             shift_mm=(across, along) if where.found else None,
             detector=NAME,
             reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
+        )
+
+    def _misfit(self, difference: GoldenDifference) -> str:
+        """Why the scan cannot be compared: what its place is, in words."""
+        where = difference.place
+        across, along = (
+            shift * pitch for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
+        )
+        slopes = where.slopes
+        turn_deg = np.degrees((slopes[1, 0] - slopes[0, 1]) / 2)
+        return (
+            f"the scan does not fit its golden: shifted by {across:.2f} x {along:.2f} mm, stretched by "
+            f"{slopes[0, 0]:.1%} x {slopes[1, 1]:.1%}, turned by {turn_deg:.1f} degrees"
+            + (", and bent" if where.bent else f"; still {difference.misfit:.0%} of it lies off")
         )
 
     def _inspection(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.golden.levels import level_difference
-from prooflight.detectors.golden.place import GoldenPlace, place
+from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,6 +31,21 @@ MAD_TO_SD: Final = 1.4826
 LEVELS: Final = 8
 """Steps of lightness at which noise is measured."""
 LEAST_SAMPLES: Final = 200
+EDGE: Final = 0.5
+"""Where a golden varies by more within the edge tolerance, it shows an edge. [contrast]"""
+WIDE_PIXELS: Final = 8
+"""An edge that lies off by less than this is the same edge, off its place; beyond, it is missing or too much."""
+EDGES_OFF: Final = 0.1
+"""Share of a tile's edges off their places above which the tile is."""
+MOST_MISFIT: Final = 0.4
+"""Share of tiles with edges that are off their places, above which two scans do not fit: one large defect on a board
+with few edges must not make it so. Pairs of the tuning half have at most 0.11; most of them 0.49 or more if they are
+put 3 pixels off. [-]"""
+LEAST_EDGES: Final = 32
+"""Of a tile that counts. [pixels]"""
+MOSTLY: Final = 0.8
+"""Of what differs, the least share that is edges off their places where two scans do not fit; of another page's
+differences, half at most lie near an edge by chance. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +72,16 @@ class GoldenDifference:
     weight: NDArray[np.float32]
     """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
     place: GoldenPlace
+    misfit: float = 0.0
+    """Share of tiles with edges where these lie too far off, but within ``WIDE_PIXELS``.
+
+    0 if few edges differ, or if much else differs: that is another page, or a spoilt one. [-]
+    """
+
+    @property
+    def fits(self) -> bool:
+        """Whether the scan can be compared with the golden, place by place."""
+        return not self.place.bent and self.misfit <= MOST_MISFIT
 
 
 def in_contrasts(
@@ -90,26 +115,34 @@ def compare(
         where = place(golden.mean(axis=0), scan.mean(axis=0))
     excess = np.zeros(golden.shape[1:], np.float32)
     weight = np.zeros_like(excess)
+    loose, misfit = where.loose_pixels(excess.shape), 0.0
     for one, other in zip(golden, scan, strict=True):
-        found, counted = _of_channel(where.moved(one), other, allowed)
+        found, counted, off = _of_channel(where.moved(one), other, allowed, loose)
+        misfit = max(misfit, off)
         stronger = np.abs(found) > np.abs(excess)
         excess[stronger] = found[stronger]
         np.maximum(weight, counted, out=weight)
-    return GoldenDifference(excess=excess, weight=weight, place=where)
+    return GoldenDifference(excess=excess, weight=weight, place=where, misfit=misfit)
 
 
 def _of_channel(
-    moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Excess and weight of one channel."""
-    known = np.isfinite(moved)
+    moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance, loose: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+    """Excess, weight and misfit of one channel."""
+    known = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels)
     moved = np.where(known, moved, scan)
     disc = _disc(allowed.edge_pixels)
     varying = _range(moved, disc)
     flat = known & (varying < FLAT)
     moved = moved + level_difference(moved, scan, varying)
     sd = _noise_sd(moved, scan - moved, flat)
-    excess = np.where(known, _excess(moved, scan, disc, EDGE_SIGMAS * sd / np.sqrt(2)), 0)
+    noise = EDGE_SIGMAS * sd / np.sqrt(2)
+    excess = np.where(known, _excess(moved, scan, disc, noise), 0)
+    for more in range(1, int(loose.max()) + 1):
+        if (loose == more).any():
+            looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
+            excess = np.where(known & (loose == more), looser, excess)
+    misfit = _misfit(moved, scan, excess, known & (varying > EDGE), noise, allowed.least[0][1])
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
         if side == 1:
@@ -123,7 +156,44 @@ def _of_channel(
         if side > 1:
             enough &= np.abs(excess) > least / 2
         np.maximum(weight, np.where(enough, np.abs(mean), 0), out=weight)
-    return excess, weight
+    return excess, weight, misfit
+
+
+def _misfit(
+    golden: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    excess: NDArray[np.float32],
+    edges: NDArray[np.bool_],
+    noise: NDArray[np.float32],
+    least: float,
+) -> float:
+    """See ``GoldenDifference``."""
+    off = np.abs(excess) > least
+    if np.count_nonzero(off) <= EDGES_OFF * MOST_MISFIT * np.count_nonzero(edges):
+        return 0.0
+    square = np.ones((2 * WIDE_PIXELS + 1, 2 * WIDE_PIXELS + 1), np.uint8)
+    near = off & (np.abs(_excess(golden, scan, square, noise)) <= least / 2)
+    if np.count_nonzero(near) < MOSTLY * np.count_nonzero(off):
+        return 0.0
+    each, misplaced = (_tile_counts(image) for image in (edges, near))
+    counted = each >= LEAST_EDGES
+    return float((misplaced > EDGES_OFF * each)[counted].mean()) if counted.any() else 0.0
+
+
+def _tile_counts(image: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Pixels that are set in every tile (rows, columns)."""
+    lines, pixels = (-extent % TILE_PIXELS for extent in image.shape)
+    whole = np.pad(image, ((0, lines), (0, pixels)))
+    rows, columns = whole.shape[0] // TILE_PIXELS, whole.shape[1] // TILE_PIXELS
+    return np.asarray(whole.reshape(rows, TILE_PIXELS, columns, TILE_PIXELS).sum(axis=(1, 3)), np.int_)
+
+
+def _inner(shape: tuple[int, ...], edge_pixels: float) -> NDArray[np.bool_]:
+    """Where an edge may lie off either way and still be within the scan."""
+    border = int(np.ceil(edge_pixels))
+    inner = np.zeros(shape, np.bool_)
+    inner[border : shape[0] - border, border : shape[1] - border] = True
+    return inner
 
 
 def _excess(

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Final, Self
 import cv2
 import numpy as np
 from scipy import fft, sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg import solveh_banded
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 TILE_PIXELS: Final = 32
@@ -18,20 +20,37 @@ TILE_PIXELS: Final = 32
 MOST_TILES: Final = 48
 COARSE_PIXELS: Final = 512
 """The first shift is looked for with the longer side shrunk to at most this."""
+CANDIDATES: Final = 6
+"""First shifts that are tried at most: an array of pads looks alike a whole pitch off."""
+NEARLY: Final = 0.8
+"""A shift whose edges are so much like the best one's is tried as well."""
+FAR: Final = 0.02
+"""What a shift as great as ``REACH`` costs: of shifts that fit alike, the shorter one is meant. [likeness]"""
 REACH: Final = 0.06
 """Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints lie off (worlds.toml)."""
-SHRINKS: Final = (8, 8, 4, 4, 2, 2, 1, 1, 1)
-"""Resolutions at which the field is measured in turn; each step is linear and leaves about a tenth."""
+STARTS: Final = (
+    ((8, 0.05, 0.02), (8, 0.05, 0.02), (4, 0.1, 0.02), (4, 0.2, 0.02)),
+    ((4, 0.1, 0.02), (4, 0.2, 0.02)),
+)
+"""How the field is measured first; the better one is kept: the first reaches further, but a fine array misleads it.
+
+Each step: how many times smaller; the standard deviation of the field's second difference between tiles [pixels of the
+full scan]; and that of its slope [-]. A step is linear and leaves about a tenth."""
+STEPS: Final = ((2, 0.4, 0.03), (2, 0.4, 0.03), (1, 1.0, 0.1), (1, 1.0, 0.1), (1, 1.0, 0.1))
+"""Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent
+or set off within a few tiles is followed. Chosen on the tuning half of docs/results/golden.md and known transforms."""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
-BEND_PIXELS: Final = 0.05
-"""Standard deviation of the field's second difference between tiles. [pixels of the full scan]"""
 TILE_SD_PIXELS: Final = 0.3
 """Of a tile's displacement beyond its noise: edges that moved by themselves (widths that vary)."""
 EDGE_SD: Final = 0.1
 """Of a pixel's residual while the field is fitted, as a share of the scan's contrast."""
 LEAST_INFORMATION: Final = 1e-6
 """Of a tile, so that one without edges has a place: its own. [1/pixel^2]"""
+WEAK: Final = 1e-6
+"""How a tile is held where it is, whatever tells. [1/pixel^2]"""
+BANDS: Final = 2
+"""Rows of tiles that a second difference reaches."""
 MOST_STEP: Final = 2.0
 """Of a tile in one step, in pixels of the resolution at hand: a linear step reaches no further."""
 MARGIN_PIXELS: Final = 4
@@ -40,8 +59,12 @@ LEAST_EDGE: Final = 0.02
 """Of gradients [contrast/pixel]: a golden scan without any such edge has no place."""
 LIKE: Final = 0.5
 """Least correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
-MOST_BENT: Final = 0.02
-"""Of the longer side, by which displacements may differ: 6 mm of A4 (good prints: 1 mm; worlds.toml)."""
+LIKE_BENT: Final = 0.9
+"""Least correlation where the field is bent: another page may be bent to look a little alike. [-]"""
+MOST_BENT: Final = 0.03
+"""Of the longer side, by which displacements may differ: a stretch of 3 % or a turn of 1.7 degrees."""
+MOST_LOOSE: Final = 4
+"""By how much the edge tolerance grows at most where the field bends. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,14 +84,42 @@ class GoldenPlace:
 
     @property
     def found(self) -> bool:
-        """Whether the scan shows what the golden shows, and not bent out of shape."""
-        bent = max(float(np.ptp(node)) for node in self.nodes)
-        return self.likeness >= LIKE and bent <= MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
+        """Whether the scan shows what the golden shows."""
+        return self.likeness >= (LIKE_BENT if self.bent else LIKE)
+
+    @property
+    def bent(self) -> bool:
+        """Whether the scan is too far out of shape for its field to be trusted."""
+        most = max(float(np.ptp(node)) for node in self.nodes)
+        return most > MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
 
     @property
     def shift_pixels(self) -> tuple[float, float]:
         """Mean displacement across and along. [pixels]"""
         return float(self.nodes[0].mean()), float(self.nodes[1].mean())
+
+    @property
+    def slopes(self) -> NDArray[np.float64]:
+        """(2, 2) displacement across and along, for each pixel across and along, in the mean. [-]"""
+        _, rows, columns = self.nodes.shape
+        along, across = np.mgrid[:rows, :columns] * float(self.tile_pixels)
+        places = np.stack([across - across.mean(), along - along.mean()]).reshape(2, -1)
+        return np.asarray(self.nodes.reshape(2, -1) @ np.linalg.pinv(places), np.float64)
+
+    def loose_pixels(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """By how many pixels more than elsewhere edges may lie off (lines, pixels): whole ones of the field's bend.
+
+        Between tiles the field is linear. Where a part of a board is set off, it is wrong by up to its bend.
+        """
+        bend = np.zeros(self.nodes.shape[1:], np.float32)
+        for axis in (1, 2):
+            if self.nodes.shape[axis] > 2:
+                inner = [slice(1, -1) if at == axis else slice(None) for at in (1, 2)]
+                second = np.abs(np.diff(self.nodes, 2, axis=axis)).max(axis=0)
+                bend[tuple(inner)] = np.maximum(bend[tuple(inner)], second)
+        loose = np.minimum(cv2.dilate(bend, np.ones((3, 3), np.uint8)), MOST_LOOSE).astype(np.uint8)
+        size = (loose.shape[1] * self.tile_pixels, loose.shape[0] * self.tile_pixels)
+        return cv2.resize(loose, size, interpolation=cv2.INTER_NEAREST)[: shape[-2], : shape[-1]]
 
     def moved(self, image: NDArray[np.float32], *, shrink: int = 1) -> NDArray[np.float32]:
         """``image`` (lines, pixels) of the golden, ``shrink`` times smaller, where this scan shows it.
@@ -90,21 +141,34 @@ class GoldenPlace:
 def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace:
     """Find where ``scan`` shows ``golden``, both (lines, pixels) of one shape, contrast about 1.
 
-    A shift by correlation of edges, then a field of displacements from coarse to fine: at each tile one linear step of
-    least squares (Lucas and Kanade), all tiles together under a penalty on second differences, tiles that do not fit
-    left out step by step.
+    Shifts by correlation of edges, of which the best is kept, then a field of displacements from coarse to fine: at
+    each tile one linear step of least squares (Lucas and Kanade), all tiles together under a penalty on first and
+    second differences, tiles that do not fit left out step by step.
     """
     tile = max(TILE_PIXELS, 8 * int(np.ceil(max(golden.shape) / MOST_TILES / 8)))
     rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
-    shift = _first_shift(golden, scan)
-    nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
-    where = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
-    stiff = _stiffness(rows, columns) / BEND_PIXELS**2
-    pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in set(SHRINKS)}
-    for shrink in SHRINKS:
-        where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
-    small, seen = pictures[8]
-    return replace(where, likeness=_likeness(small, where.moved(small, shrink=8), seen))
+    slopes, bends = (_stiffness(rows, columns, order) for order in (1, 2))
+    pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in (1, 2, 4, 8)}
+
+    def stepped(where: GoldenPlace, steps: Sequence[tuple[int, float, float]]) -> GoldenPlace:
+        for shrink, bend_pixels, slope in steps:
+            stiff = slopes / (slope * tile) ** 2 + bends / bend_pixels**2
+            where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
+        return where
+
+    def compared(where: GoldenPlace, shrink: int) -> GoldenPlace:
+        small, seen = pictures[shrink]
+        return replace(where, likeness=_likeness(where.moved(small, shrink=shrink), seen))
+
+    def worth(where: GoldenPlace) -> float:
+        return where.likeness - FAR * (np.hypot(*where.shift_pixels) / (REACH * max(golden.shape))) ** 2
+
+    tried = []
+    for shift in _first_shifts(golden, scan):
+        nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
+        start = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
+        tried += [compared(stepped(start, steps), 2) for steps in STARTS]
+    return compared(stepped(max(tried, key=worth), STEPS), 8)
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
@@ -129,29 +193,50 @@ def _edges(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     return np.asarray(across + 1j * along, np.complex64)
 
 
-def _first_shift(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> tuple[float, float]:
-    """Shift across and along at which the edges correlate most, to a coarse pixel. [pixels]"""
+def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> list[tuple[float, float]]:
+    """Shifts across and along at which the edges are most alike, to a coarse pixel, the likeliest first. [pixels]
+
+    Alike is twice the correlation over the energy of both where they overlap: otherwise an array of pads is found too
+    close by, where more of it overlaps.
+    """
     shrink = max(1, int(np.ceil(max(golden.shape) / COARSE_PIXELS)))
     size = (golden.shape[1] // shrink, golden.shape[0] // shrink)
-    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (golden, scan)]
+    one, two = (_edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (golden, scan))
     reach = int(REACH * max(size)) + 1
-    one, two = (np.pad(_edges(image), ((0, reach), (0, reach))) for image in small)
-    likeness = fft.ifft2(np.conj(fft.fft2(one)) * fft.fft2(two)).real
     near = np.arange(-reach, reach + 1)
-    window = likeness[np.ix_(near, near)]
-    along, across = np.unravel_index(window.argmax(), window.shape)
-    return float(near[across] * shrink), float(near[along] * shrink)
+    padded = [fft.next_fast_len(extent + reach) for extent in one.shape]
+    product = np.conj(fft.fft2(one, padded)) * fft.fft2(two, padded)
+    both = fft.ifft2(product).real[np.ix_(near, near)]
+    energy = _overlapping(np.abs(one) ** 2, -near) + _overlapping(np.abs(two) ** 2, near)
+    alike = 2 * both / np.maximum(energy, 1e-6 * max(float(energy.max()), 1e-9))
+    alike -= FAR * np.add.outer((near / reach) ** 2, (near / reach) ** 2)
+    peaks = (alike == cv2.dilate(alike, np.ones((5, 5)))) & (alike >= NEARLY * alike.max())
+    order = np.argsort(-alike[peaks], kind="stable")[:CANDIDATES]
+    return [(float(near[x] * shrink), float(near[y] * shrink)) for y, x in np.argwhere(peaks)[order]]
 
 
-def _likeness(golden: NDArray[np.float32], moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
-    """Of the scan's edges to the golden's where it shows them; what of either has no partner counts against it."""
+def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Sum of ``energy`` (lines, pixels) where another of its shape, shifted against it, has a partner.
+
+    (shifts, shifts), along and across; above 0: what lies too far down or right, so that the first lines have none.
+    """
+    lines, pixels = energy.shape
+    total = cv2.integral(energy, sdepth=cv2.CV_64F)
+    top, bottom = np.maximum(shifts, 0), np.minimum(lines, lines + shifts)
+    left, right = np.maximum(shifts, 0), np.minimum(pixels, pixels + shifts)
+    corners = (total[np.ix_(y, x)] for y, x in ((bottom, right), (top, left), (bottom, left), (top, right)))
+    whole, outer, below, beside = corners
+    return np.asarray(whole + outer - below - beside, np.float64)
+
+
+def _likeness(moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
+    """Correlation of the scan's edges with those of the golden, moved, where both show something."""
     known = np.isfinite(moved)
-    whole, other = _edges(golden), _edges(scan)
-    if np.abs(whole).max(initial=0) < LEAST_EDGE:
+    one, two = _edges(np.where(known, moved, scan))[known], _edges(scan)[known]
+    if np.abs(one).max(initial=0) < LEAST_EDGE:
         return 0.0
-    likely = (np.conj(_edges(np.where(known, moved, scan))) * other)[known].sum().real
-    energy = np.sqrt((np.abs(whole) ** 2).sum() * (np.abs(other) ** 2).sum())
-    return float(likely) / max(float(energy), 1e-9)
+    energy = np.sqrt((np.abs(one) ** 2).sum() * (np.abs(two) ** 2).sum())
+    return float((np.conj(one) * two).sum().real) / max(float(energy), 1e-9)
 
 
 def _step(
@@ -159,7 +244,7 @@ def _step(
     golden: NDArray[np.float32],
     scan: NDArray[np.float32],
     shrink: int,
-    stiff: sparse.csc_matrix,
+    stiff: NDArray[np.float64],
 ) -> NDArray[np.float32]:
     """The field after one linear step at one resolution."""
     own, precision = _tile_moves(now, golden, scan, shrink)
@@ -186,8 +271,12 @@ def _tile_moves(
     off = (moved - scan) / np.float32(EDGE_SD)
     tile = now.tile_pixels // shrink
     gx, gy = np.asarray(slope.real, np.float32), np.asarray(slope.imag, np.float32)
-    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off)
-    xx, xy, yy, x, y = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
+    # What lies above the golden all over a tile is light, not a move: means are taken out.
+    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off, known.astype(np.float32))
+    xx, xy, yy, x, y, *sums = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
+    sum_x, sum_y, sum_off = (each / np.sqrt(np.maximum(sums[-1], 1)) for each in sums[:-1])
+    xx, xy, yy = xx - sum_x**2, xy - sum_x * sum_y, yy - sum_y**2
+    x, y = x - sum_x * sum_off, y - sum_y * sum_off
     normal = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) + np.eye(2) * LEAST_INFORMATION
     own = np.linalg.solve(normal, np.stack([x, y], axis=-1)[..., None])[..., 0]
     most = MOST_STEP * shrink
@@ -201,36 +290,43 @@ def _tile_sums(image: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
     return image.reshape(rows, tile, columns, tile).sum(axis=(1, 3))
 
 
-def _stiffness(rows: int, columns: int) -> sparse.csc_matrix:
-    """Sum of squared second differences of a grid (rows x columns) as a quadratic form."""
+def _stiffness(rows: int, columns: int, order: int) -> NDArray[np.float64]:
+    """Sum of squared first or second differences of a grid (rows x columns) of displacements, as a quadratic form.
+
+    Upper bands as ``solveh_banded`` takes them; unknowns by tile, across and along in turn.
+    """
 
     def difference(count: int, order: int) -> sparse.csr_matrix:
         matrix = sparse.eye(count, format="csr")
-        for _ in range(min(order, count - 1)):
+        for _ in range(order):
             matrix = matrix[1:] - matrix[:-1]
         return matrix
 
     along, across = sparse.eye(rows), sparse.eye(columns)
-    total = sparse.csc_matrix((rows * columns, rows * columns))
-    if columns > 2:
-        part = sparse.kron(along, difference(columns, 2))
-        total = total + part.T @ part
-    if rows > 2:
-        part = sparse.kron(difference(rows, 2), across)
-        total = total + part.T @ part
-    if rows > 1 and columns > 1:
-        part = sparse.kron(difference(rows, 1), difference(columns, 1))
-        total = total + 2 * part.T @ part
-    return sparse.csc_matrix(total)
+    parts = []
+    if columns > order:
+        parts.append(sparse.kron(along, difference(columns, order)))
+    if rows > order:
+        parts.append(sparse.kron(difference(rows, order), across))
+    if order == 2 and rows > 1 and columns > 1:
+        parts.append(np.sqrt(2) * sparse.kron(difference(rows, 1), difference(columns, 1)))
+    count = rows * columns
+    total = sum((part.T @ part for part in parts), sparse.csr_matrix((count, count)))
+    both = sparse.coo_matrix(sparse.kron(total, sparse.eye(2)))
+    bands = np.zeros((2 * BANDS * columns + 2, 2 * count))
+    upper = both.row <= both.col
+    row, column = both.row[upper], both.col[upper]
+    bands[len(bands) - 1 + row - column, column] = both.data[upper]
+    return bands
 
 
 def _solved(
-    precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: sparse.csc_matrix
+    precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Field (tiles, 2) that weighs the tiles' own goals against stiffness; weakly held where nothing tells."""
-    count = len(goal)
-    xx, xy, yy = (sparse.diags(precision[:, a, b]) for a, b in ((0, 0), (0, 1), (1, 1)))
-    weak = sparse.eye(count) * 1e-6
-    matrix = sparse.bmat([[xx + stiff + weak, xy], [xy, yy + stiff + weak]], format="csc")
-    wanted = np.einsum("nab,nb->an", precision, goal).ravel() + 1e-6 * goal.T.ravel()
-    return splu(matrix).solve(wanted).reshape(2, count).T
+    held = precision + np.eye(2) * WEAK
+    bands = stiff.copy()
+    bands[-1] += np.einsum("naa->na", held).ravel()
+    bands[-2, 1::2] += held[:, 0, 1]
+    wanted = np.einsum("nab,nb->na", held, goal).ravel()
+    return np.asarray(solveh_banded(bands, wanted, overwrite_ab=True, check_finite=False)).reshape(-1, 2)

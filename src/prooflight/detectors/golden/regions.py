@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.golden.differences import GoldenDifference
 
-JOINING_PIXELS: Final = 4
+JOINING_PIXELS: Final = 8
 """Differences within twice this of each other are one; tuned with the next on one half of docs/results/golden.md."""
-LEAST_VOLUME: Final = 6.0
+LEAST_VOLUME: Final = 5.0
 """Of a region that is reported. [contrast pixels]"""
 AROUND: Final = 3
 """Side of the neighbourhood that a pixel's difference is weighed by. [pixels]"""

@@ -24,7 +24,7 @@ FALSELY: Final = 0.001
 STAKES: Final = np.array([0.1, 0.2, 0.35, 0.5, 0.7, 0.85])
 """Exponents e of the bets e p^(e - 1), each of which has the mean 1; their wealths are averaged."""
 MISPRINTS: Final = 0.05
-"""Share of a run's pages that may be misprints: no rank is taken to be smaller. (assumed: presses are stopped before)"""
+"""Share of a run's pages that may be misprints: no rank counts as smaller. (assumed: presses are stopped before)"""
 
 
 def summaries(model: DetectorModel, deviations: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 
-def seen(press: Press, count: int, *, seed: int = 1, times: float = 1.0, another: int = 0) -> list[ScannedPage]:
+def seen(
+    press: Press, count: int, *, seed: int = 1, times: float = 1.0, another: int = 0
+) -> list[ScannedPage]:
     """Pages like the simulated ones of this press, their statistics so many times as great; some show another page."""
     assert press.ours is not None
     rng, like = np.random.default_rng(seed), press.ours.pages
@@ -116,8 +118,12 @@ def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> N
         recalibrated(press, enough, digests(enough), false_alarm_rate=0.1)
 
 
-@pytest.mark.parametrize(("another", "told"), [(1, "p0001 shows"), (7, "p0001, p0002, p0003, p0004, p0005 show")])
-def test_scans_of_other_pages_are_named_and_teach_nothing(trained_press: Press, another: int, told: str) -> None:
+@pytest.mark.parametrize(
+    ("another", "told"), [(1, "p0001 shows"), (7, "p0001, p0002, p0003, p0004, p0005 show")]
+)
+def test_scans_of_other_pages_are_named_and_teach_nothing(
+    trained_press: Press, another: int, told: str
+) -> None:
     pages = seen(trained_press, 30, another=another)
     with pytest.raises(RequestError, match=f"{told} another page"):
         recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)

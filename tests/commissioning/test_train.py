@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from prooflight.cli.press import catches
 from prooflight.commissioning.training import train
 from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
@@ -77,7 +78,19 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
     assert ours.threshold == pytest.approx(shipped.reference.threshold(0.1 / ours.scores.ratio)[0])
 
 
-def test_only_the_papers_network_is_taught_by_misprints(monkeypatch: pytest.MonkeyPatch, press: Press) -> None:
+def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
+    ours, shipped = trained_press.ours, shipped_ranking()
+    assert ours is not None
+    share = (shipped.misprints > ours.threshold).mean()
+    assert catches(ours) == (
+        f"At one false alarm in 10 good pages it catches {share:.0%} of {shipped.misprints.size:,} simulated misprints "
+        "of twelve kinds, barely visible ones included."
+    )
+
+
+def test_only_the_papers_network_is_taught_by_misprints(
+    monkeypatch: pytest.MonkeyPatch, press: Press
+) -> None:
     """On days that are made up: seed 3. Ours is made fit by the good ones of them."""
     monkeypatch.setattr(train, "in_order", _made_up_days)
     made = {

@@ -73,7 +73,10 @@ def test_a_promise_says_what_it_rests_on() -> None:
         "those that taught the ranking"
     )
     further = str(Promise(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
-    assert "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500" in further
+    assert (
+        "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500"
+        in further
+    )
     drawn = str(Promise(rate=0.001, simulated=200, conformal=False, asked=1e-5))
     assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
     assert "one in 100,000 was asked for, and is refused" in drawn

@@ -15,7 +15,7 @@ That matters where one run draws both with one seed. These runs do:
 
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
   and design 2;
-- ``study press``: the resampling of costs and designs 6 to 8; the last ranking and design 9;
+- ``study press``: the resampling of costs and designs 6 to 8;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is said;

@@ -1,4 +1,4 @@
-"""Real good pages set the threshold anew; no scan counts twice."""
+"""Real good pages take the place of simulated ones; no scan counts twice."""
 
 from __future__ import annotations
 
@@ -7,47 +7,125 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.commissioning.training.adapting import adapted, own_scores
+from prooflight.commissioning.training.learn import Pages
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, new_scans, recalibrated
 from prooflight.errors import RequestError
+from prooflight.inspection.job import ScannedPage
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 
-def pages(count: int, *, seed: int = 1, first: int = 0) -> tuple[dict[str, float], dict[str, str]]:
-    rng = np.random.default_rng(seed)
-    names = [f"p{first + number:04d}" for number in range(count)]
-    return {name: float(rng.exponential(2.0)) for name in names}, {name: f"{name}{seed}" for name in names}
+def seen(
+    press: Press, count: int, *, seed: int = 1, times: float = 1.0, another: int = 0
+) -> list[ScannedPage]:
+    """Pages like the simulated ones of this press, their statistics so many times as great; some show another page."""
+    assert press.ours is not None
+    rng, like = np.random.default_rng(seed), press.ours.pages
+    pages = []
+    for number in range(count):
+        row = int(rng.integers(len(like.values)))
+        noise = np.exp(0.1 * rng.standard_normal(like.values.shape[1]))
+        pages.append(
+            ScannedPage(
+                name=f"p{number + 1:04d}",
+                score=0.0,
+                values=(like.values[row] * noise * times).astype(np.float32),
+                page_features=like.page_features[row],
+                another=number < another,
+                digest=f"{seed}-{number}",
+            )
+        )
+    return pages
 
 
-def test_enough_real_pages_promise_by_themselves(trained_press: Press) -> None:
-    scores, digests = pages(120)
-    learned = recalibrated(trained_press, scores, digests, false_alarm_rate=0.01)
+def digests(pages: list[ScannedPage]) -> dict[str, str]:
+    return {page.name: page.digest for page in pages}
+
+
+def rows_of(pages: list[ScannedPage]) -> Pages:
+    return Pages(
+        values=np.stack([page.values for page in pages]),
+        page_features=np.stack([page.page_features for page in pages]),
+        design=np.arange(len(pages)),
+        kind=np.full(len(pages), ""),
+        press=np.zeros(len(pages), np.int64),
+    )
+
+
+def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_press: Press) -> None:
+    """This press's pages are three times as far out in everything: as such they are good."""
+    ours = trained_press.ours
+    assert ours is not None
+    pages = seen(trained_press, 40, times=3.0)
+    learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.05)
     assert learned.ours is not None
-    assert learned.ours.promise.conformal
-    assert (learned.ours.promise.real, learned.ours.promise.simulated) == (120, 0)
-    # ceil(121 x 0.99) = 120th smallest of 120: the greatest
-    assert learned.ours.threshold == max(scores.values())
+    rows, none = rows_of(pages), np.zeros(40, bool)
+    assert learned.ours.model.shift == pytest.approx(adapted(ours.model, rows).shift)
+    assert learned.ours.scores.own.worst == pytest.approx(np.sort(own_scores(ours.model, rows, none)))
+    assert learned.ours.scores.reference is ours.scores.reference
+    assert (learned.ours.promise.real, learned.ours.promise.simulated) == (40, 0)
+    assert learned.ours.promise.rate == 0.05
     assert learned.digest != trained_press.digest
+    later = rows_of(seen(trained_press, 40, seed=2, times=3.0))
+    before = ours.model.score(later.values, later.page_features)
+    after = learned.ours.model.score(later.values, later.page_features)
+    assert after.mean() < before.mean()
+    assert (after > learned.ours.threshold).mean() < 0.2
+
+
+def test_many_real_pages_promise_by_themselves(trained_press: Press) -> None:
+    pages = seen(trained_press, 60)
+    learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
+    assert learned.ours is not None
+    assert (learned.ours.promise.real, learned.ours.promise.reference) == (60, 0)
+    # ceil(61 x 0.9) = 55th smallest
+    assert learned.ours.threshold == learned.ours.scores.own.worst[54]
 
 
 def test_pages_add_up_over_runs_and_none_counts_twice(trained_press: Press) -> None:
-    scores, digests = pages(30)
-    first = recalibrated(trained_press, scores, digests, false_alarm_rate=0.1)
-    assert new_scans(first, digests) == {}
-    more_scores, more = pages(30, seed=2)
-    again = new_scans(first, more | {"p0000": digests["p0000"], "copy": more["p0001"]})
-    assert "p0000" not in again
+    pages, more = seen(trained_press, 30), seen(trained_press, 30, seed=2)
+    first = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
+    assert new_scans(first, digests(pages)) == {}
+    again = new_scans(first, digests(more) | {"p0001": pages[0].digest, "copy": more[1].digest})
+    assert "p0001" not in again
     assert "copy" not in again
     assert len(again) == 29
-    second = recalibrated(first, more_scores, again, false_alarm_rate=0.1)
+    second = recalibrated(first, more, again, false_alarm_rate=0.1)
     assert second.ours is not None
     assert second.ours.promise.real == 59
+    at_once = recalibrated(
+        trained_press,
+        [*pages, *(page for page in more if page.name in again)],
+        digests(pages) | {page.name: page.digest for page in more if page.name in again},
+        false_alarm_rate=0.1,
+    )
+    assert at_once.ours is not None
+    assert len(at_once.ours.pages.values) == 59
+    np.testing.assert_array_equal(second.ours.pages.values, at_once.ours.pages.values)
+    assert second.ours.threshold == at_once.ours.threshold
 
 
 def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> None:
-    scores, digests = pages(FEWEST_REAL - 1)
+    few, enough = seen(trained_press, FEWEST_REAL - 1), seen(trained_press, 30)
     with pytest.raises(RequestError, match=f"give {FEWEST_REAL} or more"):
-        recalibrated(trained_press, scores, digests, false_alarm_rate=0.1)
+        recalibrated(trained_press, few, digests(few), false_alarm_rate=0.1)
+    known = {page.name: page.digest for page in enough[: FEWEST_REAL - 1]}
+    with pytest.raises(RequestError, match=f"{FEWEST_REAL - 1} good pages"):
+        recalibrated(trained_press, enough, known, false_alarm_rate=0.1)
     with pytest.raises(RequestError, match="was not taught our detector"):
-        recalibrated(press, *pages(30), false_alarm_rate=0.1)
+        recalibrated(press, enough, digests(enough), false_alarm_rate=0.1)
+
+
+@pytest.mark.parametrize(
+    ("another", "told"), [(1, "p0001 shows"), (7, "p0001, p0002, p0003, p0004, p0005 show")]
+)
+def test_scans_of_other_pages_are_named_and_teach_nothing(
+    trained_press: Press, another: int, told: str
+) -> None:
+    pages = seen(trained_press, 30, another=another)
+    with pytest.raises(RequestError, match=f"{told} another page"):
+        recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
+    rest = {page.name: page.digest for page in pages if not page.another}
+    assert recalibrated(trained_press, pages, rest, false_alarm_rate=0.1).ours is not None

@@ -8,32 +8,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from prooflight.cli.press import catches
+from prooflight.commissioning.training import train
+from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
     LEAST_TIMES,
     PressDay,
+    ScatterWork,
+    StatisticsWork,
     fitted,
     good_prior,
     good_residual_variance,
 )
 from prooflight.commissioning.training.train import FEWEST, Plan
+from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.shipped import shipped_ranking
+from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from prooflight.pages.raster import Page
 
 
-@pytest.mark.parametrize("designs", [FEWEST, 64, 1000])
-def test_no_design_teaches_and_calibrates(designs: int) -> None:
+@pytest.mark.parametrize(("designs", "pilot"), [(FEWEST, 6), (64, 8), (136, 17), (1000, 40)])
+def test_an_eighth_of_the_designs_teaches_scatter_and_no_other_does(designs: int, pilot: int) -> None:
     plan = Plan.of(designs)
-    every = [*plan.pilot, *plan.learn, *plan.tune]
-    assert every == list(range(designs))
-    assert min(len(plan.pilot), len(plan.learn), len(plan.tune)) >= 6
-    assert abs(len(plan.tune) - len(plan.learn)) <= 1
+    assert [*plan.pilot, *plan.calibrate] == list(range(designs))
+    assert len(plan.pilot) == pilot
 
 
 def test_too_few_designs_are_refused() -> None:
@@ -51,8 +57,85 @@ def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path:
     assert again.ours.promise == trained_press.ours.promise
     assert again.ours.threshold == trained_press.ours.threshold
     assert again.bayes is None
-    assert again.ours.promise.simulated == len(Plan.of(24).tune)
-    assert again.ours.promise.conformal
+    assert again.ours.promise.simulated == len(Plan.of(24).calibrate)
+    assert again.ours.promise.rate == 0.1
+    np.testing.assert_array_equal(again.ours.pages.values, trained_press.ours.pages.values)
+
+
+def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_press: Press) -> None:
+    ours, shipped = trained_press.ours, shipped_ranking()
+    assert ours is not None
+    assert ours.scores.reference.worst.tolist() == shipped.reference.worst.tolist()
+    assert ours.promise.reference == shipped.reference.worst.size
+    for name, array in ours.model.arrays().items():
+        same = np.array_equal(array, shipped.model.arrays()[name])
+        assert same == (name not in ("shift", "scale") and not name.startswith("scatter."))
+    plain = replace(ours.model, shift=shipped.model.shift, scale=shipped.model.scale)
+    found = plain.deviations(ours.pages.values, ours.pages.page_features)
+    shift, scale = shift_and_scale(found)
+    np.testing.assert_allclose(ours.model.shift, shift)
+    np.testing.assert_allclose(ours.model.scale, scale)
+    assert ours.threshold == pytest.approx(shipped.reference.threshold(0.1 / ours.scores.ratio)[0])
+
+
+def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
+    ours, shipped = trained_press.ours, shipped_ranking()
+    assert ours is not None
+    share = (shipped.misprints > ours.threshold).mean()
+    assert catches(ours) == (
+        f"At one false alarm in 10 good pages it catches {share:.0%} of {shipped.misprints.size:,} simulated misprints "
+        "of twelve kinds, barely visible ones included."
+    )
+
+
+def test_only_the_papers_network_is_taught_by_misprints(
+    monkeypatch: pytest.MonkeyPatch, press: Press
+) -> None:
+    """On days that are made up: seed 3. Ours is made fit by the good ones of them."""
+    monkeypatch.setattr(train, "in_order", _made_up_days)
+    made = {
+        paper: train.trained(press, _One(None), designs=48, seed=1, paper=paper)  # type: ignore[arg-type]
+        for paper in (False, True)
+    }
+    for paper, found in made.items():
+        assert found.ours is not None
+        assert found.ours.scores.own.worst.size == 42
+        assert (found.bayes is not None) == paper
+        found.check()
+    assert made[False].ours is not None
+    assert made[True].ours is not None
+    assert made[True].ours.threshold == made[False].ours.threshold
+    assert made[True].ours.promise.rate == train.DEFAULT_RATE == 0.01
+
+
+def _made_up_days(
+    work: ScatterWork | StatisticsWork, days: Sequence[tuple[int, ...]], *, processes: int | None = None
+) -> Iterator[dict[str, Any]]:
+    """Good pages are the same whether misprints are asked for or not."""
+    count = len(shipped_ranking().model.statistics)
+    for designs in days:
+        if isinstance(work, ScatterWork):
+            yield {
+                name: np.full((len(designs), *shape, 1, 3), np.nan) for name, shape in SCATTER_SHAPES.items()
+            }
+            continue
+        kinds = np.array(["", "streak"] if work.misprints else [""], "U16")
+        design = np.repeat(designs, kinds.size)
+        rng = np.random.default_rng([3, designs[0]])
+        values = np.repeat(rng.exponential(size=(len(designs), count)), kinds.size, axis=0)
+        kind = np.tile(kinds, len(designs))
+        values[kind != ""] *= 5
+        found = {
+            "design": design,
+            "kind": kind,
+            "values": values.astype(np.float32),
+            "portrait": np.repeat(rng.standard_normal((len(designs), PAGE_FEATURES)), kinds.size, axis=0),
+            "another": np.zeros(design.size, bool),
+            "names": np.array(["name"] * count),
+        }
+        if work.windows:
+            found["windows"] = rng.standard_normal((design.size, 3))
+        yield found
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.false_alarm_rate import (
+    ALONE,
     FURTHEST,
     GoodScores,
+    PressScores,
     Promise,
     conformal_threshold,
     posterior_bound,
@@ -65,6 +67,16 @@ def test_a_promise_says_what_it_rests_on() -> None:
         "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs promise "
         "one in 251 by count, beyond that their tail is drawn on"
     )
+    others = str(Promise(rate=0.01, simulated=120, reference=1480, asked=0.01))
+    assert others == (
+        "at most one good page in 100 alarms; by count, from 120 simulated good designs of this press and 1,480 of "
+        "those that taught the ranking"
+    )
+    further = str(Promise(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
+    assert (
+        "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500"
+        in further
+    )
     drawn = str(Promise(rate=0.001, simulated=200, conformal=False, asked=1e-5))
     assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
     assert "one in 100,000 was asked for, and is refused" in drawn
@@ -73,6 +85,89 @@ def test_a_promise_says_what_it_rests_on() -> None:
 ONE_TO_NINE = GoodScores(worst=np.arange(1.0, 10.0))
 """Its tail, by hand: the five beyond 4, whose mean excess is 3, and 3 (1 + 1.28 / sqrt 5) at its upper bound."""
 TAIL_EXCESS = 3 * (1 + 1.28 / np.sqrt(5))
+
+
+# --- a press's own pages beside those of others, by hand ---
+
+REFERENCE = GoodScores(worst=np.arange(1.0, 100.0))
+"""Its quantiles at 80, 90 and 95 % are 79.4, 89.2 and 94.1."""
+
+
+def beside(*own: float) -> PressScores:
+    return PressScores(reference=REFERENCE, own=GoodScores(worst=np.sort(own)))
+
+
+@pytest.mark.parametrize(
+    ("own", "ratio"),
+    [
+        ([0.0] * 20, 0.8),  # never sharper than this: 4 / 8, 4 / 6 and 4 / 5 were less
+        ([0.0] * 16 + [79.5, 80.0, 85.0, 86.0], 1.0),  # four of 20 beyond 80 %, as elsewhere
+        ([0.0] * 14 + [80.0] * 6, 10 / 8),
+        ([0.0] * 14 + [90.0] * 6, 10 / 6),  # 10 / 8 beyond 80 %, 10 / 6 beyond 90 %
+        ([0.0] * 14 + [95.0] * 6, 10 / 5),
+        ([200.0] * 2, 6 / 4.1),
+        ([200.0] * 2000, 2004 / 104),
+    ],
+    ids=["better", "alike", "beyond 80", "beyond 90", "beyond 95", "two", "all out"],
+)
+def test_how_often_a_press_reaches_into_the_tail_is_counted_and_drawn_to_others(
+    own: list[float], ratio: float
+) -> None:
+    assert beside(*own).ratio == pytest.approx(ratio)
+
+
+def test_the_references_tail_is_taken_as_many_times_rarer() -> None:
+    scores = beside(*[0.0] * 14, *[95.0] * 6)  # twice as often
+    assert scores.threshold(0.1) == REFERENCE.threshold(0.05) == (95.0, True)
+    assert scores.threshold(0.001) == REFERENCE.threshold(0.0005)
+    for score in (50.0, 94.0, 150.0):
+        assert scores.p_value(score, 0.1) == pytest.approx(min(2 * REFERENCE.p_value(score), 1))
+    assert scores.p_value(0.0, 0.1) == 1
+    assert scores.least_rate == pytest.approx(2 * REFERENCE.least_rate)
+
+
+def test_many_pages_of_a_press_decide_by_themselves() -> None:
+    own = np.arange(1000.0, 1100.0)
+    scores = beside(*own)
+    assert scores.alone(0.05)
+    assert not scores.alone(0.049)
+    assert ALONE == 5
+    assert scores.threshold(0.05) == (1095.0, True)  # ceil(101 x 0.95) = 96th smallest
+    assert scores.p_value(1095.5, 0.05) == pytest.approx(5 / 101)
+    assert scores.p_value(1095.5, 0.04) == pytest.approx(REFERENCE.p_value(1095.5) * scores.ratio)
+
+
+@given(st.integers(2, 30_000), st.integers(0, 50), st.floats(0.3, 3))
+def test_no_rate_is_promised_that_neither_scores_allow(count: int, seed: int, scale: float) -> None:
+    """Where a press's own pages are too few to decide, others' tail is drawn on no further than theirs may be."""
+    scores = PressScores(reference=good(100, 1), own=good(count, seed, scale=scale))
+    rate = scores.least_rate
+    of_reference = REFERENCE_OF_100 * scores.ratio
+    assert rate == pytest.approx(of_reference if count < ALONE / of_reference else ALONE / count)
+    assert scores.alone(rate) == (count >= ALONE / of_reference)
+    threshold, _ = scores.threshold(rate)
+    assert scores.p_value(threshold + 1e-9, rate) <= rate * (1 + 1e-6)
+
+
+REFERENCE_OF_100 = 1 / 1010
+
+
+def test_a_press_that_is_like_others_promises_what_it_keeps() -> None:
+    """Exponential scores, seeds 0 to 199: 60 own pages and 1000 of others, at 1 %.
+
+    Exact is ln 100 = 4.61; the ratio is the greatest of three, so that a press is rather sure than sharp.
+    """
+    kept = []
+    for seed in range(200):
+        scores = PressScores(reference=good(1000, 1000 + seed), own=good(60, seed))
+        kept.append(np.exp(-scores.threshold(0.01)[0]))
+    assert 0.005 < np.mean(kept) < 0.0115
+    wide, unscaled = [], []
+    for seed in range(200):  # a press that scatters 1.5 times as widely is held back, not wholly
+        scores = PressScores(reference=good(1000, 1000 + seed), own=good(60, seed, scale=1.5))
+        wide.append(np.exp(-scores.threshold(0.01)[0] / 1.5))
+        unscaled.append(np.exp(-scores.reference.threshold(0.01)[0] / 1.5))
+    assert np.mean(wide) < 0.9 * np.mean(unscaled)
 
 
 @pytest.mark.parametrize(("score", "designs_as_high"), [(0.5, 9), (1.0, 9), (1.5, 8), (3.0, 7), (4.0, 6)])

@@ -13,15 +13,17 @@ from tests.fuzz.press_mutants import ink_mutants, mutants
 from tests.fuzz.text_targets import chart_samples
 
 if TYPE_CHECKING:
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
 PIXELS = 400
+STATISTICS = ("box/add-C+/8", "streak/void/1/full", "fit/white", "step/gain-K/across")
 INK_MODELS = ("log-linear", "local-linear")
 
 
 def press_samples() -> list[bytes]:
-    """A press of 42 mm with the paper's learned detector; what that learned is noise."""
+    """A press of 42 mm with the learned detectors; what they learned is noise, ours of a few statistics."""
     from prooflight.commissioning.build import build_press
     from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
     from prooflight.press.press_file import PressFile
@@ -31,10 +33,37 @@ def press_samples() -> list[bytes]:
     press = replace(
         build_press(PressFile.prototype(), seed=1, pixels=PIXELS),
         bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)),
+        ours=_ours(),
     )
     with tempfile.TemporaryDirectory() as folder:
         press.save(Path(folder) / "a.press")
         return [(Path(folder) / "a.press").read_bytes()]
+
+
+def _ours() -> CalibratedDetector:
+    from prooflight.commissioning.training.adapting import fit_for
+    from prooflight.commissioning.training.learn import Pages, learn_model
+    from prooflight.detectors.false_alarm_rate import GoodScores
+    from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+
+    rng, count = np.random.default_rng(5), 40
+    pages = Pages(
+        values=rng.exponential(size=(count, len(STATISTICS))).astype(np.float32),
+        page_features=rng.standard_normal((count, PAGE_FEATURES)),
+        design=np.arange(count),
+        kind=np.array(["", "streak", "", "scum"] * (count // 4)),
+        press=np.zeros(count, np.int64),
+    )
+    model = learn_model(pages, names=STATISTICS, scatter=Scatter.white(), rng=rng, trees=6)
+    return fit_for(
+        model,
+        GoodScores(worst=np.sort(rng.standard_normal(50))),
+        pages.rows(~pages.bad),
+        np.zeros(count // 2, bool),
+        false_alarm_rate=0.1,
+        misprint_rate=0.01,
+    )
 
 
 def read_press(path: Path) -> None:

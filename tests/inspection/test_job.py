@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from prooflight.detectors.matched_filter.calibrated import score_of
 from prooflight.errors import ScanError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.job import InspectPage, paired
+from prooflight.inspection.job import InspectPage, ScanPage, paired
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.scans.recorded import write_scan
@@ -132,6 +133,30 @@ def test_from_job_to_verdicts_by_way_of_files(source: JobSource, scans: Path, pr
         verdicts = [inspect(pair).verdict for pair in paired(job, scans, sensors=1)]
     assert [verdict.page for verdict in verdicts] == ["p0001", "p0002", "p0003"]
     assert [verdict.verdict for verdict in verdicts] == ["good", "not-inspected", "misprint"]
+
+
+def test_a_good_page_is_learned_from_by_what_its_scan_says(
+    source: JobSource, scans: Path, trained_press: Press
+) -> None:
+    """As worker processes look at it; the same print once more is another scan, the same file is not."""
+    for seed, name in ((5, "a"), (6, "b")):
+        folder = scans / name
+        folder.mkdir()
+        ScanToFile(job=source, press=trained_press, out=folder, request=None, seed=seed, job_pages=PAGES)(1)
+    ours = trained_press.ours
+    assert ours is not None
+    inspector = Inspector.of(trained_press, "ours")
+    look = pickle.loads(pickle.dumps(ScanPage(InspectPage(job=source, inspector=inspector))))
+    with source.open() as job:
+        first, again, other = (
+            look((1, paired(job, scans / name, sensors=1)[0][1])) for name in ("a", "a", "b")
+        )
+    assert first.name == "p0001"
+    assert not first.another
+    assert first.values.shape == (len(ours.model.statistics),)
+    asked = score_of(ours.model, first.values, first.page_features, another=False)
+    assert first.score == pytest.approx(asked, rel=1e-5)
+    assert first.digest == again.digest != other.digest
 
 
 def test_a_bad_scan_is_named_by_its_path(source: JobSource, scans: Path, press: Press) -> None:

@@ -96,8 +96,14 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
         ("sensor0.footprint_across", -1, 1.1),
         ("sensor0.correction_near", (3, 3), 2.0),
         ("inks.model.density", (0, 0), np.nan),
-        ("ours.simulated", 0, np.nan),
-        ("ours.simulated", 0, 1e6),  # no longer rising
+        ("ours.own", 0, np.nan),
+        ("ours.own", 0, 1e6),  # no longer rising
+        ("ours.reference", 0, np.inf),
+        ("ours.values", (0, 0), np.nan),
+        ("ours.page_features", (0, 0), np.inf),
+        ("ours.tolerance.shift", 5, np.nan),
+        ("ours.tolerance.scale", 5, 0.0),
+        ("ours.tolerance.scatter.light", 0, 0.0),
         ("ours.tolerance.sd", 5, 0.0),
         ("ours.tolerance.family", 5, 10_000),
         ("ours.tolerance.tail", (7, 0), 1e6),  # begins where no quantile is
@@ -130,6 +136,8 @@ def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
         ("variation", {"ink": {"gain_print_percent": float("nan")}}),
         ("variation", {"ink": [[[[[[[1]]]]]]]}),
         ("detectors.ours.false_alarm_rate", 0.0),
+        ("detectors.ours.real", 19),  # of 18 pages
+        ("detectors.ours.real", -1),
         ("detectors.ours.tolerance.threshold", float("nan")),
         ("detectors.ours.tolerance.names", ["fit"]),
         ("detectors.bayes.threshold", float("nan")),

@@ -144,12 +144,12 @@ class PressScores:
 
     @property
     def least_rate(self) -> float:
-        """See ``GoodScores``."""
-        return min(self.reference.least_rate * self.ratio, self.own.least_rate)
+        """Rarest rate that the reference's tail, so many times rarer, or this press's own pages alone speak of. [-]"""
+        return min(self.reference.least_rate * self.ratio, ALONE / self.own.worst.size)
 
     def alone(self, false_alarm_rate: float) -> bool:
         """Whether so many of a press's own pages are beyond such a threshold that no others are needed."""
-        return self.own.worst.size * false_alarm_rate >= ALONE
+        return self.own.worst.size * false_alarm_rate >= ALONE * (1 - 1e-9)
 
     @property
     def ratio(self) -> float:

@@ -283,10 +283,9 @@ class Study:
             return press
         path = self.cache / "running" / f"one-taught-{self.plan.taught_pages}.press"
         if not path.exists():
-            rarely = replace(press, good_pages_per_false_alarm=self.plan.taught_pages / 4)
             designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
             self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
-            trained(rarely, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+            trained(press, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
         return Press.load(path)
 
     def _small(self) -> Press:
@@ -294,10 +293,9 @@ class Study:
         path = self.cache / "running" / f"small-{self.plan.taught_designs}.press"
         if not path.exists():
             press = build_press(PressFile.prototype(), seed=1, pixels=SMALL_PIXELS)
-            rarely = replace(press, good_pages_per_false_alarm=min(100.0, self.plan.taught_designs / 4))
             designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
             self.progress(f"teaching a small press by {self.plan.taught_designs} designs")
-            trained(rarely, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
+            trained(press, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
         return Press.load(path)
 
     def _counted(self, what: str, total: int) -> Callable[[int], None]:

@@ -10,15 +10,20 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.learn import Pages, learn_model
+from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
 from prooflight.detectors.matched_filter.calibrated import (
-    ENOUGH_REAL,
     WRONG_PAGE,
     CalibratedDetector,
+    GoodPages,
     score_of,
 )
+from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.files.schema import Misfit
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from prooflight.detectors.matched_filter.model import DetectorModel
 
 NAMES = ["box/add-C+/8", "fit/white"]
@@ -29,49 +34,75 @@ def model() -> DetectorModel:
     rng = np.random.default_rng(1)
     pages = Pages(
         values=rng.exponential(size=(60, 2)).astype(np.float32),
-        page_features=rng.standard_normal((60, 3)),
+        page_features=rng.standard_normal((60, PAGE_FEATURES)),
         design=np.arange(60),
         kind=np.zeros(60, "U1"),
+        press=np.zeros(60, np.int64),
     )
     return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, ranked=False)
 
 
 def calibrated(
-    model: DetectorModel, *, real: np.ndarray | None = None, rate: float = 0.02
+    model: DetectorModel,
+    *,
+    reference: NDArray[np.float64] | None = None,
+    own: NDArray[np.float64] | None = None,
+    rate: float = 0.02,
+    real: int = 0,
 ) -> CalibratedDetector:
-    simulated = np.random.default_rng(2).exponential(size=150)
+    """By 1000 good designs elsewhere and 60 of this press, all of one law; seeds 2 and 3."""
+    if reference is None:
+        reference = np.random.default_rng(2).exponential(size=1000)
+    if own is None:
+        own = np.random.default_rng(3).exponential(size=60)
     return CalibratedDetector.calibrated(
-        model, simulated=simulated, real=real, false_alarm_rate=rate, misprint_rate=0.01
+        model,
+        PressScores(reference=GoodScores(worst=np.sort(reference)), own=GoodScores(worst=np.sort(own))),
+        pages=GoodPages(
+            values=np.ones((own.size, 2), np.float32), page_features=np.zeros((own.size, PAGE_FEATURES))
+        ),
+        false_alarm_rate=rate,
+        misprint_rate=0.01,
+        real=real,
     )
 
 
-def test_simulated_pages_promise_until_there_are_real_ones(model: DetectorModel) -> None:
-    first = calibrated(model)
-    assert (first.promise.simulated, first.promise.real, first.promise.conformal) == (150, 0, True)
-    real = np.random.default_rng(3).exponential(2.0, ENOUGH_REAL)  # this press scatters twice as much
-    later = calibrated(model, real=real)
-    assert (later.promise.simulated, later.promise.real, later.promise.conformal) == (0, ENOUGH_REAL, True)
-    assert later.threshold == np.sort(real)[98]  # ceil(101 x 0.98) = 99th smallest
-    assert later.threshold > first.threshold
+def test_those_that_taught_say_how_the_tail_goes_on_while_own_pages_are_few(model: DetectorModel) -> None:
+    ours = calibrated(model)
+    assert (ours.promise.simulated, ours.promise.real, ours.promise.reference) == (60, 0, 1000)
+    assert ours.promise.conformal
+    reference, ratio = ours.scores.reference, ours.scores.ratio
+    assert ours.threshold == reference.threshold(0.02 / ratio)[0]
+    wide = calibrated(model, own=np.random.default_rng(3).exponential(3.0, 60))
+    assert wide.scores.ratio > 2 * ratio
+    assert wide.threshold > ours.threshold
 
 
-def test_a_few_real_pages_raise_the_threshold_and_promise_nothing_by_themselves(
-    model: DetectorModel,
-) -> None:
-    first = calibrated(model)
-    rng = np.random.default_rng(4)
-    worse, better = (calibrated(model, real=rng.exponential(scale, 30)) for scale in (3.0, 0.3))
-    assert worse.threshold > 1.5 * first.threshold
-    assert not worse.promise.conformal
-    assert (worse.promise.simulated, worse.promise.real) == (150, 30)
-    # real pages that score less lower nothing but by their number
-    assert better.threshold >= 0.9 * first.threshold
+def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> None:
+    """Five beyond the threshold are as many as it takes: 250 at 2 %; half of these score as no other page does."""
+    own = np.arange(250.0)
+    ours = calibrated(model, own=own)
+    assert (ours.promise.simulated, ours.promise.reference, ours.promise.conformal) == (250, 0, True)
+    assert ours.threshold == own[245]  # ceil(251 x 0.98) = 246th smallest
+    assert ours.decide(245.5).p_value == pytest.approx(5 / 251)
+    fewer = calibrated(model, own=own[1:])
+    assert (fewer.promise.simulated, fewer.promise.reference) == (249, 1000)
+    assert fewer.threshold < 20
+
+
+def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) -> None:
+    for real in (0, 60):
+        promise = calibrated(model, real=real).promise
+        assert (promise.simulated, promise.real) == (60 - real, real)
+        what = "60 real good pages" if real else "60 simulated good designs"
+        assert f"from {what} of this press and 1,000 of those that taught the ranking" in str(promise)
 
 
 def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
     ours = calibrated(model)
-    low, high = ours.decide(ours.threshold), ours.decide(ours.threshold + 1)
-    assert not low.misprint
+    assert not ours.decide(ours.threshold).misprint
+    low, high = ours.decide(ours.threshold + 1e-9), ours.decide(ours.threshold + 1)
+    assert low.misprint
     assert high.misprint
     assert high.p_value is not None
     assert low.p_value is not None
@@ -81,29 +112,54 @@ def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> No
 
 def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorModel) -> None:
     ours = calibrated(model, rate=1e-6)
-    assert ours.promise.rate == pytest.approx(1 / 1510)
+    assert ours.promise.rate == pytest.approx(ours.scores.ratio / 10_010)
     assert not ours.promise.conformal
-    assert "refused" in str(ours.promise)
+    assert "one in 1,000,000 was asked for, and is refused" in str(ours.promise)
 
 
-def test_it_comes_back_from_its_arrays_and_facts(model: DetectorModel) -> None:
-    for real in (None, np.arange(30.0)):
-        ours = calibrated(model, real=real, rate=1e-4)
-        facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
-        again = CalibratedDetector.from_parts(ours.arrays(), facts)
-        assert again.threshold == ours.threshold
-        assert again.promise == ours.promise
-        assert again.decide(2.0) == ours.decide(2.0)
+@pytest.mark.parametrize(("own", "real", "rate"), [(60, 0, 0.02), (60, 60, 1e-6), (400, 400, 0.02)])
+def test_it_comes_back_from_its_arrays_and_facts(
+    model: DetectorModel, own: int, real: int, rate: float
+) -> None:
+    ours = calibrated(model, own=np.random.default_rng(5).exponential(size=own), real=real, rate=rate)
+    facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
+    CalibratedDetector.check(ours.arrays(), facts)
+    again = CalibratedDetector.from_parts(ours.arrays(), facts)
+    assert again.threshold == ours.threshold
+    assert again.promise == ours.promise
+    assert again.decide(2.0) == ours.decide(2.0)
+    assert again.real == real
+    np.testing.assert_array_equal(again.pages.values, ours.pages.values)
     assert replace(ours, misprint_rate=0.5).decide(2.0).probability > ours.decide(2.0).probability
+
+
+def test_an_artefact_is_refused_where_pages_and_their_scores_disagree(model: DetectorModel) -> None:
+    ours = calibrated(model)
+    arrays, facts = ours.arrays(), ours.facts()
+    CalibratedDetector.check(arrays, facts)
+    for wrong, named in (
+        ({"values": arrays["values"][:-1]}, "values"),
+        ({"values": arrays["values"][:, :1]}, "values"),
+        ({"page_features": arrays["page_features"][:, 1:]}, "page_features"),
+        ({"own": arrays["own"][::-1].copy()}, "own"),
+        ({"reference": arrays["reference"][:1]}, "reference"),
+        ({"tolerance.shift": arrays["tolerance.shift"][:1]}, "shift"),
+        ({"tolerance.scale": 0 * arrays["tolerance.scale"]}, "scale"),
+        ({"tolerance.scatter.light": -arrays["tolerance.scatter.light"]}, "scatter.light"),
+    ):
+        with pytest.raises(Misfit, match=named):
+            CalibratedDetector.check(arrays | wrong, facts)
+    with pytest.raises(Misfit, match="real is 61, of 60 pages"):
+        CalibratedDetector.check(arrays, facts | {"real": 61})
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_statistic_that_is_not_finite_is_no_good_page(model: DetectorModel, value: float) -> None:
-    detector, page_features = calibrated(model), np.zeros(3)
+    detector, page_features = calibrated(model), np.zeros(PAGE_FEATURES)
     for another in (False, True):
         fine = score_of(model, np.ones(2), page_features, another=another)
         assert detector.decide(fine).word == ("misprint" if another else "good")
-        for values, page in ((np.array([1, value]), page_features), (np.ones(2), np.array([0, value, 0]))):
+        for values, page in ((np.array([1, value]), page_features), (np.ones(2), page_features + value)):
             score = score_of(model, values, page, another=another)
             assert detector.decide(score).word == "not-inspected"
 
@@ -111,51 +167,12 @@ def test_a_statistic_that_is_not_finite_is_no_good_page(model: DetectorModel, va
 def test_what_the_press_learned_wrong_is_not_lost_among_families(model: DetectorModel) -> None:
     tail = model.tail.copy()
     tail[0, 1] = np.nan
-    score = replace(model, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, 3)))
+    score = replace(model, tail=tail).score(np.full((1, 2), 50.0), np.zeros((1, PAGE_FEATURES)))
     assert np.isnan(score).all()
 
 
-GRID = np.linspace(0, 1, 101)
-
-
-def mixed(model: DetectorModel, *, real: np.ndarray, rate: float) -> CalibratedDetector:
-    return CalibratedDetector.calibrated(
-        model, simulated=GRID, real=real, false_alarm_rate=rate, misprint_rate=0.01
-    )
-
-
-def test_simulated_pages_scatter_as_a_few_real_ones_do(model: DetectorModel) -> None:
-    """Real pages of the same law, stretched three times from 5 on: the upper fifth lies where theirs does."""
-    ours = mixed(model, real=5 + 3 * GRID[::5], rate=4 / 123)
-    assert (ours.promise.real, ours.promise.simulated, ours.promise.conformal) == (21, 101, False)
-    assert ours.threshold == pytest.approx(5 + 3 * 0.98)  # the fourth of 122; two stand at the top
-    begin, of_real = 0.8, 5 + 3 * 0.8
-    lower = GRID + of_real - begin  # those below it are raised as it is, and not stretched
-    at = 6.995
-    count = (lower >= at).sum() + (5 + 3 * GRID[::5] >= at).sum()
-    assert ours.decide(at).p_value == pytest.approx((1 + count) / 123)
-
-
-def test_simulated_pages_are_never_lowered_by_real_ones(model: DetectorModel) -> None:
-    ours = mixed(model, real=0.3 * GRID[::5], rate=4 / 123)
-    assert ours.threshold == pytest.approx(0.97)  # the fourth of them, as before
-
-
-def test_real_pages_decide_alone_from_where_their_number_allows(model: DetectorModel) -> None:
-    real = np.arange(30.0)
-    for rate, alone in ((1 / 31, True), (0.99 / 31, False)):
-        ours = mixed(model, real=real, rate=rate)
-        assert (ours.promise.simulated == 0) == ours.promise.conformal == alone
-    assert mixed(model, real=real, rate=1 / 31).threshold == 29
-    many = np.arange(float(ENOUGH_REAL))
-    for real, alone in ((many, True), (many[1:], False)):
-        ours = mixed(model, real=real, rate=1e-3)
-        assert (ours.promise.simulated == 0) == alone
-        assert not ours.promise.conformal
-
-
 def test_a_scan_of_another_page_scores_what_no_good_page_does(model: DetectorModel) -> None:
-    values, page_features = np.ones(2), np.zeros(3)
+    values, page_features = np.ones(2), np.zeros(PAGE_FEATURES)
     plain = score_of(model, values, page_features, another=False)
     assert plain < WRONG_PAGE
     assert score_of(model, values, page_features, another=True) == WRONG_PAGE

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.naming import kind_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
@@ -17,11 +20,18 @@ from prooflight.detectors.matched_filter.statistics.located import (
     of_boxes,
     of_energy,
     of_ghosts,
+    of_steps,
     of_streaks,
     of_waves,
     waves_of,
 )
-from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of, flat_part, swapped_planes
+from prooflight.detectors.matched_filter.statistics.page_scale import (
+    BLOCK_TILES,
+    extremes_of,
+    flat_part,
+    gain_steps,
+    swapped_planes,
+)
 from prooflight.detectors.matched_filter.statistics.statistic import (
     FLAT_AREAS,
     GOOD_PRINTS,
@@ -158,3 +168,93 @@ def test_swapped_inks_show_in_their_pair_alone() -> None:
     t = np.abs(swapped_planes(sums))
     assert t[0] > 5
     assert t[0] > 2 * t[5]  # yellow and black
+
+
+# --- inks off in a part of the page: 6 x 4 blocks of 256 tiles, so that a block knows a gain to 1 % ---
+
+OF_A_BLOCK = BLOCK_TILES**2 * POWER
+
+
+def stepped(ink: str, by: float, *, rows: int = ROWS, columns: int = COLUMNS) -> Sums:
+    """No noise: the ink's gain is ``by`` in the first rows and columns, and 0 in the others."""
+    sums = drawn(9)
+    sums.tiles[0] = 0
+    sums.tiles[0, MODES.index(f"gain-{ink}"), :rows, :columns] = by * POWER
+    return sums
+
+
+@pytest.mark.parametrize(
+    ("by", "columns", "blocks"), [(0.01, 32, 12), (0.04, 32, 12), (-0.04, 16, 6), (0.04, 48, 18)]
+)
+def test_a_gain_that_differs_between_two_parts_is_so_many_deviations(
+    by: float, columns: int, blocks: int
+) -> None:
+    """By its own formula: blocks scatter about the page's mean by the step itself, and good pages by 1 %."""
+    across, along = gain_steps(stepped("M", by, columns=columns))[INK_LETTERS.index("M")]
+    mean = by * blocks / 24
+    squares = np.repeat([(by - mean) ** 2, mean**2], [blocks, 24 - blocks]) * OF_A_BLOCK
+    doubt = max(np.median(squares) / 0.455, 1)
+    variance = doubt * (1 / blocks + 1 / (24 - blocks)) / OF_A_BLOCK + 0.01**2
+    assert across.t == pytest.approx(abs(by) / np.sqrt(variance), rel=1e-4)
+    assert across.at == columns / COLUMNS
+    assert along.t == pytest.approx(0, abs=1e-3)
+
+
+def test_a_page_whose_inks_are_even_has_no_step() -> None:
+    """Every ink 5 % off all over; and noise alone, seed 9: the greatest of 16 looks at what is normal of 1 or less."""
+    even = drawn(9)
+    even.tiles[0] = 0.05 * POWER
+    assert np.array([step.t for both in gain_steps(even) for step in both]) == pytest.approx(
+        np.zeros(8), abs=1e-3
+    )
+    assert max(step.t for both in gain_steps(drawn(9)) for step in both) < 3.5
+
+
+def test_light_that_differs_between_two_parts_is_no_inks_step() -> None:
+    """An ink's gain looks by 0.8 like a change of light, which is 4 % brighter on the left: taken out with it.
+
+    Blocks know of the light a thousand times what they do above, so that they know it, and not good pages, say what it
+    does.
+    """
+    sums, light, power = drawn(9), 0.04, 1000 * POWER
+    sums.tiles[0] = 0
+    sums.tiles[1] = power
+    for mode in (MODES.index(f"gain-{ink}") for ink in INK_LETTERS):
+        sums.tiles[2, mode] = 0.8 * power
+        sums.tiles[0, mode, :, :32] = 0.8 * light * power
+    without = max(across.t for across, _ in gain_steps(sums))
+    sums.tiles[0, 0, :, :32] = light * power
+    found = max(across.t for across, _ in gain_steps(sums))
+    assert without > 2
+    assert found < 0.1 * without
+
+
+def test_of_a_page_of_few_tiles_or_little_ink_nothing_is_said_of_parts() -> None:
+    small = stepped("C", 0.1, columns=16)
+    tiles = small.tiles[..., : 2 * BLOCK_TILES - 1]
+    for sums in (replace(small, tiles=tiles), replace(small, tiles=small.tiles * 0)):
+        assert [(across.t, along.t) for across, along in gain_steps(sums)] == [(0, 0)] * 4
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "part", "box"),
+    [
+        (ROWS, 32, "across", (-1.0, -2.0, 16.0, 48.0)),
+        (ROWS, 48, "across", (23.0, -2.0, 8.0, 48.0)),
+        (16, COLUMNS, "along", (-1.0, -2.0, 32.0, 8.0)),
+        (64, COLUMNS, "along", (-1.0, 30.0, 32.0, 16.0)),
+    ],
+)
+def test_a_step_is_said_of_the_smaller_part(
+    rows: int, columns: int, part: str, box: tuple[float, ...]
+) -> None:
+    found = {
+        (one.statistic.ink, one.statistic.part): one
+        for one in of_steps(stepped("K", -0.05, rows=rows, columns=columns))
+    }
+    assert set(found) == {(ink, way) for ink in INK_LETTERS for way in ("across", "along")}
+    best = max(found.values(), key=lambda one: one.value)
+    assert best is found["K", part]
+    assert best.statistic[:3] == ("step", "gain", "K")
+    assert best.box == pytest.approx(box)
+    assert kind_of(best.statistic) == "density"

@@ -13,6 +13,7 @@ from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
+from prooflight.detectors.matched_filter.ranking import every_column
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, values_of
@@ -37,7 +38,13 @@ def learned(count: int) -> DetectorModel:
     for place, one in enumerate(KINDS[:3]):
         values[kind == one, place] *= 8
     page_features = rng.standard_normal((400, count))
-    pages = Pages(values=values, page_features=page_features, design=np.arange(400) // 2, kind=kind)
+    pages = Pages(
+        values=values,
+        page_features=page_features,
+        design=np.arange(400) // 2,
+        kind=kind,
+        press=np.zeros(400, np.int64),
+    )
     return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60)
 
 
@@ -149,8 +156,8 @@ def test_what_misprints_taught_is_checked_whole() -> None:
     for change in (
         {"kinds": without_last},
         {"kinds": [*without_last, without_last[0]]},
-        {"starts": [None, None]},
-        {"outright": None},
+        {"ranked": False},
+        {"starts": [None, None]},  # of presses of before
         {"names": NAMES[::-1]},
         {"spread": {"edge": np.nan}},
         {"prior": {"gain": 0.0}},
@@ -178,6 +185,7 @@ def by_hand() -> DetectorModel:
         page_features=rng.standard_normal((60, 2)),
         design=np.arange(60),
         kind=np.zeros(60, "U1"),
+        press=np.zeros(60, np.int64),
     )
     names = ["box/add-C+/4", "box/add-C+/8", "fit/white"]
     learned_ = learn_model(pages, names=names, scatter=Scatter.white(), rng=rng, ranked=False)
@@ -201,6 +209,32 @@ def test_a_statistic_is_compared_with_what_pages_of_such_content_give() -> None:
     statistics = [np.log(7), -np.log(7)]
     assert found == pytest.approx(
         np.array([[(statistics[0] - expected[0]) / 0.25, (statistics[1] - expected[1]) / 0.5, 7.0]])
+    )
+
+
+def test_what_this_press_does_anyway_is_taken_off_in_deviations() -> None:
+    """Of what the fit states in deviations as well."""
+    values, page_features = np.array([[2.0, -2.0, 7.0]]), np.array([[5.0, -9.0]])
+    plain = by_hand()
+    own = replace(plain, shift=np.array([1.0, -2.0, 3.0]), scale=np.array([1.0, 2.0, 4.0]))
+    was = plain.deviations(values, page_features)
+    assert own.deviations(values, page_features) == pytest.approx((was - [[1, -2, 3]]) / [[1, 2, 4]])
+
+
+def test_a_score_is_all_misprints_odds_and_those_of_the_kind_that_it_looks_like_most(
+    trained: DetectorModel,
+) -> None:
+    rng = np.random.default_rng(3)
+    values, page_features = rng.exponential(2, (50, len(NAMES))), rng.standard_normal((50, 3))
+    deviations = trained.deviations(values, page_features)
+    every = every_column(trained.family_evidence(deviations), page_features, deviations)
+    assert trained.forest is not None
+    of_kinds = np.array([forest.score(every) for forest in trained.kind_forests])
+    asked = trained.forest.score(every) + of_kinds.max(axis=0)
+    assert trained.score(values, page_features) == pytest.approx(asked)
+    untaught = replace(trained, forest=None, kinds=(), kind_forests=(), name_forests=())
+    assert untaught.score(values, page_features) == pytest.approx(
+        untaught.guard(untaught.family_evidence(deviations))
     )
 
 

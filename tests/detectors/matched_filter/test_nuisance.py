@@ -20,6 +20,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    LEAST_LIGHT,
     MODES,
     SIZES,
     Scatter,
@@ -104,7 +105,7 @@ def scan_of(press: Press, page: Page, *, times: float = 1.0, seed: int = 3) -> N
 def greatest(sums: Sums, name: str, size: int = 8) -> float:
     """|T| of a mode, boxes of one size."""
     mode, place = MODES.index(name), SIZES.index(size)
-    own, power, edges = boxes(list(cells_of(sums))[place])
+    own, power, edges = boxes(list(cells_of(sums, LEAST_LIGHT))[place])
     t = t_statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
     return float(np.abs(t).max())
 
@@ -153,7 +154,7 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     printed = Page(cmyk=tints.cmyk.copy(), dpi=DPI, name="spot", number=1)
     printed.cmyk[740:760, 300:320, BLACK] = 100
     found = judged(press, tints, scan_of(press, printed))
-    cells = next(cells_of(found.sums))
+    cells = next(cells_of(found.sums, LEAST_LIGHT))
     own, power, edges = boxes(cells)
     t = t_statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
     row, column = np.unravel_index(int(np.argmax(t)), t.shape)

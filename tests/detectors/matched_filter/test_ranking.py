@@ -1,4 +1,4 @@
-"""How what families say adds up: rows, a forest and what speaks for itself, each by hand."""
+"""How what forests say adds up: rows, a forest and a score, each by hand."""
 
 from __future__ import annotations
 
@@ -7,46 +7,25 @@ import pytest
 
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
-    Logit,
-    Outright,
+    every_column,
     family_columns,
-    group_columns,
-    mixed_columns,
+    ranked,
     scores_of,
 )
-
-
-def test_what_is_hardly_ever_seen_on_good_pages_speaks_for_itself() -> None:
-    """Up to the guard what misprints taught counts alone; beyond it no page is lower than few good ones are."""
-    outright = Outright(guard=10.0, score=2.0)
-    trained = np.array([-5.0, 7.0, -5.0, -5.0, 7.0, np.nan])
-    untaught = np.array([10.0, 10.0, 10.5, 30.0, 30.0, 3.0])
-    assert outright.lifted(trained, untaught) == pytest.approx([-5, 7, 2.5, 22, 27, np.nan], nan_ok=True)
 
 
 def test_a_rows_columns_are_what_families_say_and_the_first_third_and_sixth_of_them() -> None:
     row = np.array([[1.0, 6.0, 3.0, 5.0, 2.0, 4.0]])
     assert family_columns(row).tolist() == [[1, 6, 3, 5, 2, 4, 6, 4, 1]]
-
-
-def test_groups_say_what_their_families_say_most() -> None:
-    row = np.array([[1.0, 9.0, 4.0, 0.0, 6.0]])
-    found = group_columns(row, ["box/C", "box/K", "ghost/C", "ghost/K", "streak/C"])
-    runs = [9, (6 + 4 + 1) / 3, 0]  # the first, the second to fourth, the rest
-    assert found == pytest.approx(np.array([[*runs, 3, 9, 4, 6, 3, 2, np.sqrt(6)]]))
+    every = every_column(row, np.array([[7.0, 8.0]]), np.array([[-1.0]]))
+    assert every.tolist() == [[1, 6, 3, 5, 2, 4, 6, 4, 1, 7, 8, -1]]
 
 
 def test_a_page_need_look_like_one_kind_only() -> None:
-    of_kinds = np.log([[1.0, 8.0, 2.0, 5.0]])
-    found = mixed_columns(np.array([0.5]), np.array([-0.5]), of_kinds)
-    mean_of_three = np.log(8 * 5 * 2) / 3
-    assert found == pytest.approx(np.array([[0.5, -0.5, np.log(8), np.log(5), mean_of_three, np.log(4)]]))
-    assert mixed_columns(np.array([0.5]), np.array([-0.5]), np.zeros((1, 0))).tolist() == [[0.5, -0.5]]
-
-
-def test_a_weighted_sum_starts_where_it_says() -> None:
-    logit = Logit(weights=np.array([2.0, -1.0]), start=0.25)
-    assert logit.score(np.array([[1.0, 1.0], [0.0, 3.0]])).tolist() == [1.25, -2.75]
+    of_all, of_kinds = np.array([0.5, -2.0]), np.array([[1.0, 3.0, -4.0], [-1.0, -3.0, -5.0]])
+    assert ranked(of_all, of_kinds).tolist() == [3.5, -3.0]
+    assert ranked(of_all, of_kinds[:, ::-1]).tolist() == [3.5, -3.0]
+    assert ranked(of_all, np.zeros((2, 0))).tolist() == [0.5, -2.0]  # one kind has taught: it is all there is
 
 
 def test_a_forest_says_the_odds_of_its_trees_mean_share() -> None:

@@ -15,6 +15,7 @@ from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, 
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     COMMON,
     GHOST_BOXES_MM,
+    LEAST_LIGHT,
     MODES,
     SIZES,
     Sums,
@@ -114,7 +115,7 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
         tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
     )  # fmt: skip
     scatter = rng.uniform(0.5, 2, (len(MODES), 3)) * [1, 1, 1e-4]
-    for cells, size in zip(cells_of(sums), SIZES, strict=True):
+    for cells, size in zip(cells_of(sums, LEAST_LIGHT), SIZES, strict=True):
         assert cells.size == size
         own, power, edges = boxes(cells)
         for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):

@@ -147,15 +147,15 @@ class CalibratedDetector:
         """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
         told = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
+        DetectorModel.check(part_of(arrays, mark), told.tolerance, under=under + mark)
         own = {name: a for name, a in arrays.items() if not name.startswith(mark)}
-        sizes = {"statistics": len(told.tolerance.get("names", ())), "features": PAGE_FEATURES}
+        sizes = {"statistics": len(told.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
         for name in ("reference", "own"):
             if arrays[name].size < LEAST_SCORES:
                 raise Misfit(f"{under}{name}", f"holds fewer than {LEAST_SCORES} scores")
         if told.real > arrays["own"].size:
             raise Misfit(f"{under}real", f"is {told.real}, of {arrays['own'].size} pages")
-        DetectorModel.check(part_of(arrays, mark), facts["tolerance"], under=under + mark)
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:

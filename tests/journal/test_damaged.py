@@ -324,7 +324,9 @@ def test_evidence_of_no_page_cannot_be_decided_again(
     kept: tuple[dict[str, Any], Press, str], spoil: Callable[[Any], Any]
 ) -> None:
     arrays, press, name = kept
-    decided_by = {of: array for of, array in arrays.items() if not of.startswith("cut")}  # cuts are for people
+    decided_by = {
+        of: array for of, array in arrays.items() if not of.startswith("cut")
+    }  # cuts are for people
     for of, array in decided_by.items():
         with pytest.raises(RequestError, match="cannot be of its page"):
             decided_again(arrays | {of: spoil(array)}, press, name)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.strange import StrangeFrom
 
 from prooflight.cli import run
 from prooflight.inspection.job import InspectPage
@@ -169,22 +170,6 @@ def test_verdicts_already_made_are_shown_whatever_ends_the_inspection(
     assert all(names in row["reason"] for row in rows[2:])
 
 
-class Second:
-    """A run's test that has had enough of the second page."""
-
-    strangest = "lines along the travel"
-
-    def __init__(self) -> None:
-        self.pages = 0
-
-    def add(self, summary: Any) -> None:
-        self.pages += 1
-
-    @property
-    def suspended(self) -> bool:
-        return self.pages >= 2
-
-
 @pytest.mark.parametrize("report", [False, True])
 def test_a_job_whose_pages_are_not_like_the_presss_own_says_so(
     report: bool,
@@ -194,7 +179,7 @@ def test_a_job_whose_pages_are_not_like_the_presss_own_says_so(
 ) -> None:
     """Pages 1 and 4 are inspected; nobody looked at those between, and they add nothing."""
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
-    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed=0: PromiseWatch(test=Second()))
+    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed=0: PromiseWatch(test=StrangeFrom(2)))
     inspected = InspectPage.inspection
 
     def summed(self: InspectPage, page: Page, scan: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.strange import StrangeFrom
 
 from prooflight.cli import run
 from prooflight.cli.show import people
@@ -95,22 +96,6 @@ def test_the_drum_is_watched_and_journalled(
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
 
 
-class Third:
-    """A run's test that has had enough of the third page."""
-
-    strangest = "lines along the travel"
-
-    def __init__(self) -> None:
-        self.pages = 0
-
-    def add(self, summary: Any) -> None:
-        self.pages += 1
-
-    @property
-    def suspended(self) -> bool:
-        return self.pages >= 3
-
-
 def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     press_file: Path,
     job: Path,
@@ -120,7 +105,7 @@ def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Line by line, at the end, in the journal, and in what is shown of the run."""
-    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed: PromiseWatch(test=Third()))
+    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed: PromiseWatch(test=StrangeFrom(3)))
     monkeypatch.setattr("prooflight.line.monitor.evidence.summary_of", lambda _inspection: np.zeros(1))
     journal = tmp_path / "runs.sqlite"
     code, rows, said = watch(

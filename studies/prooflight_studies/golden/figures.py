@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.stats import beta, chi2
+from scipy.stats import chi2
 
 from prooflight_studies.golden.pairs import KINDS, LEAST_OVERLAP
+from prooflight_studies.harness.operating import rate_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -103,7 +104,7 @@ def figures(
         missed=int(marked - hits),
         found_percent=float(100 * hits / marked),
         found_95_percent=_interval(share),
-        found_least_percent=100 * _least(int(hits), int(marked)),
+        found_least_percent=100 * (1 - rate_below(int(marked - hits), int(marked))),
         false=int(extra),
         false_per_image=float(extra / len(counts)),
         false_most_per_image=float(chi2.ppf(0.95, 2 * (extra + 1)) / 2 / len(counts)),
@@ -113,11 +114,6 @@ def figures(
         setting=setting,
         by_kind=_by_kind(outcomes),
     )
-
-
-def _least(hits: int, marked: int) -> float:
-    """95 % lower bound of a share (Clopper and Pearson)."""
-    return float(beta.ppf(0.05, hits, marked - hits + 1)) if hits else 0.0
 
 
 def _interval(drawn: np.ndarray[Any, Any]) -> tuple[float, float]:

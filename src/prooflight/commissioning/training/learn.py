@@ -19,6 +19,7 @@ from prooflight.detectors.matched_filter.ranking import (
     family_columns,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, LEAST_LIGHT, MODES, Scatter
+from prooflight.detectors.matched_filter.statistics.located import ONE_SIGMA
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 if TYPE_CHECKING:
@@ -49,7 +50,6 @@ CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
 LEAST_PLACES: Final = 200
-ONE_SIGMA: Final = 0.6827
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

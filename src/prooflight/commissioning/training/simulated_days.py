@@ -162,20 +162,13 @@ class PressDay:
             analysis.found
         )
 
-    def scatter_draws(
-        self,
-        designs: Iterable[tuple[int, np.random.Generator]],
-        light: NDArray[np.float64] = LEAST_LIGHT,
-    ) -> Rows:
-        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng.
-
-        light: ``Scatter.light`` by which they are drawn.
-        """
+    def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
+        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
         drawn: dict[str, list[Any]] = defaultdict(list)
         for index, rng in designs:
             good, known = self.design(index)
             analysis = self.analysed(known, self.scan(good, rng))
-            for name, values in samples(analysis.sums, light, rng).items():
+            for name, values in samples(analysis.sums, LEAST_LIGHT, rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
 

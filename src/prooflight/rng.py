@@ -139,6 +139,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "soak-print": Purpose("print and noise of a sheet of the soak", (SEED, FREE + 5, "sheet")),
         "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
         "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
+        "stress-bootstrap": Purpose("which press days resample costs as built", (SEED, FREE + 14)),
         "stress-day": Purpose(
             "what of a nuisance stays for a press day", (SEED, FREE + 6, "scene", "first design")
         ),

@@ -9,7 +9,7 @@ import pytest
 
 from prooflight.commissioning.training.adapting import FOLDS, LEAST_EXACT, adapted, fit_for, own_scores
 from prooflight.commissioning.training.learn import Pages, learn_model, shift_and_scale
-from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel
@@ -57,10 +57,10 @@ def model() -> DetectorModel:
 
 
 @pytest.fixture(scope="module")
-def reference(model: DetectorModel) -> GoodScores:
+def reference(model: DetectorModel) -> ReferenceScores:
     """Of 1500 good pages that taught nothing."""
     good = drawn(1500, 3)
-    return GoodScores.of(model.score(good.values, good.page_features), good.design)
+    return ReferenceScores.alone(GoodScores.of(model.score(good.values, good.page_features), good.design))
 
 
 @pytest.mark.parametrize(("shift", "scale"), [(0.0, 1.0), (2.5, 1.0), (-1.0, 1.8), (4.0, 3.0)])
@@ -140,7 +140,7 @@ def test_a_scan_of_another_page_is_certain_though_it_is_among_the_good(model: De
 
 @pytest.mark.parametrize("real", [False, True])
 def test_what_a_press_is_made_fit_by_is_what_it_keeps(
-    model: DetectorModel, reference: GoodScores, real: bool
+    model: DetectorModel, reference: ReferenceScores, real: bool
 ) -> None:
     good = drawn(40, 12, shift=1.0)
     ours = fit_for(
@@ -155,14 +155,14 @@ def test_what_a_press_is_made_fit_by_is_what_it_keeps(
     np.testing.assert_array_equal(ours.pages.values, good.values)
     np.testing.assert_array_equal(ours.pages.page_features, good.page_features)
     assert ours.scores.own.worst == pytest.approx(np.sort(own_scores(model, good, np.zeros(40, bool))))
-    assert ours.scores.reference is reference
+    assert ours.references is reference
     assert (ours.promise.real, ours.promise.simulated) == ((40, 0) if real else (0, 40))
     assert (ours.promise.rate, ours.misprint_rate) == (0.02, 0.03)
     assert ours.model.shift == pytest.approx(adapted(model, good).shift)
 
 
 def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
-    model: DetectorModel, reference: GoodScores
+    model: DetectorModel, reference: ReferenceScores
 ) -> None:
     """Every statistic 2 deviations out and twice as wide; 1 % promised by 60 pages, on twelve such presses.
 
@@ -171,7 +171,7 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
     that twelve tell their mean to 0.19 %, of which three are allowed. Not made fit, most pages alarm, and made fit,
     misprints still do.
     """
-    threshold = reference.threshold(0.01)[0]
+    threshold = reference.by(60).threshold(0.01)[0]
     alarms, unfit, caught = [], [], []
     for seed in range(12):
         ours = fit_for(

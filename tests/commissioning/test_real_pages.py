@@ -64,7 +64,7 @@ def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_p
     rows, none = rows_of(pages), np.zeros(40, bool)
     assert learned.ours.model.shift == pytest.approx(adapted(ours.model, rows).shift)
     assert learned.ours.scores.own.worst == pytest.approx(np.sort(own_scores(ours.model, rows, none)))
-    assert learned.ours.scores.reference is ours.scores.reference
+    assert learned.ours.references is ours.references
     assert (learned.ours.promise.real, learned.ours.promise.simulated) == (40, 0)
     assert learned.ours.promise.rate == 0.05
     assert learned.digest != trained_press.digest

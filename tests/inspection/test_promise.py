@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom
 
 from prooflight.commissioning.training.learn import Pages, learn_model
-from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
+from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter import exchangeability
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, GoodPages
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, summary_of
@@ -117,7 +117,8 @@ def ours() -> CalibratedDetector:
     good = GoodScores(worst=np.sort(rng.exponential(size=OWN)))
     return CalibratedDetector.calibrated(
         model,
-        PressScores(reference=good, own=good),
+        good,
+        references=ReferenceScores.alone(good),
         pages=own,
         false_alarm_rate=0.05,
         misprint_rate=0.01,

@@ -98,7 +98,7 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
         ("inks.model.density", (0, 0), np.nan),
         ("ours.own", 0, np.nan),
         ("ours.own", 0, 1e6),  # no longer rising
-        ("ours.reference", 0, np.inf),
+        ("ours.reference", (0, 0), np.inf),
         ("ours.values", (0, 0), np.nan),
         ("ours.page_features", (0, 0), np.inf),
         ("ours.tolerance.shift", 5, np.nan),

@@ -132,6 +132,29 @@ class GoodScores:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceScores:
+    """Scores of good pages of designs that taught nothing, by detectors that few or many pages made fit for a press.
+
+    The fewer those pages, the more widely a press is taken to scatter, and the shorter is the tail of the scores.
+    """
+
+    pages: NDArray[np.int64]
+    """(sizes,) how many made them fit, rising."""
+    worst: NDArray[np.float64]
+    """(sizes, designs) rising along the designs."""
+
+    @classmethod
+    def alone(cls, scores: GoodScores) -> ReferenceScores:
+        """The same however many pages make a detector fit."""
+        return cls(pages=np.array([1]), worst=scores.worst[None])
+
+    def by(self, pages: int) -> GoodScores:
+        """Those of the size next above ``pages``: their tail is the longer one."""
+        at = min(int(np.searchsorted(self.pages, pages)), self.pages.size - 1)
+        return GoodScores(worst=self.worst[at])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressScores:
     """Scores of a press's own good pages beside those of the many that taught the ranking.
 
@@ -155,14 +178,14 @@ class PressScores:
     def ratio(self) -> float:
         """How many times as often as the reference the press's own pages are beyond the reference's quantiles.
 
-        Counts beyond each of ``BEYOND``, drawn to 1 by ``LIKE_OTHERS`` pages, the greatest; no less than
+        Counts beyond each of ``BEYOND``, drawn to 1 by ``LIKE_OTHERS`` pages, in the mean; no less than
         ``LEAST_RATIO``.
         """
-        count, found = self.own.worst.size, LEAST_RATIO
-        for share in BEYOND:
-            above = int((self.own.worst > np.quantile(self.reference.worst, 1 - share)).sum())
-            found = max(found, (above + LIKE_OTHERS) / (share * count + LIKE_OTHERS))
-        return found
+        beyond = np.array(BEYOND)
+        from_here = np.quantile(self.reference.worst, 1 - beyond)
+        above = (self.own.worst > from_here[:, None]).sum(axis=1)
+        ratios = (above + LIKE_OTHERS) / (beyond * self.own.worst.size + LIKE_OTHERS)
+        return max(float(ratios.mean()), LEAST_RATIO)
 
     def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
         """See ``GoodScores``."""

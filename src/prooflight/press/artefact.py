@@ -10,6 +10,7 @@ What it may hold, ``press_schema`` says; nothing else is written or read. Schema
 presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
 7: our detector is a ranking that was learned once, made fit for the press by its own good pages (``ours.values``,
 ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
+8: those of other presses by how many pages made a ranking fit (``ours.reference``, ``ours.reference_pages``).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SCHEMA = 7
+SCHEMA = 8
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")

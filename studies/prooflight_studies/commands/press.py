@@ -121,7 +121,11 @@ def stress(
     wrong: Annotated[
         int | None, typer.Option(help="Designs printed wrong; 300 if not given.", min=12)
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 41,
+    good: Annotated[
+        int | None, typer.Option(help="Designs printed once more, well; 2240 if not given.", min=4)
+    ] = None,
+    pages: PagesDir = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 53,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     quick: Quick = False,
     json: Json = False,
@@ -129,18 +133,22 @@ def stress(
     """What no detector was taught by: alarms before and after learning, misprints of other kinds; writes stress.md."""
     from dataclasses import replace
 
+    from prooflight_studies.harness.folder import Folder
+    from prooflight_studies.paper.study import REDUCED_PITCH_MM
     from prooflight_studies.stress.study import StressPlan, run_stress_study
 
     plan = StressPlan(seed=seed)
     if quick:
-        plan = replace(plan, learn=20, runs=1, per_run=6, marks=8, wrong=12)
-    plan = replace(plan, runs=runs or plan.runs, marks=marks or plan.marks, wrong=wrong or plan.wrong)
+        plan = replace(plan, learn=20, runs=1, per_run=6, marks=8, wrong=12, good=12, rounds=1)
+    given = {"runs": runs, "marks": marks, "wrong": wrong, "good": good}
+    plan = replace(plan, **{name: count for name, count in given.items() if count})
     out.mkdir(parents=True, exist_ok=True)
     found = run_stress_study(
         stress_file,
         out,
         cache=cache / "stress",
         plan=plan,
+        real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
         processes=processes,
         progress=show.steps(quiet=json),
     )

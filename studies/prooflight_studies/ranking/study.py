@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
-from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.commissioning.training.train import DESIGNS, Plan
+from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.shipped import ShippedRanking
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
@@ -31,6 +33,12 @@ TREES: Final = 240
 LEFT_OUT_TREES: Final = 120
 """Of rankings that are made to see what a kind that nobody taught is worth."""
 RATES: Final = (0.01, 0.02, 0.05)
+OF_A_PRESS: Final = len(Plan.of(DESIGNS).calibrate)
+"""Good pages that make a ranking fit for a press: as many as `press build` prints for that ..."""
+SIZES: Final = (20, 40, 80, OF_A_PRESS, 320)
+"""... and others, of a press that learned from its real pages."""
+PARTS: Final = 6
+"""Of the rows that a fold judges, each judged by a model that other good pages made fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,18 +84,24 @@ class JudgedFold:
 
     rows: NDArray[np.int64]
     score: NDArray[np.float64]
+    """(sizes, rows) by detectors that ``SIZES`` of good pages made fit; of one size where a kind did not teach."""
     kind: NDArray[np.str_]
+    """By the detector of ``OF_A_PRESS``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoldWork:
-    """Number of a fold, and the kind that is kept from teaching ("": none) -> what it says of its rows."""
+    """Number of a fold, and the kind that is kept from teaching ("": none) -> what it says of its rows.
+
+    What it says is what a press's own detector would: each part of a press's rows is judged by the model made fit by as
+    many of its good pages of the other folds as a press has. More of them would make other scores.
+    """
 
     taught: Taught
     seed: int
 
     def __call__(self, task: tuple[int, str]) -> JudgedFold:
-        """Each press's rows are judged by the model made fit by that press's good pages of the other folds."""
+        """Rows of one fold."""
         index, without = task
         taught, pages = self.taught, self.taught.pages
         mine = taught.fold == index
@@ -95,15 +109,23 @@ class FoldWork:
         rng = stream(self.seed, "ranking-fold", index)
         model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
         judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
-        score, kind = np.empty(len(mine)), np.zeros(len(mine), "U16")
-        for one in np.unique(pages.press):
+        sizes = (OF_A_PRESS,) if without else SIZES
+        score, kind = np.empty((len(sizes), len(mine))), np.zeros(len(mine), "U16")
+        part = np.unique(taught.day, return_inverse=True)[1] // FOLDS % PARTS
+        for one, turn in product(np.unique(pages.press), range(PARTS)):
             here = pages.press == one
-            fit = adapted(model, pages.rows(here & ~mine & ~pages.bad))
-            mine_here = pages.rows(judged & here)
-            score[judged & here] = certain_score(fit, mine_here, taught.another[judged & here])
-            kind[judged & here] = fit.kinds_of(mine_here.values, mine_here.page_features)
+            own = rng.permutation(np.flatnonzero(here & ~mine & ~pages.bad))
+            now = judged & here & (part == turn)
+            if not now.any():
+                continue
+            these, another = pages.rows(now), taught.another[now]
+            for place, size in enumerate(sizes):
+                fit = adapted(model, pages.rows(own[:size]))
+                score[place, now] = certain_score(fit, these, another)
+                if size == OF_A_PRESS:
+                    kind[now] = fit.kinds_of(these.values, these.page_features)
         rows = np.flatnonzero(judged)
-        return JudgedFold(rows=rows, score=score[rows], kind=kind[rows])
+        return JudgedFold(rows=rows, score=score[:, rows], kind=kind[rows])
 
 
 def run_ranking_study(
@@ -126,18 +148,22 @@ def run_ranking_study(
     kinds = np.unique(pages.kind[pages.bad]).tolist()
     tasks = [(fold, "") for fold in range(FOLDS)]
     tasks += [(fold, kind) for kind in kinds for fold in range(FOLDS)] if left_out else []
-    scores, said = np.full(len(pages.bad), np.nan), np.zeros(len(pages.bad), "U16")
+    by_size, said = np.full((len(SIZES), len(pages.bad)), np.nan), np.zeros(len(pages.bad), "U16")
     untaught: dict[str, list[JudgedFold]] = {kind: [] for kind in kinds}
     for (_, kind), one in zip(tasks, in_order(work, tasks, processes=processes, fewest=2), strict=True):
         if kind:
             untaught[kind].append(one)
         else:
-            scores[one.rows], said[one.rows] = one.score, one.kind
+            by_size[:, one.rows], said[one.rows] = one.score, one.kind
         progress(f"judged {'all kinds' if not kind else 'without ' + kind}")
+    scores, design = by_size[SIZES.index(OF_A_PRESS)], _design(pages)[~pages.bad]
     model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
     ranking = ShippedRanking(
         model=model,
-        reference=GoodScores.of(scores[~pages.bad], _design(pages)[~pages.bad]),
+        references=ReferenceScores(
+            pages=np.array(SIZES),
+            worst=np.stack([GoodScores.of(score[~pages.bad], design).worst for score in by_size]),
+        ),
         misprints=np.sort(scores[pages.bad]),
     )
     size_mb = 0.0
@@ -151,7 +177,11 @@ def run_ranking_study(
         "good": int((~pages.bad).sum()),
         "misprints": int(pages.bad.sum()),
         "statistics": len(taught.names),
+        "of_a_press": OF_A_PRESS,
         "rates": [_at(scores, pages, rate) for rate in RATES],
+        "sizes": [
+            {"pages": size} | _at(score, pages, RATES[0]) for size, score in zip(SIZES, by_size, strict=True)
+        ],
         "kinds": [_kind(kind, taught, scores, said, untaught[kind]) for kind in kinds],
     }
     write_page(results / "ranking.md", "ranking", found)
@@ -165,7 +195,11 @@ def _design(pages: Pages) -> NDArray[np.int64]:
 
 def _at(scores: NDArray[np.float64], pages: Pages, rate: float) -> dict[str, float]:
     threshold = np.quantile(scores[~pages.bad], 1 - rate, method="higher")
-    return {"rate": rate, "caught": float((scores[pages.bad] > threshold).mean())}
+    return {
+        "rate": rate,
+        "threshold": float(threshold),
+        "caught": float((scores[pages.bad] > threshold).mean()),
+    }
 
 
 def _kind(
@@ -189,7 +223,7 @@ def _kind(
     }
     if untaught:
         rows = np.concatenate([one.rows for one in untaught])
-        score = np.concatenate([one.score for one in untaught])
+        score = np.concatenate([one.score[0] for one in untaught])
         bad = pages.bad[rows]
         found["untaught"] = float(
             (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()

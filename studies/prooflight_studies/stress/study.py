@@ -6,7 +6,7 @@ The press is what `press build` makes; what it learns is what `press learn` lear
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -14,18 +14,20 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
-from prooflight.commissioning.training.train import trained
+from prooflight.commissioning.training.train import DESIGNS, trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
+from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
-from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.corpus.corpus import Corpus, design_name
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.operating import Scored, bootstrap_cost, least_cost
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.protocol import Day
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.press.scans import Scene
+from prooflight_studies.press.scans import Scene, StatisticsWork
 from prooflight_studies.ranking.rows import RESTS_ON
 from prooflight_studies.stress.given import load_stress
 from prooflight_studies.stress.rows import StressWork
@@ -37,13 +39,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.simulation.corpus.corpus import Designs
+    from prooflight_studies.harness.folder import Folder
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.stress.given import Stress
 
-SCENE: Final = 60
-BUILD_DESIGNS: Final = 136
-"""As `press build` prints."""
+SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
 COSTLY: Final = "formation_half"
 """Under which misprints are printed as well."""
@@ -55,7 +59,7 @@ UNMADE: Final = ("digit",)
 class StressPlan:
     """How many designs; no two sets share a design or a press day."""
 
-    seed: int = 41
+    seed: int = 53
     learn: int = 40
     """Good pages of a press under a nuisance that are learned from, on days of their own."""
     per_day: int = 4
@@ -67,6 +71,10 @@ class StressPlan:
     """Designs on which every misprint is drawn that nobody taught."""
     wrong: int = 300
     """Designs printed wrong with and without ``COSTLY``."""
+    good: int = 2240
+    """Further designs, printed once, well."""
+    rounds: int = 4
+    """In which every real page is printed once well and once wrong."""
 
     def days(self, first: int, count: int, per_day: int) -> list[Day]:
         """Press days on which designs ``first`` and further are printed."""
@@ -81,6 +89,7 @@ class StressPlan:
             "judge": self.days(10_000, self.runs * self.per_run, self.per_run),
             "marks": self.days(20_000, self.marks, self.per_day),
             "wrong": self.days(30_000, self.wrong, self.per_day),
+            "good": self.days(40_000, self.good, self.per_day),
         }
 
 
@@ -90,27 +99,42 @@ def run_stress_study(
     *,
     cache: Path,
     plan: StressPlan | None = None,
+    real: Folder | None = None,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
-    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: where rows are kept."""
+    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: where rows are kept.
+
+    real: pages of real documents, beside the composed designs.
+    """
     plan, stress = plan or StressPlan(), load_stress(stress_file)
     press_file = at_pitch(PressFile.preset(TWO_SENSORS), REDUCED_PITCH_MM)
-    press = build_press(press_file, seed=SPECIMEN_SEED)
+    untaught = build_press(press_file, seed=SPECIMEN_SEED)
     progress("building the press as `press build` does")
     press = trained(
-        press,
-        Corpus(seed=BUILD_SEED, dpi=press.dpi),
-        designs=BUILD_DESIGNS,
+        untaught,
+        Corpus(seed=BUILD_SEED, dpi=untaught.dpi),
+        designs=DESIGNS,
         seed=plan.seed,
         processes=processes,
     )
     assert press.ours is not None
-    every = _rows(press, press_file, stress, plan, cache, processes, progress)
-    found = judged_stress(press.ours, every, plan)
+    bench = _Bench(
+        press=untaught,
+        press_file=press_file,
+        scatter=press.ours.model.scatter,
+        stress=stress,
+        plan=plan,
+        cache=cache,
+        processes=processes,
+        progress=progress,
+    )
+    found = judged_stress(press.ours, bench.rows(), plan)
+    if real is not None:
+        found["real"] = _as_built(press.ours, bench.real_rows(real), plan)
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
-        "build_designs": BUILD_DESIGNS,
+        "build_designs": DESIGNS,
         "promise": str(press.ours.promise),
         "rate": press.ours.promise.rate,
         "worlds": worlds_digest(),
@@ -122,59 +146,89 @@ def run_stress_study(
     return page
 
 
-def _rows(
-    press: Press,
-    press_file: PressFile,
-    stress: Stress,
-    plan: StressPlan,
-    cache: Path,
-    processes: int | None,
-    progress: Callable[[str], None],
-) -> dict[str, Rows]:
-    assert press.ours is not None
-    path = cache / f"{press.digest[:16]}.press"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    press.save(path)
-    scene = Scene(
-        press=path,
-        pages=Corpus(seed=plan.seed, dpi=press.dpi),
-        seed=plan.seed,
-        number=SCENE,
-        misprints=1,
-    )
-    plain = StressWork(
-        scene=scene,
-        scatter=press.ours.model.scatter,
-        stress=stress,
-        nuisances=(),
-        marks=(),
-        press_file=press_file,
-    )
-    nuisances = tuple(stress.nuisances)
-    works = {
-        "learn": replace(plain, nuisances=nuisances),
-        "judge": replace(plain, nuisances=nuisances),
-        "marks": replace(plain, marks=tuple(one for one in stress.marks if one not in UNMADE)),
-        "wrong": replace(plain, wrong_under=("", COSTLY)),
-    }
-    facts = {
-        "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
-        "stress": stress.digest,
-        "worlds": worlds_digest(),
-        "press": press.digest,
-        "seed": plan.seed,
-    }
-    return {
-        name: run_pieces(
-            works[name],
-            days,
-            cache / name,
-            digest=digest_of(facts),
-            processes=processes,
-            progress=lambda done, of, name=name: progress(f"{name}: {done} of {of} press days"),  # type: ignore[misc]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bench:
+    """Where rows are made and kept: what they depend on, and not by which ranking they are judged."""
+
+    press: Press
+    """Not taught."""
+    press_file: PressFile
+    scatter: Scatter
+    """That its statistics are told by."""
+    stress: Stress
+    plan: StressPlan
+    cache: Path
+    processes: int | None
+    progress: Callable[[str], None]
+
+    def rows(self) -> dict[str, Rows]:
+        """Of every set of the plan, on composed designs."""
+        scene = self._scene(Corpus(seed=self.plan.seed, dpi=self.press.dpi), SCENE)
+        plain = StressWork(
+            scene=scene,
+            scatter=self.scatter,
+            stress=self.stress,
+            nuisances=(),
+            marks=(),
+            press_file=self.press_file,
         )
-        for name, days in plan.sets.items()
-    }
+        nuisances = tuple(self.stress.nuisances)
+        works = {
+            "learn": replace(plain, nuisances=nuisances),
+            "judge": replace(plain, nuisances=nuisances),
+            "marks": replace(plain, marks=tuple(one for one in self.stress.marks if one not in UNMADE)),
+            "wrong": replace(plain, wrong_under=("", COSTLY)),
+            "good": plain,
+        }
+        return {name: self._made(works[name], days, name) for name, days in self.plan.sets.items()}
+
+    def real_rows(self, real: Folder) -> Rows:
+        """Of real pages that are no wider than the press sees, each printed once well and once wrong a round."""
+        pages = Rounds(folder=real)
+        fits = [self.press.geometry.sees(min(size)) for size in real.sizes_mm]
+        designs = [index for index in range(self.plan.rounds * len(fits)) if fits[index % len(fits)]]
+        days = [
+            Day(of="stress", designs=tuple(designs[at : at + self.plan.per_day]))
+            for at in range(0, len(designs), self.plan.per_day)
+        ]
+        work = StatisticsWork(scene=self._scene(pages, REAL_SCENE), scatter=self.scatter)
+        return self._made(work, days, "real")
+
+    def _scene(self, pages: Designs, number: int) -> Scene:
+        path = self.cache / f"{self.press.digest[:16]}.press"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.press.save(path)
+        return Scene(press=path, pages=pages, seed=self.plan.seed, number=number, misprints=1)
+
+    def _made(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
+        arrays = {each.name: getattr(self.scatter, each.name).tolist() for each in fields(self.scatter)}
+        facts = {
+            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+            "stress": self.stress.digest,
+            "worlds": worlds_digest(),
+            "press": self.press.digest,
+            "scatter": digest_of(arrays),
+            "seed": self.plan.seed,
+        }
+        return run_pieces(
+            work,
+            days,
+            self.cache / name,
+            digest=digest_of(facts),
+            processes=self.processes,
+            progress=lambda done, of: self.progress(f"{name}: {done} of {of} press days"),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rounds:
+    """The pages of a folder over and over: each round they are designs of their own."""
+
+    folder: Folder
+
+    def page(self, index: int) -> Page:
+        """Design ``index``, from 0."""
+        return replace(self.folder.page(index % len(self.folder)), name=design_name(index))
 
 
 def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
@@ -202,7 +256,7 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
         "costly": COSTLY,
         "caught": _caught(ours, wrong, wrong["nuisance"] == ""),
         "caught_costly": _caught(fits[COSTLY], wrong, wrong["nuisance"] == COSTLY),
-        "good_alarms": _good_alarms(ours, every),
+        "composed": _as_built(ours, _plain(every), plan),
     }
 
 
@@ -211,7 +265,7 @@ def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetec
     here = rows["nuisance"] == nuisance
     return fit_for(
         ours.model,
-        ours.scores.reference,
+        ours.references,
         Pages.of(rows).rows(here),
         rows["another"][here],
         false_alarm_rate=ours.promise.asked,
@@ -264,11 +318,47 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
     }
 
 
-def _good_alarms(ours: CalibratedDetector, every: dict[str, Rows]) -> dict[str, int]:
-    """All good prints without a nuisance, of every set."""
-    alarms = scans = 0
-    for rows in every.values():
-        here = (rows["kind"] == "") & (rows["nuisance"] == "")
-        alarms += int((_scores(ours, rows, here) > ours.threshold).sum())
-        scans += int(here.sum())
-    return {"alarms": alarms, "scans": scans}
+def _plain(every: dict[str, Rows]) -> Rows:
+    """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
+    columns = ("design", "day", "kind", "severity", "values", "portrait", "another")
+    parts = []
+    for name, rows in every.items():
+        here = (rows["nuisance"] == "") & ((rows["kind"] == "") | (name == "wrong"))
+        parts.append({column: rows[column][here] for column in columns})
+    return {column: np.concatenate([part[column] for part in parts]) for column in columns}
+
+
+def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
+    """False alarms, misses, kinds named and c(1) of the detector as it was built.
+
+    c(1) is at the threshold that costs least on the good pages and misprints that the ranking was judged by.
+    """
+    pages = Pages.of(rows)
+    score = certain_score(ours.model, pages, rows["another"])
+    bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
+    caught = pages.rows(bad & alarm)
+    named = ours.model.kinds_of(caught.values, caught.page_features) == caught.kind
+    judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
+    cost = bootstrap_cost(
+        judged, 1.0, threshold=_least_cost_elsewhere(ours), rng=stream(plan.seed, "stress-bootstrap")
+    )
+    return {
+        "good": int((~bad).sum()),
+        "alarms": int((alarm & ~bad).sum()),
+        "misprints": int(bad.sum()),
+        "caught": int(caught.design.size),
+        "upper_misprints": int((bad & upper).sum()),
+        "upper_caught": int((alarm & bad & upper).sum()),
+        "named": int(np.count_nonzero(named)),
+        "designs": int(np.unique(pages.design).size),
+        "days": int(np.unique(rows["day"]).size),
+        "cost": cost,
+    }
+
+
+def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
+    good, wrong = ours.scores.reference.worst, shipped_ranking().misprints
+    number = np.arange(good.size + wrong.size)
+    bad = number >= good.size
+    pages = Scored(score=np.concatenate([good, wrong]), bad=bad, design=number, day=number)
+    return least_cost(pages, 1.0).threshold

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.learn import Pages, learn_model
-from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
+from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.calibrated import (
     WRONG_PAGE,
     CalibratedDetector,
@@ -57,7 +57,8 @@ def calibrated(
         own = np.random.default_rng(3).exponential(size=60)
     return CalibratedDetector.calibrated(
         model,
-        PressScores(reference=GoodScores(worst=np.sort(reference)), own=GoodScores(worst=np.sort(own))),
+        GoodScores(worst=np.sort(own)),
+        references=ReferenceScores.alone(GoodScores(worst=np.sort(reference))),
         pages=GoodPages(
             values=np.ones((own.size, 2), np.float32), page_features=np.zeros((own.size, PAGE_FEATURES))
         ),
@@ -142,7 +143,8 @@ def test_an_artefact_is_refused_where_pages_and_their_scores_disagree(model: Det
         ({"values": arrays["values"][:, :1]}, "values"),
         ({"page_features": arrays["page_features"][:, 1:]}, "page_features"),
         ({"own": arrays["own"][::-1].copy()}, "own"),
-        ({"reference": arrays["reference"][:1]}, "reference"),
+        ({"reference": arrays["reference"][:, :1]}, "reference"),
+        ({"reference_pages": np.array([20, 40])}, "reference"),
         ({"tolerance.shift": arrays["tolerance.shift"][:1]}, "shift"),
         ({"tolerance.scale": 0 * arrays["tolerance.scale"]}, "scale"),
         ({"tolerance.scatter.light": -arrays["tolerance.scatter.light"]}, "scatter.light"),

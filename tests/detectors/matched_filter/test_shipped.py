@@ -31,14 +31,14 @@ def test_it_is_sound_and_tells_every_kind() -> None:
     assert set(shipped.model.kinds) == set(KINDS)
     assert not shipped.model.shift.any()
     assert (shipped.model.scale == 1).all()
-    for scores in (shipped.reference.worst, shipped.misprints):
+    for scores in (*shipped.references.worst, shipped.misprints):
         assert np.isfinite(scores).all()
         assert (np.diff(scores) >= 0).all()
 
 
 def test_its_good_pages_promise_one_false_alarm_in_a_hundred_by_count_and_it_catches_misprints() -> None:
     shipped = shipped_ranking()
-    threshold, by_count = shipped.reference.threshold(0.01)
+    threshold, by_count = shipped.references.by(100).threshold(0.01)
     assert by_count
     assert shipped.caught(threshold) > 0.5
     assert shipped.caught(-np.inf) == 1
@@ -52,7 +52,7 @@ def test_it_comes_back_from_its_file(tmp_path: Path) -> None:
     few.save(tmp_path / "ranking.safetensors")
     again = ShippedRanking.load(tmp_path / "ranking.safetensors")
     assert again.misprints.tolist() == [1, 2, 3, 5]
-    assert again.reference.worst.tolist() == few.reference.worst.tolist()
+    assert again.references.worst.tolist() == few.references.worst.tolist()
     assert again.model.facts() == few.model.facts() | {"threshold": np.inf}
     for name, array in few.model.arrays().items():
         np.testing.assert_array_equal(again.model.arrays()[name], array)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.training.learn import LEAST_SCALE, certain_score, shift_and_scale
-from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
+from prooflight.detectors.false_alarm_rate import GoodScores
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, GoodPages
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.commissioning.training.learn import Pages
+    from prooflight.detectors.false_alarm_rate import ReferenceScores
     from prooflight.detectors.matched_filter.model import DetectorModel
 
 LEAST_EXACT: Final = 0.1
@@ -38,7 +39,7 @@ def adapted(model: DetectorModel, good: Pages) -> DetectorModel:
 
 def fit_for(
     model: DetectorModel,
-    reference: GoodScores,
+    references: ReferenceScores,
     good: Pages,
     another: NDArray[np.bool_],
     *,
@@ -48,13 +49,14 @@ def fit_for(
 ) -> CalibratedDetector:
     """A ranking made fit for the press whose good pages these are, with the promise that they and the others allow.
 
-    model: not adapted to any press, or to this one by other pages; reference: its scores of those that taught it.
+    model: not adapted to any press, or to this one by other pages; references: its scores of those that taught it.
     another: whether a scan showed another page.
     """
     own = GoodScores.of(own_scores(model, good, another), good.design)
     return CalibratedDetector.calibrated(
         adapted(model, good),
-        PressScores(reference=reference, own=own),
+        own,
+        references=references,
         pages=GoodPages(values=good.values, page_features=good.page_features),
         false_alarm_rate=false_alarm_rate,
         misprint_rate=misprint_rate,

@@ -92,7 +92,7 @@ class Pages:
             press=np.concatenate([self.press, others.press]),
         )
 
-    def rows(self, which: NDArray[np.bool_]) -> Pages:
+    def rows(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Pages:
         """Some of them."""
         return Pages(
             values=self.values[which],

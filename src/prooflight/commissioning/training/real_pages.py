@@ -67,7 +67,7 @@ def recalibrated(
     )
     learned = fit_for(
         ours.model,
-        ours.scores.reference,
+        ours.references,
         good,
         np.zeros(count, bool),
         false_alarm_rate=false_alarm_rate,

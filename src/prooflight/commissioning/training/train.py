@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
+DESIGNS: Final = 136
+"""Printed for our detector alone where nobody says how many."""
 FEWEST: Final = 24
 """Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
 PILOT_SHARE: Final = 1 / 8
@@ -96,7 +98,7 @@ def trained(
     every = Pages.of(rows)
     ours = fit_for(
         model,
-        ranking.reference,
+        ranking.references,
         every.rows(~every.bad),
         rows["another"][~every.bad],
         false_alarm_rate=false_alarm_rate,

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.false_alarm_rate import GoodScores, PressScores, Promise, posterior_bound
+from prooflight.detectors.false_alarm_rate import (
+    GoodScores,
+    PressScores,
+    Promise,
+    ReferenceScores,
+    posterior_bound,
+)
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
@@ -63,6 +69,8 @@ class CalibratedDetector:
     model: DetectorModel
     scores: PressScores
     """Of good pages, by which the threshold was set."""
+    references: ReferenceScores
+    """Of other presses, among them those of ``scores``."""
     pages: GoodPages
     """The press's own, whose scores are among ``scores``."""
     real: int
@@ -77,8 +85,9 @@ class CalibratedDetector:
     def calibrated(
         cls,
         model: DetectorModel,
-        scores: PressScores,
+        own: GoodScores,
         *,
+        references: ReferenceScores,
         pages: GoodPages,
         false_alarm_rate: float,
         misprint_rate: float,
@@ -86,16 +95,18 @@ class CalibratedDetector:
     ) -> Self:
         """The detector with the threshold that keeps ``false_alarm_rate``, or what comes nearest, on these good pages.
 
-        real: how many of the press's own good pages are real; the others are simulated.
+        own: of the press's pages; references: of other presses. real: how many of its own are real; the others are
+        simulated.
         """
+        count = own.worst.size
+        scores = PressScores(reference=references.by(count), own=own)
         rate = max(false_alarm_rate, scores.least_rate)
         threshold, by_count = scores.threshold(rate)
         alone = scores.alone(rate)
-        own = scores.own.worst.size
         promise = Promise(
             rate=rate,
             asked=false_alarm_rate,
-            simulated=own - real,
+            simulated=count - real,
             real=real,
             reference=0 if alone else scores.reference.worst.size,
             conformal=by_count,
@@ -103,6 +114,7 @@ class CalibratedDetector:
         return cls(
             model=model,
             scores=scores,
+            references=references,
             pages=pages,
             real=real,
             promise=promise,
@@ -124,7 +136,8 @@ class CalibratedDetector:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""
         scores: dict[str, NDArray[Any]] = {
-            "reference": self.scores.reference.worst,
+            "reference": self.references.worst,
+            "reference_pages": self.references.pages,
             "own": self.scores.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
@@ -152,7 +165,7 @@ class CalibratedDetector:
         sizes = {"statistics": len(told.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
         for name in ("reference", "own"):
-            if arrays[name].size < LEAST_SCORES:
+            if arrays[name].shape[-1] < LEAST_SCORES:
                 raise Misfit(f"{under}{name}", f"holds fewer than {LEAST_SCORES} scores")
         if told.real > arrays["own"].size:
             raise Misfit(f"{under}real", f"is {told.real}, of {arrays['own'].size} pages")
@@ -164,7 +177,8 @@ class CalibratedDetector:
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
         return cls.calibrated(
             DetectorModel.from_parts(part_of(arrays, "tolerance."), told),
-            PressScores(reference=GoodScores(worst=arrays["reference"]), own=GoodScores(worst=arrays["own"])),
+            GoodScores(worst=arrays["own"]),
+            references=ReferenceScores(pages=arrays["reference_pages"], worst=arrays["reference"]),
             false_alarm_rate=facts["false_alarm_rate"],
             misprint_rate=facts["misprint_rate"],
             pages=GoodPages(values=arrays["values"], page_features=arrays["page_features"]),
@@ -182,7 +196,8 @@ class CalibratedFacts(Block):
 
 
 TABLE: Final = {
-    "reference": Kept(dtype="float64", shape=("designs",), rule=rising),
+    "reference": Kept(dtype="float64", shape=("sizes", "designs"), rule=rising),
+    "reference_pages": Kept(dtype="int64", shape=("sizes",), low=1, rule=rising),
     "own": Kept(dtype="float64", shape=("pages",), rule=rising),
     "values": Kept(dtype="float32", shape=("pages", "statistics")),
     "page_features": Kept(dtype="float64", shape=("pages", "features")),

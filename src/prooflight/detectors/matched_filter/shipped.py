@@ -17,7 +17,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from prooflight.artefact import Tensors
-from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.false_alarm_rate import ReferenceScores
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.files.atomic import whole_file
 from prooflight.files.schema import part_of
@@ -34,10 +34,10 @@ class ShippedRanking:
     """A model that no press has adapted yet, and what it said of pages that had not taught it."""
 
     model: DetectorModel
-    reference: GoodScores
+    references: ReferenceScores
     """Of good pages."""
     misprints: NDArray[np.float64]
-    """(pages,) scores of misprints, rising."""
+    """(pages,) scores of misprints, rising, where as many pages made it fit as `press build` prints."""
 
     def caught(self, threshold: float) -> float:
         """Share of the misprints above a threshold. [-]"""
@@ -48,8 +48,9 @@ class ShippedRanking:
         model = self.model.facts()
         model["threshold"] = None
         arrays = {f"model.{name}": np.ascontiguousarray(a) for name, a in self.model.arrays().items()}
-        arrays |= {"reference": self.reference.worst, "misprints": self.misprints}
+        arrays |= {"reference": self.references.worst, "misprints": self.misprints}
         texts = {"kind": KIND, "document": json.dumps(model, sort_keys=True)}
+        arrays["reference_pages"] = self.references.pages
         with whole_file(path) as unfinished:
             unfinished.write_bytes(save(arrays, texts))
 
@@ -61,7 +62,7 @@ class ShippedRanking:
         facts["threshold"] = np.inf
         return cls(
             model=DetectorModel.from_parts(part_of(arrays, "model."), facts),
-            reference=GoodScores(worst=arrays["reference"]),
+            references=ReferenceScores(pages=arrays["reference_pages"], worst=arrays["reference"]),
             misprints=arrays["misprints"],
         )
 

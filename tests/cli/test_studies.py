@@ -10,8 +10,8 @@ import pytest
 WITHOUT_STUDIES = """
 import importlib.metadata, sys
 found = importlib.metadata.entry_points
-def entry_points(*, group):
-    return found(group="none" if group == "prooflight.commands" else group)
+def entry_points(*, group, **more):
+    return found(group="none" if group == "prooflight.commands" else group, **more)
 importlib.metadata.entry_points = entry_points
 from prooflight.cli import run
 sys.exit(run(sys.argv[1:]))
@@ -29,3 +29,20 @@ def test_without_the_studies_their_commands_end_in_one_clear_line(words: tuple[s
     assert ended.stdout == ""
     (line,) = ended.stderr.splitlines()
     assert line.startswith(f"prooflight: prooflight {words[0]}: the studies are not installed; install ")
+
+
+def test_what_is_listed_is_there_and_listing_it_loads_nothing() -> None:
+    listed = """
+import sys
+from prooflight.cli import run
+assert run(["--help"]) == 0
+assert not {"numpy", "numba", "cv2", "sqlalchemy", "prooflight_studies"} & set(sys.modules)
+from prooflight.cli.commands import LISTED, Commands
+group = Commands()
+assert set(LISTED) == set(group.list_commands(None))
+for name in LISTED:
+    assert group.get_command(None, name).name == name
+"""
+    ended = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert all(f"\n  {name} " in ended.stdout for name in ("demo", "inspect", "run", "press", "study"))

@@ -5,25 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from importlib.metadata import entry_points
-from typing import Final
 
 import typer
 from typer.exceptions import TyperException
 
 from prooflight import __version__
-from prooflight.cli import calibrate, camera, chart, faults, job, press, runs, watch
+from prooflight.cli import faults
+from prooflight.cli.commands import Commands
 from prooflight.cli.exit_codes import INTERRUPTED, OWN_FAULT, UNUSABLE_INPUT
 from prooflight.cli.show import errors
-from prooflight.errors import ProoflightError, RequestError, plain
-
-COMMANDS: Final = "prooflight.commands"
-"""Entry points of packages that add commands: functions that take the ``typer.Typer``."""
-
-STUDIES: Final = "studies"
-"""The entry point of the package that adds ``study`` and ``bench``."""
+from prooflight.errors import ProoflightError, plain
 
 app = typer.Typer(
+    cls=Commands,
     name="prooflight",
     help="Predicts what a line camera must see of each printed page, compares, and decides: pass or stop.",
     no_args_is_help=True,
@@ -31,34 +25,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-job.register(app)
-app.add_typer(press.app, name="press")
-app.add_typer(chart.app, name="chart")
-app.add_typer(camera.app, name="camera")
-app.command()(calibrate.calibrate)
-runs.register(app)
-app.command()(watch.watch)
-
-
-def _refuse_studies(context: typer.Context) -> None:
-    raise RequestError(
-        f"prooflight {context.info_name}",
-        "the studies are not installed",
-        remedy="install the package prooflight-studies, which lies in the repository's folder studies",
-    )
-
-
-_more = entry_points(group=COMMANDS)
-for _entry in _more:
-    _entry.load()(app)
-if STUDIES not in _more.names:
-    for _name in ("study", "bench"):
-        app.command(
-            _name,
-            hidden=True,
-            add_help_option=False,
-            context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-        )(_refuse_studies)
 
 
 def _version(asked: bool) -> None:

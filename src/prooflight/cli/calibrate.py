@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from prooflight.commissioning.chart.calibrate import Calibration
 
 
+def register(program: typer.Typer) -> None:
+    """Add the command to the program."""
+    program.command()(calibrate)
+
+
 def calibrate(
     chart: Annotated[
         Path, typer.Argument(metavar="CHART", help="Recipe file that `chart make` wrote beside the chart.")

@@ -30,6 +30,11 @@ PressFileArgument = Annotated[Path, typer.Argument(metavar="PRESS.toml", help="P
 Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the curves.")]
 
 
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.add_typer(app, name="camera")
+
+
 @app.command()
 def respond(
     press_file: PressFileArgument,

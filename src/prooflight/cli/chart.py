@@ -25,6 +25,11 @@ ChartPath = Annotated[Path, typer.Argument(metavar="CHART", help="CGATS text or 
 Model = Annotated[str, typer.Option(help="auto, or the name of an ink model.")]
 
 
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.add_typer(app, name="chart")
+
+
 @app.command()
 def score(
     chart: ChartPath,

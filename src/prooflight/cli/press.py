@@ -29,6 +29,11 @@ COMPOSED_SEED = 70_000
 Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
 
 
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.add_typer(app, name="press")
+
+
 @app.command()
 def build(
     press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],

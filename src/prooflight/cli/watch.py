@@ -49,6 +49,11 @@ MOST_MEGABYTES: Final = 1_000_000
 HOUR_S: Final = 3600.0
 
 
+def register(program: typer.Typer) -> None:
+    """Add the command to the program."""
+    program.command()(watch)
+
+
 def watch(
     job: JobPath,
     press: PressArtefact,

@@ -2,7 +2,7 @@
 
 A package registers one by an entry point of the group ``prooflight.detectors``: a function that takes a ``Press`` and
 gives a ``Detector`` (``detectors.base``). examples/write_a_detector.py is one. None can take the name of another; only
-the one that is asked for is loaded.
+the one that is asked for is loaded, of ours too.
 """
 
 from __future__ import annotations
@@ -11,9 +11,6 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Final
 
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.paper.chi_square import ChiSquare
-from prooflight.detectors.paper.detector import PaperDetector
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
 
@@ -30,6 +27,9 @@ GROUP: Final = "prooflight.detectors"
 
 def chi_square(press: Press) -> Detector:
     """The paper's statistical detector, with the promise of the press."""
+    from prooflight.detectors.paper.chi_square import ChiSquare
+    from prooflight.detectors.paper.detector import PaperDetector
+
     test = ChiSquare(
         good_pages_per_false_alarm=press.good_pages_per_false_alarm, misprint_rate=press.costs.misprint_rate
     )
@@ -40,6 +40,8 @@ def bayes(press: Press) -> Detector:
     """The paper's learned detector; RequestError: this press was not taught it."""
     if press.bayes is None:
         raise _untrained(press, "bayes", "`prooflight press build --detector full`")
+    from prooflight.detectors.paper.detector import PaperDetector
+
     return PaperDetector(station=press.station(), test=press.bayes)
 
 
@@ -47,6 +49,8 @@ def matched_filter(press: Press) -> Detector:
     """Ours; RequestError: this press was not taught it."""
     if press.ours is None:
         raise _untrained(press, "ours", "`prooflight press build --detector quick`")
+    from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
+
     return MatchedFilterDetector(station=press.station(), calibrated=press.ours)
 
 

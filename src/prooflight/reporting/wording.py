@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from prooflight.detectors.matched_filter.naming import family_in_words
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic
-
 if TYPE_CHECKING:
     from prooflight.detectors.verdict import Action, Region, Verdict
 
@@ -97,6 +94,9 @@ def family(name: str | None) -> str:
     """
     if name is None:
         return "–"
+    from prooflight.detectors.matched_filter.naming import family_in_words
+    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+
     what = family_in_words(Statistic.parse(name).word)
     return f"{what} ({name})" if what else name
 

@@ -1,0 +1,111 @@
+"""The program's commands by name: what one needs is loaded when it is called, and nothing to list them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+from typer.core import TyperGroup
+
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+GROUP: Final = "prooflight.commands"
+"""Entry points of packages that add commands: functions that take the ``typer.Typer``."""
+STUDIES: Final = "studies"
+"""The entry point of the package that adds ``study`` and ``bench``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A command as the program lists it."""
+
+    module: str
+    """Of ``prooflight.cli``; its ``register`` adds the command to a ``typer.Typer``. "": a package's."""
+    what: str
+    """What it does, in less than a line."""
+
+
+LISTED: Final = {
+    "demo": Listed("job", "Print a job with some misprints, and inspect it."),
+    "rip": Listed("job", "Write each page as a CMYK TIFF, as the press prints it."),
+    "simulate": Listed("job", "Print and scan a job on the simulated press."),
+    "inspect": Listed("job", "Compare scans with the job, one verdict a page."),
+    "watch": Listed("watch", "Inspect a press while it runs."),
+    "runs": Listed("runs", "All runs in the journal."),
+    "run": Listed("runs", "One run of the journal: show, export, replay; tidy up."),
+    "press": Listed("press", "Build a press artefact; look inside one; teach it."),
+    "camera": Listed("camera", "What a camera answers, and what it could be."),
+    "calibrate": Listed("calibrate", "Tables from scans of a printed chart."),
+    "chart": Listed("chart", "Characterisation charts: judge, predict, make."),
+    "study": Listed("", "Regenerate a table or a figure of docs/results."),
+    "bench": Listed("", "Speed, as ratios to peers measured in the same run."),
+}
+
+
+class Commands(TyperGroup):
+    """The group of all commands."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names in the order in which they are listed; those that packages add come last."""
+        here = [
+            name for name, one in LISTED.items() if one.module or STUDIES in entry_points(group=GROUP).names
+        ]
+        return here + [name for name in self._of_packages() if name not in LISTED]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command; None: there is none."""
+        listed = LISTED.get(cmd_name)
+        if listed is None:
+            return self._of_packages().get(cmd_name)
+        if listed.module:
+            return commands_of(import_module(f"prooflight.cli.{listed.module}").register)[cmd_name]
+        for entry in entry_points(group=GROUP, name=STUDIES):
+            return commands_of(entry.load())[cmd_name]
+        return _without_studies(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """What ``LISTED`` says; only what packages add is loaded."""
+        more = self._of_packages()
+        rows = [
+            (name, LISTED[name].what if name in LISTED else more[name].get_short_help_str(60))
+            for name in self.list_commands(ctx)
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    @staticmethod
+    def _of_packages() -> dict[str, Any]:
+        """Commands of packages other than the studies."""
+        found: dict[str, Any] = {}
+        for entry in entry_points(group=GROUP):
+            if entry.name != STUDIES:
+                found |= commands_of(entry.load())
+        return found
+
+
+def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
+    """What a module or package adds to the program, by name."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    register(app)
+    return dict(typer.main.get_group(app).commands)
+
+
+def _without_studies(name: str) -> Any:
+    def refuse(context: typer.Context) -> None:
+        raise RequestError(
+            f"prooflight {context.info_name}",
+            "the studies are not installed",
+            remedy="install the package prooflight-studies, which lies in the repository's folder studies",
+        )
+
+    def register(app: typer.Typer) -> None:
+        anything = {"allow_extra_args": True, "ignore_unknown_options": True}
+        app.command(name, add_help_option=False, context_settings=anything)(refuse)
+
+    return commands_of(register)[name]

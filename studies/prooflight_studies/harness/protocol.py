@@ -62,6 +62,8 @@ class Plan:
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
     """Temporal sigmas at which every print is scanned, over the camera's; baselines see the first alone."""
+    severest: float = 1.0
+    """Greatest severity of a misprint, 0..1."""
 
     def designs(self, of: str) -> range:
         """Numbers of the designs of a set; no design is in two."""
@@ -91,7 +93,10 @@ class Plan:
     def facts(self, press: Press, source: str) -> dict[str, Any]:
         """All that rows depend on; source: which page designs."""
         of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}
-        return asdict(self) | of_press | {"algorithms": dict(ALGORITHMS)}
+        own = asdict(self)
+        if self.severest == 1:
+            del own["severest"]  # rows of plans from before it keep their name
+        return own | of_press | {"algorithms": dict(ALGORITHMS)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,11 +132,12 @@ class PilotWork:
         for index in day.designs:
             rng = stream(self.plan.seed, "pilot-print", index)
             design = bench.design(index)
-            scan = bench.day.recorded(bench.day.seen(design.good, rng), rng)
+            noise = self.plan.noises[0]
+            scan = bench.day.recorded(noisier(bench.day, bench.day.seen(design.good, rng), noise), rng)
             moments.append(
                 [
                     variation_moments(measured, seen.expected_dn, seen.variance_dn2, white_dn=white, rng=rng)
-                    for measured, seen in bench.compared(design, scan)
+                    for measured, seen in bench.compared(design, scan, noise)
                 ]
             )
         return {"moments": np.array(moments)}
@@ -166,7 +172,7 @@ class WatchWork:
             for copy in range(self.plan.good_copies + self.plan.misprints):
                 rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self.plan.kind(index, copy)
-                printed = bench.printed(design.good, kind, day, index, rng)
+                printed = bench.printed(design.good, kind, day, index, rng, severest=self.plan.severest)
                 if printed is None:
                     unmade.append(kind)
                     continue
@@ -281,13 +287,20 @@ class Bench:
         return Design(good=good, landmarks=found)
 
     def printed(
-        self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
+        self,
+        good: Printed,
+        kind: str,
+        day: Day,
+        index: int,
+        rng: np.random.Generator,
+        *,
+        severest: float = 1.0,
     ) -> Printed | None:
         """The good print of design ``index``, or one with a misprint; None if none reaches the gate."""
         if not kind:
             return good
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng)
+        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng, severest=severest)
 
     def area(self, page: Page) -> tuple[slice, slice, slice]:
         """Where a scan shows the page."""

@@ -115,7 +115,10 @@ def test_only_the_papers_network_is_taught_by_misprints(
 
 
 def _made_up_days(
-    work: ScatterWork | StatisticsWork | UnitWork, days: Sequence[tuple[int, ...]], *, processes: int | None = None
+    work: ScatterWork | StatisticsWork | UnitWork,
+    days: Sequence[tuple[int, ...]],
+    *,
+    processes: int | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Good pages are the same whether misprints are asked for or not."""
     count = len(shipped_ranking().model.statistics)
@@ -199,7 +202,9 @@ def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tm
     assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests
 
 
-def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(press: Press, page: Page) -> None:
+def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(
+    press: Press, page: Page
+) -> None:
     """Equation 4: half of them lie below 0.675 units. The share of one print is counted in steps of one window."""
     pages, designs = _One(page), (0, 1, 2)
     units = UnitWork(press=press, pages=pages, seed=1)(designs)["unit"]  # type: ignore[arg-type]

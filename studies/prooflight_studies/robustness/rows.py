@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.paper.bayes import SHARE_SIGMAS
+from prooflight.detectors.paper.bayes import SHARE_SIGMAS, window_unit
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.prediction.predict import Prediction

@@ -83,15 +83,13 @@ class SimulatedDay:
         others: Sequence[int],
         fetch: Callable[[int], Page],
         rng: np.random.Generator,
-        severest: float = 1.0,
     ) -> Printed | None:
-        """A misprint of a kind, its severity even in 0..severest; None if nine draws all stay below the gate.
+        """A misprint of a kind, its severity drawn evenly from 0..1; None if nine draws all stay below the gate.
 
         A draw that changes too little is drawn again, severity and all, at most 8 times (``worlds.toml``).
         """
         for draw in range(1, TRIES + 1):
-            severity = severest * float(rng.random())
-            drawn = draw_misprint(good.page, kind, severity, others=others, fetch=fetch, rng=rng)
+            drawn = draw_misprint(good.page, kind, float(rng.random()), others=others, fetch=fetch, rng=rng)
             changed = self.expected(drawn.page, drawn.placement)
             if passes_gate(good.expected, changed, self.press, gate()):
                 return Printed(

@@ -62,8 +62,6 @@ class Plan:
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
     """Temporal sigmas at which every print is scanned, over the camera's; baselines see the first alone."""
-    severest: float = 1.0
-    """Greatest severity of a misprint, 0..1."""
 
     def designs(self, of: str) -> range:
         """Numbers of the designs of a set; no design is in two."""
@@ -93,10 +91,7 @@ class Plan:
     def facts(self, press: Press, source: str) -> dict[str, Any]:
         """All that rows depend on; source: which page designs."""
         of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}
-        own = asdict(self)
-        if self.severest == 1:
-            del own["severest"]  # rows of plans from before it keep their name
-        return own | of_press | {"algorithms": dict(ALGORITHMS)}
+        return asdict(self) | of_press | {"algorithms": dict(ALGORITHMS)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +167,7 @@ class WatchWork:
             for copy in range(self.plan.good_copies + self.plan.misprints):
                 rng = stream(self.plan.seed, "study-print", index, copy)
                 kind = self.plan.kind(index, copy)
-                printed = bench.printed(design.good, kind, day, index, rng, severest=self.plan.severest)
+                printed = bench.printed(design.good, kind, day, index, rng)
                 if printed is None:
                     unmade.append(kind)
                     continue
@@ -287,20 +282,13 @@ class Bench:
         return Design(good=good, landmarks=found)
 
     def printed(
-        self,
-        good: Printed,
-        kind: str,
-        day: Day,
-        index: int,
-        rng: np.random.Generator,
-        *,
-        severest: float = 1.0,
+        self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
     ) -> Printed | None:
         """The good print of design ``index``, or one with a misprint; None if none reaches the gate."""
         if not kind:
             return good
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng, severest=severest)
+        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng)
 
     def area(self, page: Page) -> tuple[slice, slice, slice]:
         """Where a scan shows the page."""

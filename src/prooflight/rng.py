@@ -20,10 +20,10 @@ That matters where one run draws both with one seed. These runs do:
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is said;
 - ``watch``: the faults of its drum and sheet 9;
-- the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of ``paper``,
-  ``design``, ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the first
-  piece of ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the
-  misprints and sheet 0 of ``demo``, sheet 0 of ``watch``.
+- the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of ``design``,
+  ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the first piece of
+  ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the misprints and
+  sheet 0 of ``demo``, sheet 0 of ``watch``.
 
 The same bits then make two things, such as a layout and a noise. Whether a published figure hangs on that has not been
 measured. A new purpose meets none if its second word is fixed, and the next number after ``FREE`` that is not taken.

@@ -12,10 +12,12 @@ from prooflight.cli.press import catches
 from prooflight.commissioning.training import train
 from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
+    DESIGNS_A_DAY,
     LEAST_TIMES,
     PressDay,
     ScatterWork,
     StatisticsWork,
+    UnitWork,
     fitted,
     good_prior,
     good_residual_variance,
@@ -25,8 +27,11 @@ from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
+from prooflight.detectors.paper.bayes import window_statistics
+from prooflight.detectors.paper.detector import page_evidence
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -105,10 +110,17 @@ def test_only_the_papers_network_is_taught_by_misprints(
     assert made[True].ours is not None
     assert made[True].ours.threshold == made[False].ours.threshold
     assert made[True].ours.promise.rate == train.DEFAULT_RATE == 0.01
+    taught = made[True].bayes
+    assert taught is not None
+    assert taught.network.types == ("correct", "global", "local")
+    assert taught.unit.tolist() == [3.5]  # the pilot's, 1 to 6
 
 
 def _made_up_days(
-    work: ScatterWork | StatisticsWork, days: Sequence[tuple[int, ...]], *, processes: int | None = None
+    work: ScatterWork | StatisticsWork | UnitWork,
+    days: Sequence[tuple[int, ...]],
+    *,
+    processes: int | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Good pages are the same whether misprints are asked for or not."""
     count = len(shipped_ranking().model.statistics)
@@ -118,7 +130,11 @@ def _made_up_days(
                 name: np.full((len(designs), *shape, 1, 3), np.nan) for name, shape in SCATTER_SHAPES.items()
             }
             continue
-        kinds = np.array(["", "streak"] if work.misprints else [""], "U16")
+        if isinstance(work, UnitWork):
+            yield {"unit": np.array([[1.0 + design] for design in designs])}
+            continue
+        wrong = ("streak", "density")[designs[0] // DESIGNS_A_DAY % 2]
+        kinds = np.array(["", wrong] if work.misprints else [""], "U16")
         design = np.repeat(designs, kinds.size)
         rng = np.random.default_rng([3, designs[0]])
         values = np.repeat(rng.exponential(size=(len(designs), count)), kinds.size, axis=0)
@@ -132,7 +148,7 @@ def _made_up_days(
             "another": np.zeros(design.size, bool),
             "names": np.array(["name"] * count),
         }
-        if work.windows:
+        if work.unit is not None:
             found["windows"] = rng.standard_normal((design.size, 3))
         yield found
 
@@ -186,6 +202,22 @@ def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tm
     assert again is not None
     assert again.model.prior == prior
     assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests
+
+
+def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(
+    press: Press, page: Page
+) -> None:
+    """Equation 4: half of them lie below 0.675 units. The share of one print is counted in steps of one window."""
+    pages, designs = _One(page), (0, 1, 2)
+    units = UnitWork(press=press, pages=pages, seed=1)(designs)["unit"]  # type: ignore[arg-type]
+    assert units.shape == (3, len(press.sensors))
+    day = PressDay.of(press, pages, seed=1, first=0)  # type: ignore[arg-type]
+    for index, unit in zip(designs, units, strict=True):
+        scan = day.scan(day.day.good(page), stream(1, "training-print", index))
+        means = page_evidence(page, scan, press.station()).block_z
+        share = window_statistics(means, unit=unit)[:, 2]
+        np.testing.assert_allclose(share, 0.5, atol=0.002 + 1 / means[0].size)
+        assert (unit > 1.5).all()  # a press does more than its camera's noise
 
 
 def test_a_design_wider_than_the_field_is_cut_to_it(press: Press, make_page: Callable[..., Page]) -> None:

@@ -128,6 +128,21 @@ def test_misprints_are_farther_off_than_good_scans(rows: Rows) -> None:
     assert np.median(wrong) > good.max()
 
 
+def test_the_pilot_is_scanned_at_the_first_noise(two_sensor_press: Press, pages: SmallPages) -> None:
+    """Weights of a pixel fall with its noise; what a good scan lies outside of is no more than the noise it states."""
+    moments = []
+    for noise in (1.0, 6.0):
+        plan = replace(PLAN, noises=(noise,))
+        (day,) = plan.days("pilot")
+        moments.append(
+            PilotWork(press=two_sensor_press, pages=pages, plan=plan)(day)["moments"].sum(axis=(0, 1))
+        )
+    quiet, noisy = moments
+    assert noisy[0, 0] < quiet[0, 0] / 2
+    assert noisy[0, 3] < 0
+    assert quiet[0, 3] < 0
+
+
 def test_rows_depend_on_the_plan_and_not_on_the_order(watch: WatchWork, rows: Rows) -> None:
     watch(PLAN.days("test")[0])
     again = watch(PLAN.days("learn")[0])

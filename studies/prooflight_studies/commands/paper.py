@@ -23,7 +23,8 @@ Cluster = Annotated[
     str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
 ]
 
-
+PUBLISHED_SEED = 3
+"""Of ``paper.md``: one that played no part in choosing what it measures."""
 OneWorld = Annotated[
     str | None, typer.Option("--world", metavar="ideal|press", help="One world; default both.")
 ]
@@ -33,12 +34,16 @@ def paper(
     press_file: PressFileAt = None,
     out: Results = Path("docs/results"),
     cache: Cache = CACHE,
-    seed: Seed = 1,
+    seed: Seed = PUBLISHED_SEED,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Tables 1 to 4 in the ideal and the press world, oracle and honest thresholds; writes paper.md."""
+    """Tables 1 to 4 in the ideal and the press world, oracle and honest thresholds; writes paper.md.
+
+    Published with seed 3; with 7 the noise of table 4 was chosen.
+    """
     from prooflight.press.press_file import TWO_SENSORS, PressFile
     from prooflight_studies.paper.study import run_paper_study
 
@@ -49,6 +54,7 @@ def paper(
         cache=cache,
         seed=seed,
         quick=quick,
+        processes=processes,
         cluster=cluster,
         progress=show.steps(quiet=json),
     )

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-
-MEDIAN_SIGMAS: Final = 0.6745
-"""Half of a Gaussian lies within so many standard deviations."""
 
 
 def normalised_error(
@@ -56,11 +52,3 @@ def _box_sums(plane: NDArray[np.float32], side: int) -> NDArray[np.float32]:
         whole, -1, (side, side), anchor=(0, 0), normalize=False, borderType=cv2.BORDER_CONSTANT
     )
     return np.asarray(sums[: plane.shape[0] - side + 1, : plane.shape[1] - side + 1], np.float32)
-
-
-def window_unit(means: NDArray[np.float32]) -> NDArray[np.float64]:
-    """How wide window means (..., rows, columns) really scatter: their median magnitude over a Gaussian's. (...)
-
-    1 where sigma is right; a sigma that is wrong by a factor shows as its inverse.
-    """
-    return np.asarray(np.median(np.abs(means), axis=(-2, -1)) / MEDIAN_SIGMAS, np.float64)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesianNetwork
-from prooflight.simulation.worlds import worlds
+from prooflight.simulation.misprints.kinds import scope_of
 from prooflight_studies.harness.measures import (
     FIRST_SHARE,
     LEAST_MAGNITUDE,
@@ -80,8 +80,7 @@ def all_readings() -> Iterator[NetworkReading]:
 
 def types_of(kinds: NDArray[np.str_], *, types: int) -> list[str]:
     """Labels to learn from: ``correct``, and one type of misprint or the two scopes of ``worlds.toml``."""
-    scope = {entry["kind"]: entry["scope"] for entry in worlds()["misprint"]}
-    return [(MISPRINT if types == 1 else scope[kind]) if kind else CORRECT for kind in kinds.tolist()]
+    return [(MISPRINT if types == 1 else scope_of(kind)) if kind else CORRECT for kind in kinds.tolist()]
 
 
 def learned(learn: Rows, reading: NetworkReading, *, frame: int, sensors: int, types: int) -> BayesianNetwork:

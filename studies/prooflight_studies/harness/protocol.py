@@ -127,11 +127,12 @@ class PilotWork:
         for index in day.designs:
             rng = stream(self.plan.seed, "pilot-print", index)
             design = bench.design(index)
-            scan = bench.day.recorded(bench.day.seen(design.good, rng), rng)
+            noise = self.plan.noises[0]
+            scan = bench.day.recorded(noisier(bench.day, bench.day.seen(design.good, rng), noise), rng)
             moments.append(
                 [
                     variation_moments(measured, seen.expected_dn, seen.variance_dn2, white_dn=white, rng=rng)
-                    for measured, seen in bench.compared(design, scan)
+                    for measured, seen in bench.compared(design, scan, noise)
                 ]
             )
         return {"moments": np.array(moments)}

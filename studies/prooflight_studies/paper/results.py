@@ -53,6 +53,8 @@ ALPHAS: Final = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0)
 PAPER_PAGES: Final = 300
 """Test pages of the paper, on which it also chose its thresholds."""
 REPEATS: Final = 200
+DEVELOPED_ON: Final = 7
+"""Seed of the page designs on which the noise of table 4 was chosen."""
 FALSE_ALARM_RATE: Final = 0.01
 _AT_TENTH: Final = ALPHAS.index(0.1)
 _SHOWN_READINGS: Final = 6
@@ -66,6 +68,9 @@ PRINTED: Final = {
     "2 sensors, noise 400%": ("T4", ("3.3e-4", "0.0033", "0.0326", "0.2811", "0.9730", "1.0000")),
 }
 """The paper's tables 1 to 4: c at each of ``ALPHAS``, as printed."""
+BOTH: Final = "2 sensors"
+AS_IT_IS, TUNED = "as printed", "tuned"
+"""The learned detector: ``paper_detectors.AS_PRINTED``, or the reading that costs least on the tuning pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,6 +79,8 @@ class DetectorRow:
 
     name: str
     frame: str
+    network: str
+    """In tables 1 to 4 ``AS_IT_IS`` or ``TUNED``; else ""."""
     oracle: tuple[Interval, ...]
     """c at each of ``ALPHAS``, the threshold chosen on the test pages themselves."""
     honest: tuple[Interval, ...]
@@ -104,10 +111,10 @@ class WorldResult:
     """Test misprints of each kind and third of severity."""
     unmade: dict[str, int]
     """Misprints of each kind that nine draws did not bring over the gate."""
-    readings: dict[str, NetworkReading]
-    """Of each frame: the learned detector's, chosen on the tuning pages."""
+    readings: dict[str, tuple[NetworkReading, ...]]
+    """Of each frame: the tuned detector's, chosen on the tuning pages of each noise."""
     tuning: dict[str, dict[NetworkReading, float]]
-    """Of each frame: all readings' costs on the tuning pages, alpha = 1."""
+    """Of each frame: all readings' costs on the tuning pages of the first noise, alpha = 1."""
     tables: dict[str, tuple[DetectorRow, ...]]
     """Of each frame: the rows of the paper's tables 1 to 4."""
     detectors: tuple[DetectorRow, ...]
@@ -134,7 +141,9 @@ def paper_results(parts: Sequence[Part], *, seed: int, quick: bool) -> dict[str,
     nothing = bill(costs, costs.alpha)
     return {
         "seed": seed,
+        "developed_on": DEVELOPED_ON,
         "quick": quick,
+        "as_printed": str(AS_PRINTED),
         "worlds": worlds_digest(),
         "cores": os.cpu_count(),
         "alphas": ALPHAS,
@@ -171,8 +180,12 @@ def _of_part(part: Part) -> dict[str, Any]:
         "frames": [
             {
                 "frame": frame,
-                "reading": str(result.readings[frame]),
+                "readings_of_noises": [str(reading) for reading in result.readings[frame]],
                 "rows": [_of_judged(row) for row in rows],
+                "less_noise": [
+                    noise_title(n, result.plan) for n in result.plan.noises if n < result.plan.noises[0]
+                ],
+                "orders": _orders(rows, result.plan),
                 "readings": [
                     {"reading": str(reading), "cost": cost} for reading, cost in _shown(result.tuning[frame])
                 ],
@@ -181,6 +194,36 @@ def _of_part(part: Part) -> dict[str, Any]:
         ],
         "detectors": [_of_judged(row) for row in result.detectors],
     }
+
+
+def noise_title(noise: float, plan: Plan) -> str:
+    """Table 4's row of a noise; the plan's first is its 100 %, and what is less stands by itself."""
+    times = noise / plan.noises[0]
+    if times < 1:
+        return f"{BOTH}, {noise:g} x our camera's noise"
+    return f"{BOTH}, noise {times:.0%}"
+
+
+def _orders(rows: Sequence[DetectorRow], plan: Plan) -> list[dict[str, Any]]:
+    """Whether c rises with noise: for each network and way to choose thresholds, the alphas at which it does.
+
+    every: at each step; ends: from 100 % to the most. Noise below 100 % is left out.
+    """
+    first, others = plan.noises[0], plan.noises[1:]
+    titles = [BOTH, *(noise_title(noise, plan) for noise in others if noise > first)]
+    if len(titles) == 1:
+        return []
+    orders = []
+    for network in (AS_IT_IS, TUNED):
+        of_network = {row.name: row for row in rows if row.network == network}
+        for way in ("oracle", "honest"):
+            costs = np.array([[c.value for c in getattr(of_network[title], way)] for title in titles])
+            rises = {"every": (np.diff(costs, axis=0) > 0).all(axis=0), "ends": costs[-1] > costs[0]}
+            orders.append(
+                {"network": network, "way": way}
+                | {name: np.array(ALPHAS)[where].tolist() for name, where in rises.items()}
+            )
+    return orders
 
 
 def _of_judged(row: DetectorRow) -> dict[str, Any]:
@@ -213,11 +256,12 @@ def world_result(
     judge = _Comparison(plan=plan, rows=rows, sets=sets)
     readings, tuning, tables, detectors = {}, {}, {}, []
     for frame, name in enumerate(FRAMES[plan.world]):
-        progress(f"{plan.world} world, {name}: choosing a reading")
-        readings[name], tuning[name] = chosen_reading(sets["learn"], sets["tune"], frame=frame)
+        progress(f"{plan.world} world, {name}: choosing readings")
+        of_noises = [judge.chosen(noise, frame) for noise in plan.noises]
+        readings[name], tuning[name] = tuple(reading for reading, _ in of_noises), of_noises[0][1]
         progress(f"{plan.world} world, {name}: judging")
         tables[name] = tuple(judge.paper_rows(frame, name, readings[name]))
-        detectors += list(judge.side_by_side(frame, name, readings[name]))
+        detectors += list(judge.side_by_side(frame, name, readings[name][0]))
     return WorldResult(
         plan=plan,
         good=good,
@@ -237,17 +281,29 @@ class _Comparison:
     rows: Rows
     sets: dict[str, Rows]
 
-    def paper_rows(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
-        """Tables 1 to 4: sensors, types of misprint, noise."""
-        for title, sensors, types in (
-            ("1 sensor", 1, 2),
-            ("2 sensors", 2, 2),
-            ("2 sensors, one misprint type", 2, 1),
+    def at(self, noise: float) -> dict[str, Rows]:
+        """The sets' rows at a noise."""
+        return {of: chosen_rows(self.rows, self.plan, of, noise=noise) for of in self.sets}
+
+    def chosen(self, noise: float, frame: int) -> tuple[NetworkReading, dict[NetworkReading, float]]:
+        """``chosen_reading`` at a noise."""
+        sets = self.at(noise)
+        return chosen_reading(sets["learn"], sets["tune"], frame=frame)
+
+    def paper_rows(self, frame: int, name: str, readings: Sequence[NetworkReading]) -> Iterator[DetectorRow]:
+        """Tables 1 to 4: sensors, types of misprint, noise; readings: of each noise."""
+        first, others = self.plan.noises[0], self.plan.noises[1:]
+        for title, sensors, types, noise in (
+            ("1 sensor", 1, 2, first),
+            (BOTH, 2, 2, first),
+            (f"{BOTH}, one misprint type", 2, 1, first),
+            *((noise_title(noise, self.plan), 2, 2, noise) for noise in others),
         ):
-            yield self._bayes(title, frame, name, reading, sensors=sensors, types=types)
-        for noise in self.plan.noises[1:]:
-            sets = {of: chosen_rows(self.rows, self.plan, of, noise=noise) for of in self.sets}
-            yield self._bayes(f"2 sensors, noise {noise:.0%}", frame, name, reading, sets=sets)
+            sets, tuned = self.at(noise), readings[self.plan.noises.index(noise)]
+            for network, reading in ((AS_IT_IS, AS_PRINTED), (TUNED, tuned)):
+                yield self._bayes(
+                    *(title, frame, name, reading), sensors=sensors, types=types, sets=sets, network=network
+                )
 
     def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
         """Every detector with two sensors."""
@@ -274,12 +330,13 @@ class _Comparison:
         sensors: int = 2,
         types: int = 2,
         sets: dict[str, Rows] | None = None,
+        network: str = "",
     ) -> DetectorRow:
         sets = sets or self.sets
         tune, test = bayes_scores(
             sets["learn"], (sets["tune"], sets["test"]), reading, frame=frame, sensors=sensors, types=types
         )
-        return self._judged(title, name, sets, tune, test)
+        return self._judged(title, name, sets, tune, test, network=network)
 
     def _judged(
         self,
@@ -288,6 +345,8 @@ class _Comparison:
         sets: dict[str, Rows],
         tune_score: NDArray[np.float64],
         test_score: NDArray[np.float64],
+        *,
+        network: str = "",
     ) -> DetectorRow:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
         rng = stream(self.plan.seed, "bootstrap")  # the same days are drawn for every detector
@@ -297,6 +356,7 @@ class _Comparison:
         return DetectorRow(
             name=title,
             frame=frame,
+            network=network,
             oracle=tuple(bootstrap_oracle(test, ALPHAS, rng=rng)),
             honest=tuple(
                 bootstrap_cost(test, alpha, threshold=threshold, rng=rng)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.paper.bayes import SHARE_SIGMAS
+from prooflight.detectors.paper.bayes import SHARE_SIGMAS, window_unit
 from prooflight.detectors.paper.chi_square import pearson
 from prooflight.detectors.paper.evidence import gather, interval_shares
 from prooflight.prediction.predict import Prediction
@@ -21,7 +21,7 @@ from prooflight_studies.harness.baselines import (
     dissimilarity,
     variation_moments,
 )
-from prooflight_studies.harness.error_map import normalised_error, window_means, window_unit
+from prooflight_studies.harness.error_map import normalised_error, window_means
 from prooflight_studies.harness.measures import FIRST_SHARE, numbers_of
 from prooflight_studies.harness.protocol import Bench, on_area
 from prooflight_studies.robustness.disturbances import all_disturbances

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
 
-from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics, window_unit
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence
-from prooflight_studies.harness.error_map import window_means, window_unit
+from prooflight_studies.harness.error_map import window_means
 
 LABELS = np.array(["correct", "global", "local"])
 RATE = 0.01

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from prooflight.detectors.paper.bayes import window_statistics
-from prooflight_studies.harness.error_map import window_means, window_unit
+from prooflight.detectors.paper.bayes import window_statistics, window_unit
+from prooflight_studies.harness.error_map import window_means
 
 
 @given(

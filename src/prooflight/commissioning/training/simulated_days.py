@@ -15,7 +15,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, Residua
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
 from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_LIGHT
 from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
-from prooflight.detectors.paper.bayes import window_statistics
+from prooflight.detectors.paper.bayes import window_statistics, window_unit
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.placing import shows_another
 from prooflight.rng import stream
@@ -187,12 +187,35 @@ class ScatterWork:
         return day.scatter_draws((index, stream(self.seed, "training-print", index)) for index in designs)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitWork:
+    """The same good prints as ``ScatterWork``'s -> how wide their error's window means scatter.
+
+    Column: unit (sensors,), a row each.
+    """
+
+    press: Press
+    pages: Designs
+    seed: int
+
+    def __call__(self, designs: tuple[int, ...]) -> Rows:
+        """``bayes.window_unit`` of each design's print."""
+        day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
+        units = []
+        for index in designs:
+            rng = stream(self.seed, "training-print", index)
+            good = day.day.good(day.page(index))
+            evidence = page_evidence(good.page, day.scan(good, rng), self.press.station())
+            units.append(window_unit(evidence.block_z))
+        return {"unit": np.stack(units)}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StatisticsWork:
     """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page);
-    with ``windows`` also windows (3 sensors,), the paper's statistics.
+    with a ``unit`` also windows (3 sensors,), the paper's statistics.
     """
 
     press: Press
@@ -200,7 +223,8 @@ class StatisticsWork:
     seed: int
     scatter: Scatter
     misprints: bool
-    windows: bool = False
+    unit: NDArray[np.float64] | None = None
+    """(sensors,) of the paper's statistics, ``bayes.window_statistics``; None: they are not asked for."""
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
         """Rows in the order of designs; ``names`` of the statistics beside them."""
@@ -226,9 +250,9 @@ class StatisticsWork:
                     "portrait": known.page_features,
                     "another": another,
                 }
-                if self.windows:
+                if self.unit is not None:
                     evidence = page_evidence(good.page, scan, self.press.station())
-                    row["windows"] = window_statistics(evidence.block_z).ravel()
+                    row["windows"] = window_statistics(evidence.block_z, unit=self.unit).ravel()
                 for name, value in row.items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}

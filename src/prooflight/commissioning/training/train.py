@@ -13,16 +13,20 @@ from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
     ScatterWork,
     StatisticsWork,
+    UnitWork,
     good_prior,
     good_residual_variance,
 )
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
-from prooflight.detectors.paper.bayes import CORRECT, MISPRINT, BayesDetector, BayesianNetwork
+from prooflight.detectors.paper.bayes import CORRECT, BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
 from prooflight.pages.parallel import in_order
+from prooflight.simulation.misprints.kinds import scope_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+
+    from numpy.typing import NDArray
 
     from prooflight.commissioning.training.simulated_days import Rows
     from prooflight.press.artefact import Press
@@ -73,21 +77,24 @@ def trained(
     """The press with our detector: the ranking that is shipped, made fit for it; paper: also the paper's learned one.
 
     designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
-    what this press's good pages do, which sets the threshold. With ``paper`` misprints of these are printed as well,
-    which teach the paper's network alone. RequestError: too few designs.
+    what this press's good pages do, which sets the threshold. With ``paper`` the eighth also teach the unit of the
+    paper's statistics, and misprints of the rest are printed, which teach its network alone. RequestError: too few
+    designs.
     """
     plan, ranking = Plan.of(designs), shipped_ranking()
 
-    def gathered(work: ScatterWork | StatisticsWork, which: range, what: str) -> Rows:
+    def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
         rows = in_order(work, days, processes=processes)
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
     scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
-    work = StatisticsWork(
-        press=press, pages=pages, seed=seed, scatter=scatter, misprints=paper, windows=paper
-    )
+    unit = None
+    if paper:
+        units = gathered(UnitWork(press=press, pages=pages, seed=seed), plan.pilot, "the paper's unit")
+        unit = units["unit"].mean(axis=0)
+    work = StatisticsWork(press=press, pages=pages, seed=seed, scatter=scatter, misprints=paper, unit=unit)
     rows = gathered(work, plan.calibrate, "good prints and misprints" if paper else "good prints")
     model = replace(
         ranking.model,
@@ -104,22 +111,21 @@ def trained(
         false_alarm_rate=false_alarm_rate,
         misprint_rate=press.costs.misprint_rate,
     )
-    return replace(press, ours=ours, bayes=_bayes(press, rows) if paper else None)
+    return replace(press, ours=ours, bayes=None if unit is None else _bayes(press, rows, unit))
 
 
-def _bayes(press: Press, learn: Rows) -> BayesDetector:
-    """The paper's network, on all sensors' statistics; it alarms where stopping pays."""
+def _bayes(press: Press, learn: Rows, unit: NDArray[np.float64]) -> BayesDetector:
+    """The paper's network of two types of misprint, on all sensors' statistics; it alarms where stopping pays.
+
+    unit: (sensors,) that the statistics were taken with, learned from good pages (errata, equation 4).
+    """
     network = BayesianNetwork.learn(
         learn["windows"].astype(np.float64),
-        [MISPRINT if kind else CORRECT for kind in learn["kind"].tolist()],
+        [scope_of(kind) if kind else CORRECT for kind in learn["kind"].tolist()],
         misprint_rate=press.costs.misprint_rate,
         bins=BINS,
     )
-    return BayesDetector(
-        network=network,
-        threshold=press.costs.stopping_probability,
-        unit=np.ones(len(press.sensors)),
-    )
+    return BayesDetector(network=network, threshold=press.costs.stopping_probability, unit=unit)
 
 
 def _joined(pieces: Iterable[Rows]) -> Rows:

@@ -1,4 +1,4 @@
-"""The paper's learned detector: a Bayesian network over three numbers of the error map's window means (section 4.2).
+"""The paper's learned detector: a Bayesian network over three numbers of the error map's window means (section 4.4).
 
 M (misprint or not) <- Mt (correct, or a type of misprint) -> each statistic. Statistics are independent given Mt; each
 is cut into bins, and P(bin | Mt) is counted with Laplace's smoothing.
@@ -30,6 +30,8 @@ Reading = Literal["signed", "absolute"]
 """What "mean" and "minimum" are of: the window means as they are, or their magnitudes. The paper's text allows both."""
 SHARE_SIGMAS: Final = 0.675
 """The paper's limit: on a good page half of the errors lie below it. [-]"""
+MEDIAN_SIGMAS: Final = 0.6745
+"""Half of a Gaussian lies within so many standard deviations."""
 STATISTICS: Final = ("mean", "minimum", "share")
 ARRAYS: Final = ("edges", "log_likelihood", "log_type_share")
 CORRECT: Final = "correct"
@@ -55,6 +57,14 @@ def window_statistics(
         [counted.mean(axis=place), counted.min(axis=place), (magnitude < SHARE_SIGMAS).mean(axis=place)],
         axis=-1,
     )
+
+
+def window_unit(means: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How wide window means (..., rows, columns) really scatter: their median magnitude over a Gaussian's. (...)
+
+    1 where sigma is right; a sigma that is wrong by a factor shows as its inverse.
+    """
+    return np.asarray(np.median(np.abs(means), axis=(-2, -1)) / MEDIAN_SIGMAS, np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,13 +13,14 @@ import numpy as np
 from prooflight.rng import stream
 from prooflight.simulation.misprints import content, marks, planes
 from prooflight.simulation.misprints.drawing import Drawn, Mishap, Misprint
+from prooflight.simulation.worlds import entry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from prooflight.pages.raster import Page
 
-__all__ = ["KINDS", "Drawn", "Misprint", "draw_misprint"]
+__all__ = ["KINDS", "Drawn", "Misprint", "draw_misprint", "scope_of"]
 
 _DRAWERS: dict[str, Callable[[Mishap], Drawn]] = {
     "missing-plane": planes.missing_plane,
@@ -37,6 +38,11 @@ _DRAWERS: dict[str, Callable[[Mishap], Drawn]] = {
 }
 KINDS = tuple(_DRAWERS)
 """In the order of ``worlds.toml``."""
+
+
+def scope_of(kind: str) -> str:
+    """``global`` or ``local``, as ``worlds.toml`` has it: the paper's two types of misprint."""
+    return str(entry(kind)["scope"])
 
 
 def draw_misprint(

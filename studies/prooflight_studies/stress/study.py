@@ -6,6 +6,7 @@ The press is what `press build` makes; what it learns is what `press learn` lear
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,8 +48,6 @@ BUILD_DESIGNS: Final = 136
 BUILD_SEED: Final = 90_001
 COSTLY: Final = "formation_half"
 """Under which misprints are printed as well."""
-UNMADE: Final = ("digit",)
-"""Marks that cannot be drawn yet: composed pages do not know where their digits are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +114,7 @@ def run_stress_study(
         "rate": press.ours.promise.rate,
         "worlds": worlds_digest(),
         "stress": stress.digest,
-        "unmade": list(UNMADE),
+        "unmade": _unmade(every["marks"]),
         **found,
     }
     write_page(results / "stress.md", "stress", page)
@@ -154,7 +153,7 @@ def _rows(
     works = {
         "learn": replace(plain, nuisances=nuisances),
         "judge": replace(plain, nuisances=nuisances),
-        "marks": replace(plain, marks=tuple(one for one in stress.marks if one not in UNMADE)),
+        "marks": replace(plain, marks=tuple(stress.marks)),
         "wrong": replace(plain, wrong_under=("", COSTLY)),
     }
     facts = {
@@ -163,6 +162,7 @@ def _rows(
         "worlds": worlds_digest(),
         "press": press.digest,
         "seed": plan.seed,
+        "marks": list(stress.marks),
     }
     return {
         name: run_pieces(
@@ -262,6 +262,11 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
             for kind in np.unique(rows["kind"][here])
         },
     }
+
+
+def _unmade(rows: Rows) -> dict[str, int]:
+    """Of each kind, on how many pages it could not be."""
+    return dict(sorted(Counter(rows["unmade_kind"].tolist()).items()))
 
 
 def _good_alarms(ours: CalibratedDetector, every: dict[str, Rows]) -> dict[str, int]:

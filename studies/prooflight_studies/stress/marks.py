@@ -1,7 +1,7 @@
 """Misprints that no detector is taught by: a class a kind, with the amounts that a file states.
 
-They are drawn into the page's raster, before it is printed; a digit by composing the page again. None is let through a gate: what a kind does is what it
-does.
+They are drawn into the page's raster, before it is printed; a digit by composing the page again. None is let through a
+gate: what a kind does is what it does.
 """
 
 from __future__ import annotations
@@ -389,7 +389,7 @@ def _rewritten(page: Page, box: Box, inks: slice, change: Change, rng: np.random
 
 def _changed(page: Page, other: Page) -> Box | None:
     """The least box that holds all in which two pages of one size differ; None: in nothing."""
-    rows, columns = np.nonzero((page.packed != other.packed))
+    rows, columns = np.nonzero(page.packed != other.packed)
     if not rows.size:
         return None
     return Box(

@@ -48,6 +48,7 @@ FULL = Verdict(
     reason="a streak",
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},
     expected_cost={"accept": 0.03, "stop": 0.006},
+    widened=1.28,
     promise_suspended=True,
 )
 GOOD = Verdict(page="p0001", verdict="good", action="accept", score=0.5, threshold=1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ import pytest
 from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.corpus.designs.faces import OutlineFace
+from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight_studies.stress.marks import (
     HAIR_EDGE_MM,
     MARKS,
@@ -21,10 +25,16 @@ from prooflight_studies.stress.marks import (
     Hair,
     Mark,
     Mottle,
+    NotedDigits,
     Scratch,
     TextExchanged,
     draw_mark,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight_studies.stress.marks import Compose
 
 DPI = 200.0
 SEEDS = range(6)
@@ -173,10 +183,62 @@ def test_mottle_scatters_all_inks_alike() -> None:
     assert undrawn(even(0, 0, 0, 0), Mottle(what="", rms_percent=8.0, grain_mm=2.5))
 
 
-def test_a_digit_is_refused_by_name() -> None:
-    with pytest.raises(RequestError, match=r"misprint\.digit: cannot be drawn"):
-        draw_mark(even(0, 0, 0, 255), Digit(what="", sizes_pt=(7.0,)), rng=stream(1, "stress-mark", 1, 1, 1))
+def composed(size_pt: float, text: str, *, under_picture: bool = False) -> Compose:
+    """A page with one line of type, composed on whatever sheet it is given."""
+
+    def compose(sheet: Callable[..., Sheet]) -> Page:
+        on = sheet(width_mm=60.0, height_mm=20.0, dpi=DPI)
+        on.words(5.0, 10.0, text, OutlineFace("DejaVuSans"), size_pt)
+        if under_picture:
+            on.rect(0.0, 0.0, 60.0, 20.0, (80, 0, 0, 0))
+        return Page(cmyk=on.cmyk, dpi=DPI, name="elsewhere", number=1)
+
+    return compose
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_digit_becomes_another_of_its_face_and_size(seed: int) -> None:
+    """The page is one that sets the line with that digit outright, and differs nowhere else."""
+    text, compose = "lot 407 of 12", composed(7.3, "lot 407 of 12")
+    page = replace(compose(Sheet), name="p0001")
+    rng = stream(seed, "stress-mark", 1, 1, 1)
+    found = draw_mark(page, Digit(what="", sizes_pt=(7.0, 9.0)), rng=rng, compose=compose)
+    assert found is not None
+    assert (found.page.name, found.variant) == ("p0001", "7 pt")
+    slips = [
+        text[:at] + digit + text[at + 1 :]
+        for at, letter in enumerate(text)
+        if letter.isdigit()
+        for digit in "0123456789"
+        if digit != letter
+    ]
+    assert sum(np.array_equal(found.page.cmyk, composed(7.3, slip)(Sheet).cmyk) for slip in slips) == 1
+    ((x, y, width, height),) = found.regions_mm
+    assert width < 7.3 * 25.4 / 72
+    assert height < 7.3 * 25.4 / 72
+    changed = (found.page.cmyk != page.cmyk).any(axis=2)
+    assert changed.any()
+    changed[_cut(page, (x, y, width, height))] = False
+    assert not changed.any()
+
+
+def test_a_digit_needs_one_of_its_size_that_is_seen_on_a_composed_page() -> None:
+    digit, rng = Digit(what="", sizes_pt=(7.0,)), stream(1, "stress-mark", 1, 1, 1)
+    for compose in (
+        composed(7.0, "no number"),
+        composed(8.0, "at 8 points 8"),
+        composed(7.0, "407", under_picture=True),
+    ):
+        assert draw_mark(compose(Sheet), digit, rng=rng, compose=compose) is None
+    with pytest.raises(RequestError, match=r"misprint\.digit: a raster alone"):
+        draw_mark(even(0, 0, 0, 255), digit, rng=rng)
     assert list(MARKS)[-1] == "digit"
+
+
+@pytest.mark.parametrize("index", [0, 3, 5])
+def test_a_design_is_the_same_on_a_sheet_that_notes_its_digits(index: int) -> None:
+    designs = Corpus(seed=4, dpi=60.0)
+    assert np.array_equal(designs.page(index, sheet=NotedDigits().sheet).cmyk, designs.page(index).cmyk)
 
 
 def _cut(page: Page, region: tuple[float, float, float, float]) -> tuple[slice, slice]:

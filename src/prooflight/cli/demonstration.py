@@ -14,6 +14,7 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import opened
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.reporting.report import PageEntry, page_entry
+from prooflight.reporting.two_worlds import two_worlds
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.simulation.corpus.corpus import Corpus
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.reporting.two_worlds import TwoWorlds
 
 FEWEST_PRINTS = 8
 """A shorter job is printed several times, so that each kind of misprint can be shown beside good prints."""
@@ -127,6 +129,21 @@ class PrintAndInspect:
         inspection = inspector.inspect(page, Scan(dn=scan.dn, name=page.name), seed=self.seed + sheet.index)
         title = self.titles[sheet.page - 1] if self.titles else ""
         return page_entry(page, inspection, self.press, truth=scan.misprint, title=title)
+
+    def worlds(self, sheet: Print) -> TwoWorlds | None:
+        """Why this world is not the paper's: a good print of a page in each, as chi-square and our detector see them.
+
+        None: the page is too small to show it.
+        """
+        page, paper = self._laid(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
+        good = replace(sheet, first_kind=None)
+        ideal, printed = (replace(self, world=world)._scan(page, good).dn for world in ("ideal", "press"))
+        return two_worlds(
+            ideal=paper.inspect(page, ideal),
+            plain=paper.inspect(page, printed),
+            ours=Inspector.of(self.press, DETECTOR["press"]).inspect(page, printed),
+            press=self.press,
+        )
 
     def _laid(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))

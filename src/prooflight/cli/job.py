@@ -97,7 +97,9 @@ def demo(
     summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
-    write_report(report, entries, summary)
+    good = next((sheet for sheet in sheets if sheet.first_kind is None), None)
+    worlds = work.worlds(good) if good and into == "press" else None
+    write_report(report, entries, summary, worlds=worlds)
     of_run = counts(entries)
     totals: dict[str, float] = {
         "pages": of_run.pages,

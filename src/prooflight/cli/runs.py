@@ -209,7 +209,7 @@ def replay(
         )
     else:
         headings = ("", "recorded", "again", "")
-        told = (f"Sheet {sheet} of run {found.id}", page.verdict.page, show.suspended(page.verdict))
+        told = (f"Sheet {sheet} of run {found.id}", page.verdict.page, show.reserved(page.verdict))
         title = ", ".join(filter(None, told))
         table = show.table_of(title, headings, words=headings)
         for figure in figures:
@@ -360,7 +360,7 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
         verdict = page.verdict
         what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
         what += ["late"] if page.late else []
-        what += filter(None, [show.suspended(verdict)])
+        what += filter(None, [show.reserved(verdict)])
         table.add_row(
             str(page.sheet),
             visible(verdict.page),

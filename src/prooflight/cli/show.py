@@ -20,6 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prooflight.errors import visible
+from prooflight.reporting import wording
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             Text(verdict.verdict, style=style),
             verdict.action,
-            Text("; ".join(filter(None, (verdict.reason or verdict.kind, suspended(verdict))))),
+            Text("; ".join(filter(None, (verdict.reason or verdict.kind, reserved(verdict))))),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
@@ -133,9 +134,10 @@ def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
     people.print(", ".join(parts + ([f"{unseen:,} not inspected"] if unseen else [])))
 
 
-def suspended(verdict: Verdict) -> str:
-    """That nothing was promised of a verdict, in words; empty: the promise held."""
-    return "promise suspended" if verdict.promise_suspended else ""
+def reserved(verdict: Verdict) -> str:
+    """With what reserve to read a verdict, in words; empty: with none."""
+    suspended = "promise suspended" if verdict.promise_suspended else ""
+    return "; ".join(filter(None, (wording.widened(verdict.widened), suspended)))
 
 
 def _short(score: float) -> str:

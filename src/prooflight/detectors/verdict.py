@@ -104,6 +104,9 @@ class Verdict(Shown):
     """What was found of each ink that the page has, by its letter; empty: this detector does not look."""
     expected_cost: Mapping[str, float] = field(default_factory=dict)
     """Of letting pass (``accept``) and of stopping (``stop``), at this probability. [cent]"""
+    widened: float = 1.0
+    """How many times more widely than others this page was judged, because it has more colours than the detector's fit
+    follows."""
     promise_suspended: bool = False
     """Whether the run's pages had shown, by this one, that the promised false-alarm rate does not hold for them."""
 

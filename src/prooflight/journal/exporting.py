@@ -22,7 +22,7 @@ CSV_COLUMNS: Final = (
     *("sheet", "job_page", *ASKED_ALONE),
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
     *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
-    *("first_line", "time_s", "faults", "notes", "nuisance", "promise_suspended"),
+    *("first_line", "time_s", "faults", "notes", "nuisance", "widened", "promise_suspended"),
 )
 """x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
 

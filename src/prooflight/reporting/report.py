@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
+    from prooflight.reporting.two_worlds import TwoWorlds
     from prooflight.scans.recorded import RecordedScan
     from prooflight.simulation.misprints.kinds import Misprint
 
@@ -223,13 +224,19 @@ def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
     return Region(x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=0.0, kind=truth.kind)
 
 
-def write_report(path: Path, entries: Sequence[PageEntry], summary: RunSummary) -> None:
-    """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name."""
+def write_report(
+    path: Path, entries: Sequence[PageEntry], summary: RunSummary, *, worlds: TwoWorlds | None = None
+) -> None:
+    """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name.
+
+    worlds: shown first where there is such a picture.
+    """
     count = counts(entries)
     known = summary.world is not None
     numbered = list(enumerate(entries, start=1))
     text = template("report").render(
         summary=summary,
+        worlds=worlds,
         count=count,
         known=known,
         sentence=sentence(count),

@@ -63,11 +63,23 @@ def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
 
 def judged(verdict: Verdict, size_mm: tuple[float, float]) -> str:
     """What came of a page of size_mm (width, height), in one sentence or two."""
-    if verdict.verdict == "good":
-        return f"{verdict.page} is good."
     if verdict.verdict == "not-inspected":
         return f"{verdict.page} was not inspected" + (f": {verdict.reason}." if verdict.reason else ".")
-    return f"{verdict.page} is a misprint: {headline(verdict, size_mm)}. Decision: {ACTIONS[verdict.action]}."
+    found = f"{verdict.page} is good."
+    if verdict.verdict == "misprint":
+        what = headline(verdict, size_mm)
+        found = f"{verdict.page} is a misprint: {what}. Decision: {ACTIONS[verdict.action]}."
+    said = widened(verdict.widened)
+    return f"{found} {said[0].upper()}{said[1:]}." if said else found
+
+
+def widened(times: float) -> str:
+    """That a page was judged more widely than others, and why; empty: it was not.
+
+    >>> widened(1.28)
+    'more colours than the fit follows: judged 1.28 times more widely'
+    """
+    return f"more colours than the fit follows: judged {times:g} times more widely" if times > 1 else ""
 
 
 def _where(region: Region, size_mm: tuple[float, float]) -> str:

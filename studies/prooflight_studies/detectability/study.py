@@ -206,7 +206,8 @@ class _Bench:
         return self._score(*self._analysed(printed, day, rng)) > self.ours.threshold
 
     def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
-        return page_score(self.ours.model, statistics, self.known.page_features, analysis.found)
+        model = self.ours.model.widened(self.known.colours.widening)
+        return page_score(model, statistics, self.known.page_features, analysis.found)
 
     def _analysed(
         self, printed: Page, day: PressDay, rng: np.random.Generator

@@ -96,9 +96,10 @@ class StatisticsWork:
     """A good copy and misprints of a day's designs -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
-    another (whether the scan shows another page), places (PLACES, 4) of the misprint [mm, NaN: none], sigma_error
-    (sensors,) true temporal sigma over the tables', day. Beside them ``unmade_kind``, one for each misprint that nine
-    draws did not bring over the gate, and ``names`` of the statistics.
+    another (whether the scan shows another page), widening (how many times more widely its page is judged), places
+    (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true temporal sigma over the tables', day. Beside
+    them ``unmade_kind``, one for each misprint that nine draws did not bring over the gate, and ``names`` of the
+    statistics.
     """
 
     scene: Scene
@@ -149,6 +150,7 @@ def what_is_said(
         "boxes": np.array([one.box for one in statistics], np.float32),
         "portrait": known.page_features,
         "another": another,
+        "widening": known.colours.widening,
     }
     return said, keys_of(statistics)
 

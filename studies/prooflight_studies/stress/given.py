@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from prooflight_studies.stress.marks import Mark
+    from prooflight_studies.stress.marks import Digit, Mark
     from prooflight_studies.stress.nuisances import Nuisance
 
     Kind = TypeVar("Kind", bound=Block)
@@ -33,7 +33,7 @@ class Stress:
     """All that a stress file states, by name and in the order of the file's kinds."""
 
     nuisances: Mapping[str, Nuisance]
-    marks: Mapping[str, Mark]
+    marks: Mapping[str, Mark | Digit]
     """Misprints."""
     digest: str
     """SHA-256 of the file."""
@@ -42,7 +42,7 @@ class Stress:
         """RequestError: there is none of that name."""
         return _named("nuisance", self.nuisances, name)
 
-    def mark(self, name: str) -> Mark:
+    def mark(self, name: str) -> Mark | Digit:
         """RequestError: there is none of that name."""
         return _named("misprint", self.marks, name)
 
@@ -70,7 +70,7 @@ def load_stress(path: Path) -> Stress:
     return _again(nuisances, marks, hashlib.sha256(data).hexdigest())
 
 
-def _again(nuisances: dict[str, Nuisance], marks: dict[str, Mark], digest: str) -> Stress:
+def _again(nuisances: dict[str, Nuisance], marks: dict[str, Mark | Digit], digest: str) -> Stress:
     return Stress(nuisances=MappingProxyType(nuisances), marks=MappingProxyType(marks), digest=digest)
 
 

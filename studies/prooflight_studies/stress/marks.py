@@ -1,18 +1,19 @@
 """Misprints that no detector is taught by: a class a kind, with the amounts that a file states.
 
-They are drawn into the page's raster, before it is printed. None is let through a gate: what a kind does is what it
-does.
+They are drawn into the page's raster, before it is printed; a digit by composing the page again. None is let through a
+gate: what a kind does is what it does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.errors import RequestError
 from prooflight.files.schema import Block, Positive
+from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.misprints.drawing import (
     ALL_INKS,
     FULL,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from prooflight.simulation.misprints.drawing import Region
 
     Change = Callable[[NDArray[np.float32], slice], None]
+    Compose = Callable[[Callable[..., Sheet]], Page]
+    """Composes one page, on what the function given makes of ``Sheet``'s arguments."""
 
 BLACK: Final = slice(3, 4)
 HAIR_EDGE_MM: Final = 25.0
@@ -46,6 +49,9 @@ SUBPIXELS: Final = 8
 """Across a raster pixel that a thin mark crosses."""
 TRIES: Final = 50
 """Windows drawn until two are apart and differ; a page where none do has no such misprint."""
+DIGITS: Final = "0123456789"
+SIZE_WITHIN_PT: Final = 0.5
+"""assumed: composed type is of any size, and so near a stated one counts as it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,6 +62,8 @@ class Drawn:
     """What is printed."""
     regions_mm: tuple[Region, ...]
     """x, y, width, height of each place concerned; the whole page where it is all of it. [mm]"""
+    variant: str = ""
+    """Which of the kind's amounts it has, where it has several."""
 
 
 class Mark(Block):
@@ -217,21 +225,67 @@ class Mottle(Mark):
         return _rewritten(page, whole, ALL_INKS, scatter, rng)
 
 
-class Digit(Mark):
-    """One digit of printed text replaced by another."""
+class Digit(Block):
+    """One digit of printed text replaced by another of the same face and size, as its composer would have set it."""
 
+    what: str
     sizes_pt: tuple[Positive, ...]
 
-    def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """RequestError, always: a raster does not say where its digits are, nor in which face."""
-        raise RequestError(
-            "misprint.digit",
-            "cannot be drawn on a raster, which does not say where its digits are",
-            remedy="ask for the other misprints",
-        )
+    def drawn(self, page: Page, rng: np.random.Generator, compose: Compose) -> Drawn | None:
+        """The page composed again with one digit changed; None: it shows none of about these sizes.
+
+        Sizes that the page has are equally likely. compose: makes this very page on another sheet.
+        """
+        noted = NotedDigits()
+        compose(noted.sheet)
+        of_sizes = {
+            size: [at for at, each in enumerate(noted.sizes_pt) if abs(each - size) <= SIZE_WITHIN_PT]
+            for size in self.sizes_pt
+        }
+        sizes = [size for size, places in of_sizes.items() if places]
+        for _ in range(TRIES if sizes else 0):
+            size = sizes[int(rng.integers(len(sizes)))]
+            at = int(rng.choice(of_sizes[size]))
+            slip = NotedDigits(slip_at=at, slip=int(rng.integers(1, 10)))
+            changed = replace(compose(slip.sheet), name=page.name)
+            box = _changed(page, changed)
+            if box is not None:  # else a picture lies over it
+                return Drawn(page=changed, regions_mm=(box.region_mm(page),), variant=f"{size:g} pt")
+        return None
 
 
-MARKS: Final[Mapping[str, type[Mark]]] = {
+@dataclass(slots=True, kw_only=True, eq=False)
+class NotedDigits:
+    """The digits of a page in the order in which they are set, one of them wrong if asked for."""
+
+    slip_at: int | None = None
+    slip: int = 0
+    """By how much the digit there is too great, modulo 10."""
+    sizes_pt: list[float] = field(default_factory=list)
+
+    def sheet(self, **how: float) -> Sheet:
+        """A sheet that notes them here."""
+        return _NotingSheet(self, **how)
+
+    def set(self, letter: str, size_pt: float) -> str:
+        """What is drawn for a letter."""
+        if letter not in DIGITS:
+            return letter
+        self.sizes_pt.append(size_pt)
+        wrong = self.slip_at == len(self.sizes_pt) - 1
+        return DIGITS[(int(letter) + self.slip) % 10] if wrong else letter
+
+
+class _NotingSheet(Sheet):
+    def __init__(self, noted: NotedDigits, **how: float) -> None:
+        super().__init__(**how)
+        self._noted = noted
+
+    def _set(self, letter: str, size_pt: float) -> str:
+        return self._noted.set(letter, size_pt)
+
+
+MARKS: Final[Mapping[str, type[Mark | Digit]]] = {
     "hair": Hair,
     "scratch": Scratch,
     "cast": Cast,
@@ -308,8 +362,21 @@ class Ribbon:
         return off, np.arctan2(bend * ahead, 1 - bend * aside) / bend
 
 
-def draw_mark(page: Page, mark: Mark, *, rng: np.random.Generator) -> Drawn | None:
-    """A misprint of that kind; None: it cannot be on this page, or changes nothing of it."""
+def draw_mark(
+    page: Page, mark: Mark | Digit, *, rng: np.random.Generator, compose: Compose | None = None
+) -> Drawn | None:
+    """A misprint of that kind; None: it cannot be on this page, or changes nothing of it.
+
+    compose: makes this very page on another sheet. RequestError: a digit, of a page that nothing composes.
+    """
+    if isinstance(mark, Digit):
+        if compose is None:
+            raise RequestError(
+                "misprint.digit",
+                "a raster alone does not say where its digits are",
+                remedy="ask for it on composed pages",
+            )
+        return mark.drawn(page, rng, compose)
     drawn = mark.drawn(page, rng)
     return None if drawn is None or np.array_equal(drawn.page.cmyk, page.cmyk) else drawn
 
@@ -318,6 +385,16 @@ def _rewritten(page: Page, box: Box, inks: slice, change: Change, rng: np.random
     cmyk = page.cmyk.copy()
     rewrite(cmyk, box, inks, change, rng)
     return Drawn(page=replace(page, cmyk=cmyk), regions_mm=(box.region_mm(page),))
+
+
+def _changed(page: Page, other: Page) -> Box | None:
+    """The least box that holds all in which two pages of one size differ; None: in nothing."""
+    rows, columns = np.nonzero(page.packed != other.packed)
+    if not rows.size:
+        return None
+    return Box(
+        top=int(rows.min()), left=int(columns.min()), bottom=int(rows.max()) + 1, right=int(columns.max()) + 1
+    )
 
 
 def _content(page: Page, rng: np.random.Generator) -> tuple[int, int] | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from prooflight.rng import stream
 from prooflight.simulation.captures import Printed
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.protocol import OTHERS
 from prooflight_studies.press.scans import places_mm, what_is_said
 from prooflight_studies.stress.marks import MARKS, draw_mark
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.press.scans import Scene
     from prooflight_studies.stress.given import Stress
+    from prooflight_studies.stress.marks import Compose
 
 COPY = 0
 """Of a scene: every row of a design is of one and the same print."""
@@ -38,8 +40,8 @@ class StressWork:
 
     All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
-    Columns: design, kind (of the misprint, "" where good), severity, nuisance ("" where none), day, values
-    (statistics,), boxes (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them
+    Columns: design, kind (of the misprint, with its variant; "" where good), severity, nuisance ("" where none), day,
+    values (statistics,), boxes (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them
     ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the
     statistics.
     """
@@ -68,15 +70,23 @@ class StressWork:
             for index, (good, known) in designs.items():
                 number = list(MARKS).index(kind)
                 rng = stream(self.scene.seed, "stress-mark", self.scene.number, index, number)
-                drawn = draw_mark(good.page, mark, rng=rng)
+                drawn = draw_mark(good.page, mark, rng=rng, compose=self._composing(bench, index))
                 if drawn is None:
                     table.unmade.append((kind, index))
                     continue
                 wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
-                self._add(table, bench, wrong, known, index, kind=kind, regions_mm=drawn.regions_mm)
+                said = f"{kind} {drawn.variant}".strip()
+                self._add(table, bench, wrong, known, index, kind=said, regions_mm=drawn.regions_mm)
         for name in self.wrong_under:
             self._add_wrong(table, bench, self._under(bench, name, day) if name else bench, designs, name)
         return table.rows()
+
+    def _composing(self, bench: PressDay, index: int) -> Compose | None:
+        """Composes a design as the press takes it; None: designs here are not composed."""
+        pages = self.scene.pages
+        if not isinstance(pages, Corpus):
+            return None
+        return lambda sheet: bench.day.press.geometry.lay(pages.page(index, sheet=sheet))
 
     def _add_wrong(
         self,

@@ -6,6 +6,7 @@ The press is what `press build` makes; what it learns is what `press learn` lear
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -51,8 +52,6 @@ SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
 COSTLY: Final = "formation_half"
 """Under which misprints are printed as well."""
-UNMADE: Final = ("digit",)
-"""Marks that cannot be drawn yet: composed pages do not know where their digits are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +128,8 @@ def run_stress_study(
         processes=processes,
         progress=progress,
     )
-    found = judged_stress(press.ours, bench.rows(), plan)
+    every = bench.rows()
+    found = judged_stress(press.ours, every, plan)
     if real is not None:
         found["real"] = _as_built(press.ours, bench.real_rows(real), plan)
     page = {
@@ -139,7 +139,7 @@ def run_stress_study(
         "rate": press.ours.promise.rate,
         "worlds": worlds_digest(),
         "stress": stress.digest,
-        "unmade": list(UNMADE),
+        "unmade": _unmade(every["marks"]),
         **found,
     }
     write_page(results / "stress.md", "stress", page)
@@ -176,7 +176,7 @@ class _Bench:
         works = {
             "learn": replace(plain, nuisances=nuisances),
             "judge": replace(plain, nuisances=nuisances),
-            "marks": replace(plain, marks=tuple(one for one in self.stress.marks if one not in UNMADE)),
+            "marks": replace(plain, marks=tuple(self.stress.marks)),
             "wrong": replace(plain, wrong_under=("", COSTLY)),
             "good": plain,
         }
@@ -210,6 +210,8 @@ class _Bench:
             "scatter": digest_of(arrays),
             "seed": self.plan.seed,
         }
+        if isinstance(work, StressWork) and work.marks:
+            facts["marks"] = list(work.marks)
         return run_pieces(
             work,
             days,
@@ -320,7 +322,7 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
 
 def _plain(every: dict[str, Rows]) -> Rows:
     """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
-    columns = ("design", "day", "kind", "severity", "values", "portrait", "another")
+    columns = ("design", "day", "kind", "severity", "values", "portrait", "another", "widening")
     parts = []
     for name, rows in every.items():
         here = (rows["nuisance"] == "") & ((rows["kind"] == "") | (name == "wrong"))
@@ -334,7 +336,10 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     c(1) is at the threshold that costs least on the good pages and misprints that the ranking was judged by.
     """
     pages = Pages.of(rows)
-    score = certain_score(ours.model, pages, rows["another"])
+    score = np.empty(len(rows["kind"]))
+    for times in np.unique(rows["widening"]):
+        here = rows["widening"] == times
+        score[here] = certain_score(ours.model.widened(times), pages.rows(here), rows["another"][here])
     bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
     caught = pages.rows(bad & alarm)
     named = ours.model.kinds_of(caught.values, caught.page_features) == caught.kind
@@ -362,3 +367,8 @@ def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
     bad = number >= good.size
     pages = Scored(score=np.concatenate([good, wrong]), bad=bad, design=number, day=number)
     return least_cost(pages, 1.0).threshold
+
+
+def _unmade(rows: Rows) -> dict[str, int]:
+    """Of each kind, on how many pages it could not be."""
+    return dict(sorted(Counter(rows["unmade_kind"].tolist()).items()))

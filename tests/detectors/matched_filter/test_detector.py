@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.base import KeptArrays
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.registry import detector
+from prooflight.reporting.wording import judged
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.misprints.kinds import draw_misprint
 
@@ -127,6 +129,30 @@ def test_a_prepared_page_serves_all_its_scans(bench: Bench) -> None:
     assert first.verdict.score != other.verdict.score
     whole = bench.inspector.inspect(page, scans[0])
     assert whole.verdict.score == first.verdict.score
+
+
+def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says_so(bench: Bench) -> None:
+    """As if the press's good pages scattered so many times as widely; decided again alike from what is kept."""
+    page, rng = bench.page(2), np.random.default_rng(4)
+    patches = rng.integers(0, 256, (10, 8, 4)).astype(np.uint8)
+    rows, columns = page.cmyk.shape[:2]
+    many = np.repeat(np.repeat(patches, -(-rows // 10), axis=0), -(-columns // 8), axis=1)[:rows, :columns]
+    page = replace(page, cmyk=np.ascontiguousarray(many))
+    found = bench.inspector.inspect(page, bench.scan(page, rng))
+    times = float(found.kept["widening"])
+    assert found.verdict.widened == round(times, 2) > 1
+    ours = bench.day.day.press.ours
+    assert ours is not None
+    assert ours.model.widened(1.0) is ours.model
+    wide = replace(ours.model, scale=times * ours.model.scale)
+    score = wide.score(found.kept["values"][None], found.kept["portrait"][None])[0]
+    assert found.verdict.score == score
+    kept = KeptArrays(dict(found.kept), "ours")
+    assert detector("ours", bench.day.day.press).decided_again(kept).score == score
+    assert f"judged {times:.3g} times more widely" in judged(found.verdict, (36.0, 44.0))
+    before = {name: array for name, array in found.kept.items() if name != "widening"}
+    plain = detector("ours", bench.day.day.press).decided_again(KeptArrays(before, "ours")).score
+    assert plain == ours.model.score(found.kept["values"][None], found.kept["portrait"][None])[0] != score
 
 
 def test_what_people_look_at_is_there_when_asked_for(bench: Bench) -> None:

@@ -10,6 +10,9 @@ import pytest
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.nuisance import (
+    COLOUR_LENGTH,
+    COLOURS,
+    FOLLOWED,
     Fit,
     PlacedScan,
     PrintPrior,
@@ -161,6 +164,35 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     x, y, _, _ = cells.box_mm(found.sums, int(row), int(column))
     assert t.max() > 20
     assert (x, y) == pytest.approx((310 * 25.4 / DPI, 750 * 25.4 / DPI), abs=1.5)
+
+
+def _cover(recipes: NDArray[np.floating]) -> NDArray[np.float32]:
+    """A patch of each recipe (n, 4), of as many pixels each, beside bare paper."""
+    every = np.concatenate([np.zeros((1, 4)), recipes]).astype(np.float32)
+    return np.repeat(np.repeat(every.T[:, None], 8, axis=1), 8, axis=2)
+
+
+def test_what_colours_do_not_follow_is_the_variance_that_remains_of_a_gaussian_process() -> None:
+    """Its conditional variance, solved for outright; to the single precision that centres are kept in."""
+    recipes = np.rint(np.random.default_rng(5).random((60, 4)) * 16) / 16
+    found = page_colours(_cover(recipes))
+    assert len(found.centres) == COLOURS
+
+    def kernel(some: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
+        return np.exp(-((some[:, None] - other) ** 2).sum(axis=2) / COLOUR_LENGTH**2)
+
+    across = kernel(recipes, found.centres)
+    left = 1 - (across * np.linalg.solve(kernel(found.centres, found.centres), across.T).T).sum(axis=1)
+    assert found.unfollowed == pytest.approx(np.sqrt(left.mean()), rel=1e-4)
+    assert found.widening == pytest.approx(found.unfollowed / FOLLOWED)
+    assert found.widening > 1
+
+
+def test_a_page_of_few_colours_is_followed_and_judged_as_others() -> None:
+    few = page_colours(_cover(np.random.default_rng(5).random((COLOURS // 2, 4))))
+    assert few.unfollowed < FOLLOWED
+    assert few.widening == 1
+    assert page_colours(np.zeros((4, 8, 8), np.float32)).unfollowed == 0
 
 
 def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tints: Page) -> None:

@@ -75,7 +75,15 @@ class MatchedFilterDetector(StationDetector):
             fringes=station.fringes,
             prior=self.calibrated.model.prior,
         )
-        return MatchedFilterPage(detector=self, known=known, inks=present_inks(planned.page))
+        model = self.calibrated.model
+        widening = 1.0 if model.residual_variance.exact else known.colours.widening
+        return MatchedFilterPage(
+            detector=self,
+            known=known,
+            inks=present_inks(planned.page),
+            model=model.widened(widening),
+            widening=widening,
+        )
 
     def decided_again(self, kept: KeptArrays) -> Decision:
         """See ``Detector``."""
@@ -83,6 +91,7 @@ class MatchedFilterDetector(StationDetector):
         with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
             values = kept.array("values", "fiu", (len(model.statistics),))
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
+            model = model.widened(_widening_of(kept))
             return self.calibrated.decide(score_of(model, values, page_features, another=another))
 
     def run_test(self, *, seed: int) -> PressRunTest:
@@ -98,6 +107,10 @@ class MatchedFilterPage(PreparedOnly):
     known: PreparedPage
     inks: str
     """Letters of CMYK that the page has."""
+    model: DetectorModel
+    """By which this page is judged ..."""
+    widening: float
+    """... so many times as widely as others."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
@@ -105,8 +118,8 @@ class MatchedFilterPage(PreparedOnly):
         page, page_features = known.page, known.page_features
         analysis = analyse(known, scan.dn, residual_variance=ours.model.residual_variance)
         statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
-        decision = ours.decide(page_score(ours.model, statistics, page_features, analysis.found))
-        strongest = ours.model.strongest(statistics, page_features, most=STRONGEST)
+        decision = ours.decide(page_score(self.model, statistics, page_features, analysis.found))
+        strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
         values, another = values_of(statistics), shows_another(analysis.found)
         told = self._explained(analysis, strongest, values) if decision.misprint else {}
         verdict = Verdict.from_decision(
@@ -117,6 +130,7 @@ class MatchedFilterPage(PreparedOnly):
             detector=ours.name,
             family=strongest[0][0] if strongest else None,
             inks=inks_found(analysis, self.inks),
+            widened=round(self.widening, 2),
             **told,
         )
         placement = analysis.found.placement if analysis.found.found else IN_PLACE
@@ -128,16 +142,21 @@ class MatchedFilterPage(PreparedOnly):
             measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
             expect=lambda: cut(station.predict(page, placement), area),
-            kept={"wrong_page": np.array(another), "values": values, "portrait": page_features},
+            kept={
+                "wrong_page": np.array(another),
+                "values": values,
+                "portrait": page_features,
+                "widening": np.array(self.widening),
+            },
             state=partial(print_state, analysis, station.sensors),
-            summary=None if another else summary_of(ours.model, values, page_features),
+            summary=None if another else summary_of(self.model, values, page_features),
         )
 
     def _explained(
         self, analysis: ScanAnalysis, strongest: list[tuple[str, Observed]], values: NDArray[np.float32]
     ) -> dict[str, Any]:
         """Kind, places and reason of a misprint."""
-        page, model = self.known.page, self.detector.calibrated.model
+        page, model = self.known.page, self.model
         another = shows_another(analysis.found)
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else learned or named(strongest)
@@ -177,6 +196,13 @@ def _regions(
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
     )
+
+
+def _widening_of(kept: KeptArrays) -> float:
+    """Kept evidence of before there was any has none."""
+    if "widening" not in kept.kept:
+        return 1.0
+    return max(float(kept.array("widening", "f", (), finite=True)), 1.0)
 
 
 def summary_of(

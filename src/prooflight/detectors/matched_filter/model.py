@@ -7,7 +7,7 @@ most telling families are out.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -124,6 +124,10 @@ class DetectorModel:
         compared = (compressed(values) - x @ self.baseline) / self.sd
         told = np.where(in_deviations(self.statistics), _known(values), compared)
         return np.asarray((told - self.shift) / self.scale)
+
+    def widened(self, times: float) -> DetectorModel:
+        """That takes good pages to deviate so many times as widely."""
+        return self if times == 1 else replace(self, scale=self.scale * times)
 
     def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""

@@ -131,9 +131,9 @@ class Corpus:
         more = f", black_of_four={self.black_of_four!r}" if self.black_of_four else ""
         return f"Corpus(seed={self.seed!r}, dpi={self.dpi!r}{more})"
 
-    def page(self, index: int) -> Page:
-        """Design ``index``, from 0; there is no last one."""
-        return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four)
+    def page(self, index: int, *, sheet: Callable[..., Sheet] = Sheet) -> Page:
+        """Design ``index``, from 0; there is no last one. sheet: see ``design_page``."""
+        return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four, sheet=sheet)
 
 
 def design_name(index: int) -> str:
@@ -145,10 +145,13 @@ def design_name(index: int) -> str:
     return f"d{index + 1:05d}"
 
 
-def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0) -> Page:
+def design_page(
+    seed: int, index: int, *, dpi: float, black_of_four: float = 0.0, sheet: Callable[..., Sheet] = Sheet
+) -> Page:
     """Design ``index`` (from 0) of a seed, the same at every resolution but for the raster. [pixels/inch]
 
-    black_of_four: see ``Corpus``; a design that it does not fall on is the same whatever it is.
+    black_of_four: see ``Corpus``; a design that it does not fall on is the same whatever it is. sheet: makes what is
+    drawn on, of ``Sheet``'s arguments.
     RequestError: an index below 0, a resolution that is not above 0, or a share that is not 0 to 1.
     """
     if index < 0:
@@ -162,12 +165,12 @@ def design_page(seed: int, index: int, *, dpi: float, black_of_four: float = 0.0
     width_mm, height_mm = pick_weighted(rng, SIZES_MM)
     layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
     look = Look.draw(rng, black_alone=black_alone)
-    sheet = Sheet(width_mm=width_mm, height_mm=height_mm, dpi=dpi)
-    layout(sheet, rng, look)
+    drawn_on = sheet(width_mm=width_mm, height_mm=height_mm, dpi=dpi)
+    layout(drawn_on, rng, look)
     if not black_alone:
         # A generator of its own: whatever else is drawn stays as it is.
-        _enrich_black(sheet, stream(seed, "rich-black", index), black_of_four)
-    return Page(cmyk=sheet.cmyk, dpi=dpi, name=design_name(index), number=index + 1)
+        _enrich_black(drawn_on, stream(seed, "rich-black", index), black_of_four)
+    return Page(cmyk=drawn_on.cmyk, dpi=dpi, name=design_name(index), number=index + 1)
 
 
 def _enrich_black(sheet: Sheet, rng: np.random.Generator, share: float) -> None:

@@ -42,6 +42,8 @@ COLOURS: Final = SHAPES
 """Of a page's recipes, between which tables are taken to err smoothly."""
 COLOUR_LENGTH: Final = 0.5
 """Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
+FOLLOWED: Final = 0.25
+"""``Colours.unfollowed`` up to which a page is like those that taught the ranking: the most of 500 of them is 0.23."""
 ROUNDS: Final = 4
 BLOCKS: Final = 5000
 """So many, spread evenly, are enough."""
@@ -170,6 +172,14 @@ class Colours:
     """(n, 4) ink areas."""
     root: NDArray[np.float32]
     """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
+    unfollowed: float = 0.0
+    """What these functions leave of a table's smooth error: its rms over all that is printed, by that error's standard
+    deviation."""
+
+    @property
+    def widening(self) -> float:
+        """How many times more widely this page is judged than others, because its light may be off by more."""
+        return max(self.unfollowed / FOLLOWED, 1.0)
 
     def bells(self) -> NDArray[np.float32]:
         """Factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2); 0 beyond the centres."""
@@ -211,10 +221,16 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
         column = (kernel - found @ found[pivot]) / np.sqrt(left[pivot])
         found = np.column_stack([found, column])
         left = (left - column**2).clip(min=0)
+    printed = keys > 0  # key 0 is bare paper
+    unfollowed = np.sqrt((left * count)[printed].sum() / max(count[printed].sum(), 1))
     centres = colours[chosen]
     kernel = np.exp(-((centres[:, None] - centres) ** 2).sum(axis=2) / COLOUR_LENGTH**2)
     factor = np.linalg.cholesky(kernel + 1e-6 * np.eye(len(chosen)))
-    return Colours(centres=centres.astype(np.float32), root=np.linalg.inv(factor).astype(np.float32))
+    return Colours(
+        centres=centres.astype(np.float32),
+        root=np.linalg.inv(factor).astype(np.float32),
+        unfollowed=float(unfollowed),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -177,7 +177,7 @@ class Sheet:
         size_px, baseline, packed = size_mm * self.per_mm, self._px(y), _pack(ink)
         over = ink == BLACK
         for letter in text:
-            glyph = face.glyph(letter, size_px)
+            glyph = face.glyph(self._set(letter, size_pt), size_px)
             self._stamp(glyph.mask, self._px(pen) + glyph.left, baseline + glyph.top, packed, over=over)
             pen += size_mm * (face.advance(letter) + spread_em)
         return length
@@ -189,10 +189,14 @@ class Sheet:
         size_mm = size_pt * MM_PER_PT
         size_px, packed, pen = size_mm * self.per_mm, _pack(ink), 0.0
         for letter in text:
-            glyph = face.glyph(letter, size_px)
+            glyph = face.glyph(self._set(letter, size_pt), size_px)
             left, top = self._px(x) + glyph.top, self._px(y - pen) - glyph.left - glyph.mask.shape[1]
             self._stamp(np.rot90(glyph.mask), left, top, packed, over=ink == BLACK)
             pen += size_mm * face.advance(letter)
+
+    def _set(self, letter: str, size_pt: float) -> str:
+        """The letter whose glyph is drawn in place of one of the text; whoever tries what a slip does draws another."""
+        return letter
 
     def modules(self, x: float, y: float, side: float, dark: NDArray[np.bool_], ink: Ink = BLACK) -> None:
         """A pattern of squares (rows, columns), each ``side`` wide; the light ones are left as they are."""

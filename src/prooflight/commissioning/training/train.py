@@ -82,7 +82,7 @@ def trained(
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
-    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
+    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()}, prior=good_prior(press))
     work = StatisticsWork(
         press=press, pages=pages, seed=seed, scatter=scatter, misprints=paper, windows=paper
     )

@@ -17,13 +17,14 @@ from prooflight.commissioning.training.learn import (
     with_threshold,
 )
 from prooflight.commissioning.training.ranking import fitted_forest
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    LEAST_LIGHT,
     MODES,
     SCATTER_SHAPES,
     SIZES,
     Scatter,
+    assumed_light,
 )
 from prooflight_studies.harness.operating import Scored, area_under_roc
 
@@ -128,7 +129,7 @@ def test_scatter_tells_noise_from_edges_and_tolerance() -> None:
     # A class's greatest half per cent is left out, which takes 5 % off a normal variance.
     assert scatter.boxes[MODES.index("add-C"), 2] == pytest.approx([1.5, 6, 1e-3], rel=0.3)
     assert scatter.boxes[MODES.index("add-C"), 3].tolist() == [1, 1, 0]  # nothing was drawn
-    assert scatter.light.tolist() == LEAST_LIGHT.tolist()
+    assert scatter.light.tolist() == assumed_light(PrintPrior()).tolist()
 
 
 def light_draws(sd: float, rng: np.random.Generator, *, of_edges: float = 0.0) -> NDArray[np.float64]:
@@ -149,7 +150,7 @@ def test_what_moves_all_light_alike_is_learned_away_from_edges() -> None:
     light[3, : LEAST_PLACES - 1] = light_draws(0.02, rng)[: LEAST_PLACES - 1]
     found = learn_scatter(samples).light
     assert found[:2] == pytest.approx([0.02, 0.006], rel=0.06)
-    assert found[2:].tolist() == LEAST_LIGHT[2:].tolist()  # hardly anything, few draws, none
+    assert found[2:].tolist() == assumed_light(PrintPrior())[2:].tolist()  # hardly anything, few draws, none
     assert found.size == len(SIZES)
 
 

@@ -10,6 +10,7 @@ import pytest
 from prooflight.commissioning.training.adapting import adapted, own_scores
 from prooflight.commissioning.training.learn import Pages
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, new_scans, recalibrated
+from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.errors import RequestError
 from prooflight.inspection.job import ScannedPage
 
@@ -35,6 +36,7 @@ def seen(
                 page_features=like.page_features[row],
                 another=number < another,
                 digest=f"{seed}-{number}",
+                variation=np.full((len(AMOUNTS), 2), number + 1, np.float32),
             )
         )
     return pages

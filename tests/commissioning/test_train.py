@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from prooflight.commissioning.training import train
 from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
+    FOLLOWS,
     LEAST_TIMES,
     PressDay,
     ScatterWork,
@@ -32,6 +34,7 @@ from prooflight.detectors.paper.detector import page_evidence
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
+from prooflight.simulation.worlds import Amounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -177,6 +180,18 @@ def test_what_good_prints_are_taken_to_do_follows_the_press(
         {name: times.get(name, 1.0) * value for name, value in asdict(world).items()}
     )
     assert (prior == world) == (not times)
+
+
+def test_an_office_class_press_does_what_the_press_world_does() -> None:
+    """No default is a silent copy: each is the amounts of worlds.toml that it follows, times a margin that is named."""
+    # white: a table's shape shows at paper too. place: paper and lamp. place_near: about the smooth level.
+    margins = {"white": 1.163, "place": 1.5, "place_near": 0.5}
+    unit = {name: 1000.0 if name.endswith("_mm") else 100.0 for name in FOLLOWS}
+    world = Amounts.stated()
+    for name, of in FOLLOWS.items():
+        amount = np.hypot.reduce([attrgetter(one)(world) for one in of] + [0.0]) / unit[name]
+        assert getattr(PrintPrior(), name) == pytest.approx(margins.get(name, 1.0) * amount, rel=0.01), name
+    assert {*FOLLOWS, "lamp_length"} == set(asdict(PrintPrior()))
 
 
 def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press) -> None:

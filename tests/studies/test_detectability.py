@@ -72,7 +72,7 @@ def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
     lines = np.zeros((4, LINE_MODES, SEGMENTS, 300), np.float32)
     lines[1, MODES.index("add-K")] = power
     cover = np.zeros((4, rows, columns), np.float32)
-    given = {"tiles": tiles, "columns": lines, "cover": cover}
+    given = {"tiles": tiles, "columns": lines, "cover": cover, "prior": PrintPrior()}
     given |= {"tile_mm": 0.5, "pixel_mm": 0.1, "left_mm": -2.0, "top_mm": -2.0}
     return Sums(**{field.name: given.get(field.name, lines) for field in fields(Sums)})
 

@@ -124,7 +124,7 @@ class PrintAndInspect:
         """Rip, print, scan, inspect and picture one sheet."""
         page = self._laid(sheet.page)
         page = replace(page, name=page.name + sheet.suffix)
-        scan = self._scan(page, sheet)
+        scan = self.scan(page, sheet)
         inspector = Inspector.of(self.press, DETECTOR[self.world])
         inspection = inspector.inspect(page, Scan(dn=scan.dn, name=page.name), seed=self.seed + sheet.index)
         title = self.titles[sheet.page - 1] if self.titles else ""
@@ -137,7 +137,7 @@ class PrintAndInspect:
         """
         page, paper = self._laid(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
         good = replace(sheet, first_kind=None)
-        ideal, printed = (replace(self, world=world)._scan(page, good).dn for world in ("ideal", "press"))
+        ideal, printed = (replace(self, world=world).scan(page, good).dn for world in ("ideal", "press"))
         return two_worlds(
             ideal=paper.inspect(page, ideal),
             plain=paper.inspect(page, printed),
@@ -148,7 +148,7 @@ class PrintAndInspect:
     def _laid(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))
 
-    def _scan(self, page: Page, sheet: Print) -> SimulatedScan:
+    def scan(self, page: Page, sheet: Print) -> SimulatedScan:
         """A print, with a misprint of the kind to try first, or of the next that shows on this page."""
         rng = stream(self.seed, "print", sheet.index)
         others = tuple(number for number in range(1, len(opened(self.job)) + 1) if number != sheet.page)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +17,7 @@ from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
+    from prooflight.commissioning.training.learned_variation import StatedBesideLearned
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
@@ -197,14 +199,16 @@ def show_press(
     json: Json = False,
 ) -> None:
     """Look inside a press artefact."""
+    from prooflight.commissioning.training.learned_variation import stated_beside_learned
+
     press = Press.load(artefact)
-    facts = _facts(press)
+    facts, learned = _facts(press), stated_beside_learned(press)
     if picture is not None:
         from prooflight.reporting.press_pictures import draw_press
 
         draw_press(picture, press)
     if json:
-        show.print_json(facts)
+        show.print_json(facts | {"learned": [asdict(row) for row in learned]})
         return
     table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
     sensors = facts.pop("sensors")
@@ -215,8 +219,27 @@ def show_press(
     for key in list(sensors[0])[1:]:
         of_sensors.add_row(key.replace("_", " "), *(str(sensor[key]) for sensor in sensors))
     show.people.print(of_sensors)
+    if learned:
+        _print_learned(learned)
     if picture is not None:
         show.written(picture)
+
+
+def _print_learned(rows: list[StatedBesideLearned]) -> None:
+    title = "How much good prints vary: [variation]"
+    table = show.table_of(
+        title, ("amount", "stated", "learned", "pages", "remark"), words=("amount", "remark")
+    )
+    for row in rows:
+        found = row.learned
+        value = "" if found is None else f"{found.value:.3g} ({found.low:.3g} to {found.high:.3g})"
+        pages = "" if found is None else str(found.pages)
+        table.add_row(" + ".join(row.names), f"{row.stated:.3g}", value, pages, row.remark)
+    show.people.print(table)
+    show.people.print(
+        "Amounts with a + are what pages of one session show together. Intervals hold nine times in ten were pages "
+        "independent; what a session's pages share is drawn once a session. sigma_error: its greatest factor."
+    )
 
 
 def _in_lines(value: Any) -> str:

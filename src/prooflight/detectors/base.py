@@ -106,6 +106,8 @@ class Inspection(Shown):
     """What the run's control charts take from it."""
     summary: NDArray[np.float64] | None = None
     """By which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector has no such test."""
+    variation: Callable[[], NDArray[np.float32]] | None = None
+    """What the page tells of how good prints vary (``matched_filter.variation``); None: its detector does not say."""
     planned: PlannedPage | None = None
     """The page as it entered the press; None: a detector was asked without an ``Inspector``, which puts it here."""
 

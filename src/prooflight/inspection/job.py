@@ -199,7 +199,7 @@ class ScanPage:
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)
         score = inspection.verdict.score
-        if score is None:
+        if score is None or inspection.variation is None:
             remedy = "give scans of good pages, made by the press as it was calibrated"
             raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
         return ScannedPage(
@@ -208,5 +208,6 @@ class ScanPage:
             values=inspection.kept["values"],
             page_features=inspection.kept["portrait"],
             another=bool(inspection.kept["wrong_page"]),
+            variation=inspection.variation(),
             digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
         )

@@ -18,7 +18,6 @@ from scipy import ndimage
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    COMMON,
     MODES,
     SIZES,
     WIDTH_UNIT_MM,
@@ -181,7 +180,7 @@ def _patches(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
         _boxed(one.astype(np.float64), PATCH_TILES)
         for one in (*sums.tiles[1:4, mode], sums.tiles[1, MODES.index("light")])
     )
-    return _told(np.stack(maps), light, COMMON, scatter.boxes[mode, place])[1]
+    return _told(np.stack(maps), light, sums.prior.place, scatter.boxes[mode, place])[1]
 
 
 def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
@@ -190,7 +189,7 @@ def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     parts = sums.columns[1:4].astype(np.float64).sum(axis=2)
     power, _, edges = parts[:, mode]
     # As in the sums of columns: first the common part, then the width.
-    own, _ = _told(parts[:, mode], parts[0, 0], COMMON, np.array([1.0, 0.0, 0.0]))
+    own, _ = _told(parts[:, mode], parts[0, 0], sums.prior.place, np.array([1.0, 0.0, 0.0]))
     edges = edges * np.minimum(own / np.maximum(power, 1e-9), 1)
     width = max(round(STREAK_WIDTH * WIDTH_UNIT_MM / sums.pixel_mm), 1)
     own, edges = (ndimage.uniform_filter1d(one, width, mode="constant") * width for one in (own, edges))

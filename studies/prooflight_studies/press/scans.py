@@ -97,7 +97,7 @@ class StatisticsWork:
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
     another (whether the scan shows another page), widening (how many times more widely its page is judged), places
-    (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true temporal sigma over the tables', day. Beside
+    (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true temporal sigma over tables', day. Beside
     them ``unmade_kind``, one for each misprint that nine draws did not bring over the gate, and ``names`` of the
     statistics.
     """

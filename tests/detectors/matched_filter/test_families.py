@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.cmyk import INK_LETTERS
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.naming import kind_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
@@ -67,6 +68,8 @@ def drawn(seed: int, *, of_edges: float = 0.0) -> Sums:
         pixel_mm=TILE_MM / 2,
         left_mm=-1.0,
         top_mm=-2.0,
+        prior=PrintPrior(),
+        column_gains=np.zeros((1, PIXELS), np.float32),
     )
 
 

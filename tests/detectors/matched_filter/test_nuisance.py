@@ -23,10 +23,10 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    LEAST_LIGHT,
     MODES,
     SIZES,
     Scatter,
+    assumed_light,
     summed,
     t_statistic,
 )
@@ -95,7 +95,9 @@ def judged(
     )
     left, weight, of_edges, noise = residual_images(placed, fit, residual_variance=ResidualVariance())
     raw = left.copy()
-    sums = summed(placed, left, weight, of_edges, geometry=geometry, page_width_mm=page.width_mm)
+    sums = summed(
+        placed, left, weight, of_edges, geometry=geometry, page_width_mm=page.width_mm, prior=PrintPrior()
+    )
     return Judged(fit=fit, sums=sums, left=raw, weight=weight, noise=noise)
 
 
@@ -108,7 +110,7 @@ def scan_of(press: Press, page: Page, *, times: float = 1.0, seed: int = 3) -> N
 def greatest(sums: Sums, name: str, size: int = 8) -> float:
     """|T| of a mode, boxes of one size."""
     mode, place = MODES.index(name), SIZES.index(size)
-    own, power, edges = boxes(list(cells_of(sums, LEAST_LIGHT))[place])
+    own, power, edges = boxes(list(cells_of(sums, assumed_light(PrintPrior())))[place])
     t = t_statistic(own[mode], power[mode], edges[mode], Scatter.white().boxes[mode, place])
     return float(np.abs(t).max())
 
@@ -157,7 +159,7 @@ def test_a_spot_is_seen_where_it_lies(press: Press, tints: Page) -> None:
     printed = Page(cmyk=tints.cmyk.copy(), dpi=DPI, name="spot", number=1)
     printed.cmyk[740:760, 300:320, BLACK] = 100
     found = judged(press, tints, scan_of(press, printed))
-    cells = next(cells_of(found.sums, LEAST_LIGHT))
+    cells = next(cells_of(found.sums, assumed_light(PrintPrior())))
     own, power, edges = boxes(cells)
     t = t_statistic(own[4], power[4], edges[4], np.array([1.0, 1.0, 0.0]))
     row, column = np.unravel_index(int(np.argmax(t)), t.shape)

@@ -10,15 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.nuisance import Colours
+from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    COMMON,
     GHOST_BOXES_MM,
-    LEAST_LIGHT,
     MODES,
     SIZES,
     Sums,
+    assumed_light,
     t_statistic,
     without_common,
 )
@@ -112,10 +111,11 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
     sums = Sums(
         tiles=tiles, columns=np.zeros((4, 10, 4, 60), np.float32), flat_columns=np.zeros((4, 10, 4, 60), np.float32),
         cover=np.zeros((4, 41, 30), np.float32), shifts=np.zeros((4, 4)),
-        tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0,
+        tile_mm=0.5, pixel_mm=0.25, left_mm=0.0, top_mm=0.0, prior=PrintPrior(),
+        column_gains=np.zeros((1, 60), np.float32),
     )  # fmt: skip
     scatter = rng.uniform(0.5, 2, (len(MODES), 3)) * [1, 1, 1e-4]
-    for cells, size in zip(cells_of(sums, LEAST_LIGHT), SIZES, strict=True):
+    for cells, size in zip(cells_of(sums, assumed_light(PrintPrior())), SIZES, strict=True):
         assert cells.size == size
         own, power, edges = boxes(cells)
         for mode, found in enumerate(extremes_of_boxes(cells, scatter, overlap=4)):
@@ -260,11 +260,11 @@ def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> Non
     columns = np.abs(rng.normal(0, 50, (4, 10, 4, 90))).astype(np.float32)
     columns[2] = np.sqrt(columns[1] * columns[1, :1])
     columns[3] = columns[1] * rng.random((10, 4, 90))
-    known, wide, length, count = 1 / COMMON**2, 21, 2, 4
+    known, wide, length, count = 1 / PrintPrior().place ** 2, 21, 2, 4
     found = np.empty((3, 10, 3, 90), np.float32)
     levelled_parts(columns, length, np.float32(known), wide, found)
     sums = np.stack([columns[:, :, k : k + length].sum(axis=2) for k in range(3)], axis=2)
-    own, power, edges = without_common(sums)
+    own, power, edges = without_common(sums, PrintPrior().place)
     push, said = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
@@ -285,8 +285,8 @@ def test_swaps_are_summed_by_blocks(seed: int) -> None:
     tiles[2] = 0.5 * np.sqrt(tiles[1] * tiles[1, :1])
     cover = rng.random((4, 11, 14)).astype(np.float32)
     found = np.empty((2, 1, 2, 3), np.float32)
-    swap_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / COMMON**2), 4, found)
-    own, power, _ = without_common(tiles)
+    swap_sums(tiles, cover, np.array([[1, 3]]), np.float32(1 / PrintPrior().place ** 2), 4, found)
+    own, power, _ = without_common(tiles, PrintPrior().place)
     push, said = own[1:5] + own[5:9], power[1:5] + power[5:9]
     step = cover[3] - cover[1]
     for got, all_of in zip(found, (step * (push[1] - push[3]), step**2 * (said[1] + said[3])), strict=True):

@@ -18,7 +18,7 @@ from prooflight.detectors.matched_filter.ranking import (
     every_column,
     family_columns,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, LEAST_LIGHT, MODES, Scatter
+from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
 from prooflight.detectors.matched_filter.statistics.located import ONE_SIGMA
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
@@ -109,9 +109,13 @@ def pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return moved.reshape(*moved.shape[:-3], -1, 3)
 
 
-def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:
-    """Noise and tolerance of every mode and size from draws (..., n, 3) of N', D' and edges on good prints."""
-    found = {"light": _light(samples["boxes"][MODES.index("light")])}
+def learn_scatter(samples: Mapping[str, NDArray[np.floating]], *, prior: PrintPrior | None = None) -> Scatter:
+    """Noise and tolerance of every mode and size from draws (..., n, 3) of N', D' and edges on good prints.
+
+    prior: what good prints are taken to do, by default an office-class press's.
+    """
+    least = assumed_light(prior or PrintPrior())
+    found = {"light": _light(samples["boxes"][MODES.index("light")], least)}
     for name, drawn in samples.items():
         shape = drawn.shape[:-2]
         out = np.empty((*shape, 3))
@@ -121,12 +125,12 @@ def learn_scatter(samples: Mapping[str, NDArray[np.floating]]) -> Scatter:
     return Scatter(**found)
 
 
-def _light(drawn: NDArray[np.floating]) -> NDArray[np.float64]:
+def _light(drawn: NDArray[np.floating], least: NDArray[np.float64]) -> NDArray[np.float64]:
     """``Scatter.light`` from draws (sizes, n, 3) of the light's own N', D' and edges, away from edges.
 
     What is measured scatters by noise as well, so that it is a little too large: where light tells little by itself.
     """
-    found = LEAST_LIGHT.copy()
+    found = least.copy()
     for size, one in enumerate(drawn.astype(np.float64)):
         own, power, edges = one[np.isfinite(one).all(axis=1) & (one[:, 1] > 1e-2)].T
         flat = edges <= FLAT * power

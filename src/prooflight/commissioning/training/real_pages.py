@@ -74,5 +74,7 @@ def recalibrated(
         misprint_rate=ours.misprint_rate,
         real=True,
     )
+    told = [ours.pages.variation, *(page.variation[None] for page in fresh)]
+    learned = replace(learned, pages=replace(learned.pages, variation=np.concatenate(told)))
     seen = " ".join([*press.origin.get(SEEN, "").split(), *digests.values()])
     return replace(press, ours=learned, origin=dict(press.origin) | {SEEN: seen})

@@ -13,7 +13,7 @@ import numpy as np
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
-from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_LIGHT
+from prooflight.detectors.matched_filter.statistics.local_evidence import assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
 from prooflight.detectors.paper.bayes import window_statistics, window_unit
 from prooflight.detectors.paper.detector import page_evidence
@@ -46,6 +46,23 @@ LONGEST: Final = 1.45
 LEAST_TIMES: Final = 0.2
 """assumed: that much is found of what good prints do even where they do none of it."""
 
+FOLLOWS: Final = {
+    "white": ("camera.table_gain_percent", "paper.white_channel_percent"),
+    "common": ("paper.white_percent",),
+    "lamp": ("lamp.profile_percent", "lamp.profile_print_percent"),
+    "shape": ("camera.table_shape_percent",),
+    "gain": ("ink.gain_session_percent", "ink.gain_print_percent"),
+    "tilt": ("ink.gain_tilt_percent",),
+    "dot": ("ink.dot_gain_percent",),
+    "plane_mm": ("register.plane_um",),
+    "most_plane_mm": ("register.plane_clip_um",),
+    "place": ("paper.cloudiness_percent",),
+    "place_near": ("paper.cloudiness_percent",),
+    "column": ("camera.column_gain_percent",),
+    "flicker": ("lamp.flicker_percent",),
+}
+"""Amounts of a press that each of ``PrintPrior`` follows."""
+
 
 def good_residual_variance(press: Press) -> ResidualVariance:
     """What good prints of a press scatter by: as many times what they do in the press world as ``[variation]`` says.
@@ -71,18 +88,8 @@ def good_prior(press: Press) -> PrintPrior:
     world = PrintPrior()
     if amounts_of(press).exact:
         return world
-    return PrintPrior(
-        white=world.white * _times(press, "camera.table_gain_percent", "paper.white_channel_percent"),
-        common=world.common * _times(press, "paper.white_percent"),
-        lamp=world.lamp * _times(press, "lamp.profile_percent", "lamp.profile_print_percent"),
-        lamp_length=world.lamp_length,
-        shape=world.shape * _times(press, "camera.table_shape_percent"),
-        gain=world.gain * _times(press, "ink.gain_session_percent", "ink.gain_print_percent"),
-        tilt=world.tilt * _times(press, "ink.gain_tilt_percent"),
-        dot=world.dot * _times(press, "ink.dot_gain_percent"),
-        plane_mm=world.plane_mm * _times(press, "register.plane_um"),
-        most_plane_mm=world.most_plane_mm * _times(press, "register.plane_clip_um"),
-    )
+    own = {name: getattr(world, name) * _times(press, *of) for name, of in FOLLOWS.items()}
+    return replace(world, **own)
 
 
 def _times(press: Press, *names: str) -> float:
@@ -168,7 +175,7 @@ class PressDay:
         for index, rng in designs:
             good, known = self.design(index)
             analysis = self.analysed(known, self.scan(good, rng))
-            for name, values in samples(analysis.sums, LEAST_LIGHT, rng).items():
+            for name, values in samples(analysis.sums, assumed_light(self.prior), rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
 

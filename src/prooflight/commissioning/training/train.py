@@ -89,7 +89,7 @@ def trained(
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")
-    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()})
+    scatter = learn_scatter({name: pooled(values) for name, values in drawn.items()}, prior=good_prior(press))
     unit = None
     if paper:
         units = gathered(UnitWork(press=press, pages=pages, seed=seed), plan.pilot, "the paper's unit")

@@ -161,7 +161,7 @@ def analyse(
     )
     taken = fit.emptied() if residual_variance.exact else fit
     left, weight, of_edges, noise = residual_images(placed, taken, residual_variance=residual_variance)
-    sums = summed(placed, left, weight, of_edges, geometry=at, page_width_mm=page.width_mm)
+    sums = summed(placed, left, weight, of_edges, geometry=at, page_width_mm=page.width_mm, prior=prior)
     return ScanAnalysis(found=found, fit=fit, sums=sums, noise=noise)
 
 

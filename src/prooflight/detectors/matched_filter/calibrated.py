@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from prooflight.detectors.false_alarm_rate import (
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError
@@ -44,6 +45,8 @@ class GoodPages:
     """(pages, statistics)"""
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
+    variation: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(AMOUNTS), 2), np.float32))
+    """(real pages that tell it, AMOUNTS, 2) ``page_variation``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +63,8 @@ class ScannedPage:
     """Whether the scan shows another page."""
     digest: str
     """Of its scan."""
+    variation: NDArray[np.float32]
+    """(AMOUNTS, 2) ``page_variation``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,6 +146,8 @@ class CalibratedDetector:
             "own": self.scores.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
+        if len(self.pages.variation):  # absent where no real page was learned from
+            scores["variation"] = self.pages.variation
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
@@ -181,7 +188,9 @@ class CalibratedDetector:
             references=ReferenceScores(pages=arrays["reference_pages"], worst=arrays["reference"]),
             false_alarm_rate=facts["false_alarm_rate"],
             misprint_rate=facts["misprint_rate"],
-            pages=GoodPages(values=arrays["values"], page_features=arrays["page_features"]),
+            pages=GoodPages(
+                **{name: arrays[name] for name in ("values", "page_features", "variation") if name in arrays}
+            ),
             real=facts["real"],
         )
 
@@ -201,6 +210,7 @@ TABLE: Final = {
     "own": Kept(dtype="float64", shape=("pages",), rule=rising),
     "values": Kept(dtype="float32", shape=("pages", "statistics")),
     "page_features": Kept(dtype="float64", shape=("pages", "features")),
+    "variation": Kept(dtype="float32", shape=("told", len(AMOUNTS), 2), absent=True),
 }
 
 

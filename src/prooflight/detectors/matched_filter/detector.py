@@ -23,6 +23,7 @@ from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
 from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.variation import page_variation
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
 from prooflight.detectors.verdict import Verdict
 from prooflight.prediction.predict import cut
@@ -149,6 +150,7 @@ class MatchedFilterPage(PreparedOnly):
                 "widening": np.array(self.widening),
             },
             state=partial(print_state, analysis, station.sensors),
+            variation=partial(page_variation, known, analysis),
             summary=None if another else summary_of(self.model, values, page_features),
         )
 

@@ -283,6 +283,10 @@ class PriorFacts(Block):
     dot: Deviation = 1
     plane_mm: Deviation = 1
     most_plane_mm: Deviation = 1
+    place: Deviation = 1
+    place_near: Deviation = 1
+    column: Deviation = 1
+    flicker: Deviation = 1
 
 
 class ModelFacts(Block):

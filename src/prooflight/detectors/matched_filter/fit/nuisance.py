@@ -57,7 +57,12 @@ FAR: Final = 4.685
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintPrior:
-    """Standard deviations of what good prints do, before one has been looked at; those of the press world."""
+    """Standard deviations of what good prints do, before one has been looked at.
+
+    By default those of a good office-class press: assumed, what the press world's amounts give (a test holds them to
+    that). Of a press whose ``[variation]`` says otherwise ``commissioning.training`` makes its own, which is kept with
+    its detector.
+    """
 
     white: float = 0.013
     """Of each sensor's light: table gain 1 %, white 0.5 % a channel. [-]"""
@@ -76,6 +81,14 @@ class PrintPrior:
     """Of each plane; what registration found of it is no prior here."""
     most_plane_mm: float = 0.114
     """Planes are off by no more."""
+    place: float = 0.003
+    """Of what moves all light alike from place to place: 1.5 times the paper's 0.2 %, for the lamp. [-]"""
+    place_near: float = 0.001
+    """The same within a few millimetres, about the smooth level: half of the paper's. [-]"""
+    column: float = 0.0015
+    """Of a column's gain that flat-fielding left. [-]"""
+    flicker: float = 0.0015
+    """Of the lamp from line to line. [-]"""
 
     def amounts_sd(self, layout: FitLayout, pixel_mm: float) -> NDArray[np.float64]:
         """The same of every amount of the fit's vector, (amounts,), in the units of ``Fit``."""
@@ -113,6 +126,8 @@ class Fit:
     """(4, 2) how far each plane lies too far right and down. [pixels]"""
     pulls: NDArray[np.float64]
     """(amounts,) each amount over the standard deviation it would have on good prints; as ``FitLayout`` has them."""
+    told: NDArray[np.float64]
+    """(amounts,) share of each that the page tells, instead of the prior: 1 - posterior variance over prior. [-]"""
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
     spread: float
@@ -136,7 +151,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualVariance:
-    """What good prints scatter by besides the fit: learned."""
+    """What good prints scatter by besides the fit; by default on an office-class press: assumed."""
 
     edge: float = 0.004
     """Variance by the squared slope. [pixels^2]"""
@@ -271,6 +286,7 @@ def fit_nuisances(
         dot=found.dot,
         planes=found.planes,
         pulls=amounts / sd,
+        told=sd**2,
         noise=noise,
         spread=robust,
         lost=lost,

@@ -161,7 +161,7 @@ def ghosts(sums: Sums) -> Ghosts:
     """Tile sums and ink areas made ready for ``Ghosts.through``."""
     halves = [extent // 2 for extent in sums.tiles.shape[-2:]]
     maps = _in_squares(sums.tiles[:, : INKS + 1], halves)
-    own, power, edges = without_common(maps)
+    own, power, edges = without_common(maps, sums.prior.place)
     square_mm = 2 * sums.tile_mm
     wide = round(DETAIL_MM / square_mm) | 1
     cover = _in_squares(sums.cover, halves) / np.float32(4)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import ndimage
 
 from prooflight.cmyk import INKS
+from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
@@ -44,17 +45,10 @@ SPANS: Final = ("quarter", "half", "full")
 SEGMENTS: Final = 4
 SPAN_SEGMENTS: Final = (1, 2, SEGMENTS)
 BASELINE_MM: Final = 24.0
-COMMON: Final = 0.003
-"""Standard deviation of what moves all light alike from place to place: paper 0.2 %, lamp, flicker. [-]"""
 SMALL: Final = 4
 """Boxes of at most so many tiles are looked at after the smooth level about them was taken out."""
-COMMON_NEAR: Final = 0.001
-"""As ``COMMON``, within a few millimetres, about the smooth level."""
 LEVEL_MM: Final = 3.0
-COLUMN_SD: Final = 0.0015
-"""Of a column's gain that flat-fielding left (worlds.toml)."""
 COLUMN_MM: Final = 8.0
-FLICKER: Final = 0.0015
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
 GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
@@ -70,8 +64,11 @@ SCATTER_SHAPES: Final = {
     "ghosts": (INKS, len(GHOST_BOXES_MM)),
 }
 """Of the arrays of ``Scatter``, but for their last axis."""
-LEAST_LIGHT: Final = np.where(np.array(SIZES) <= SMALL, COMMON_NEAR, COMMON)
-"""(sizes,) ``Scatter.light`` where nothing was learned."""
+
+
+def assumed_light(prior: PrintPrior) -> NDArray[np.float64]:
+    """(sizes,) ``Scatter.light`` where nothing was learned."""
+    return np.where(np.array(SIZES) <= SMALL, prior.place_near, prior.place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,6 +90,10 @@ class Sums:
     left_mm: float
     """Where the first tile begins on the page. [mm]"""
     top_mm: float
+    prior: PrintPrior
+    """What good prints do."""
+    column_gains: NDArray[np.float32]
+    """(sensors, pixels) what was taken out of each column of the camera. [-]"""
 
 
 def summed(
@@ -103,6 +104,7 @@ def summed(
     *,
     geometry: ScanGeometry,
     page_width_mm: float,
+    prior: PrintPrior,
 ) -> Sums:
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
@@ -115,11 +117,11 @@ def summed(
     light = scan.seen.expected_dn - offset[:, None]
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
-    for index in range(len(sensors)):
+    column_gains_found = np.empty((len(sensors), pixels), np.float32)
+    for index, gains in enumerate(column_gains_found):
         own = ResidualImages._make(image[index] for image in images)
         line_sums(own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
-        gains = np.empty(pixels, np.float32)
-        column_gains(left[index], weight[index], light[index], np.float32(1 / COLUMN_SD**2), gains)
+        column_gains(left[index], weight[index], light[index], np.float32(1 / prior.column**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
         gains -= ndimage.uniform_filter1d(
             gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
@@ -143,6 +145,8 @@ def summed(
         pixel_mm=geometry.pixel_pitch_mm,
         left_mm=-geometry.left_mm(page_width_mm),
         top_mm=-geometry.lead_in_mm,
+        prior=prior,
+        column_gains=column_gains_found,
     )
 
 
@@ -162,16 +166,16 @@ class Scatter:
     """(sizes,) standard deviation of what moves all light in a box alike. [-]"""
 
     @classmethod
-    def white(cls) -> Scatter:
-        """Nothing but noise."""
+    def white(cls, prior: PrintPrior | None = None) -> Scatter:
+        """Nothing but noise. prior: what good prints do; None: those of an office-class press."""
         one = np.array([1.0, 1.0, 0.0])
         shapes = SCATTER_SHAPES.items()
         scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
-        return cls(**scatters, light=LEAST_LIGHT.copy())
+        return cls(**scatters, light=assumed_light(prior or PrintPrior()))
 
 
 def without_common(
-    sums: NDArray[np.float32], common: float = COMMON
+    sums: NDArray[np.float32], common: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """N', D' and the edges' part of D' of all modes from (4, modes, ...) sums; the first mode is the common one."""
     pushes, powers, shared, edges = sums
@@ -198,7 +202,7 @@ def t_statistic(
 def flicker(sums: Sums) -> NDArray[np.float32]:
     """The lamp's flicker from line to line, (tile rows,) [-]; what is smooth along the page is not its."""
     push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
-    gain = push / (power + 1 / FLICKER**2)
+    gain = push / (power + 1 / sums.prior.flicker**2)
     gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")
     return gain.astype(np.float32)
 
@@ -215,7 +219,7 @@ def smooth_level(sums: Sums) -> NDArray[np.float32]:
         )
         for part in (0, 1)
     )
-    level = push / (power + np.float32(1e-3 + (sums.tile_mm / (COMMON * LEVEL_MM)) ** 2))
+    level = push / (power + np.float32(1e-3 + (sums.tile_mm / (sums.prior.place * LEVEL_MM)) ** 2))
     return cv2.resize(level, size, interpolation=cv2.INTER_LINEAR)
 
 
@@ -228,7 +232,7 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
     found = []
     for length in SPAN_SEGMENTS:
         parts = np.empty((3, LINE_MODES, SEGMENTS - length + 1, sums.columns.shape[-1]), np.float32)
-        levelled_parts(sums.columns, length, np.float32(1 / COMMON**2), wide, parts)
+        levelled_parts(sums.columns, length, np.float32(1 / sums.prior.place**2), wide, parts)
         found.append(parts)
     for w, width in enumerate(WIDTHS):
         count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
@@ -240,7 +244,7 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
 
 def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
     """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
-    own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1))
+    own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1), sums.prior.place)
     wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)

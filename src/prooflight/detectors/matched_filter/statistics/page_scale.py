@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
-    COMMON,
     FLAT,
     HARMONICS,
     LEAST_POWER,
@@ -132,7 +131,7 @@ def swapped_planes(sums: Sums) -> list[float]:
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
     blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
-    known = np.float32(1 / COMMON**2)
+    known = np.float32(1 / sums.prior.place**2)
     swap_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
     found = []
     for n, d in zip(*blocks.reshape(2, len(PAIRS), -1).astype(np.float64), strict=True):
@@ -163,7 +162,7 @@ def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
         return [(Step(0.0, 0.5), Step(0.0, 0.5))] * INKS
     cut = sums.tiles[:, modes, : rows * BLOCK_TILES, : columns * BLOCK_TILES]
     blocks = cut.reshape(4, len(modes), rows, BLOCK_TILES, columns, BLOCK_TILES).sum(axis=(3, 5))
-    own, power, _ = without_common(blocks)
+    own, power, _ = without_common(blocks, sums.prior.place)
     return [
         (_step(n, d, axis=0), _step(n, d, axis=1))
         for n, d in zip(own[1:].astype(np.float64), power[1:].astype(np.float64), strict=True)

@@ -1,0 +1,239 @@
+"""How much good prints of a press vary, measured on its own pages, in the terms of a press file's ``[variation]``.
+
+An amount whose prior has the standard deviation 1 and of which a page tells the share r (1 - posterior variance over
+prior) is fitted as m = r (x + e), where x is its true value and e has the variance (1 - r) / r. So the mean of m^2 is
+r^2 s^2 + r (1 - r), s being what x scatters by: s^2 = (sum m^2 - sum r (1 - r)) / sum r^2. What has noise of its own
+(paper, flicker) is measured by two interleaved halves: their covariance is free of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy import ndimage
+
+from prooflight.detectors.matched_filter.fit.layout import FitLayout
+from prooflight.detectors.matched_filter.fit.nuisance import COLOUR_LENGTH
+from prooflight.detectors.matched_filter.statistics.local_evidence import COLUMN_MM, FLAT
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.matched_filter.fit.layout import FitParts
+
+AMOUNTS: Final[tuple[tuple[str, ...], ...]] = (
+    ("page.shift_mm",),
+    ("page.skew_deg",),
+    ("page.scale_percent",),
+    ("page.warp_across_um",),
+    ("page.warp_along_um",),
+    ("register.plane_um",),
+    ("ink.gain_session_percent", "ink.gain_print_percent"),
+    ("ink.gain_tilt_percent",),
+    ("ink.dot_gain_percent",),
+    ("paper.white_percent",),
+    ("paper.white_channel_percent", "camera.table_gain_percent", "camera.table_shape_percent"),
+    ("paper.cloudiness_percent",),
+    ("lamp.profile_percent", "lamp.profile_print_percent"),
+    ("lamp.flicker_percent",),
+    ("camera.column_gain_percent",),
+    ("camera.sigma_error",),
+)
+"""What a page tells; several amounts where pages of one session do not tell them apart."""
+UNTOLD: Final = {
+    "register.plane_clip_um": "a limit, which few planes reach",
+    "ink.halftone_contrast": "within single pixels, where the camera's noise hides it",
+    "paper.specks_per_page": "too small to be told from noise one by one",
+    "paper.specks_ink_percent": "as specks_per_page",
+    "paper.specks_diameter_mm": "as specks_per_page",
+}
+"""Amounts of ``[variation]`` that are not estimated, and why."""
+EVEN: Final = 3.0
+"""Of what is uniform between -a and a, a^2 over the variance."""
+LEAST_TOLD: Final = 0.3
+"""Share of an amount that a page must tell to count."""
+BARE: Final = 0.005
+"""Ink area up to which a tile is bare paper."""
+BOX: Final = 4
+"""Tiles in a side of the boxes whose light shows clouds: 2 mm, finer than any."""
+FEWEST: Final = 60
+"""Places that must be bare on a page for its paper to be measured."""
+WIDEST: Final = 16.0
+"""A page counts for no more than so many times the median of pages: on Gaussian amounts that takes 1 %."""
+NORMAL: Final = 1.4826
+"""Standard deviation over median absolute deviation."""
+
+
+def page_variation(prepared: PreparedPage, analysis: ScanAnalysis) -> NDArray[np.float32]:
+    """(AMOUNTS, 2) the square of each amount as this page tells it, in the unit of ``[variation]``, and its weight.
+
+    The weight is 0 where the page does not tell. A square may be below 0: noise has been taken from it.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    found |= _of_place(analysis)
+    found |= _of_fit(prepared, analysis)
+    found |= _of_light(prepared, analysis)
+    rows = [found.get(names[0], (0.0, 0.0)) for names in AMOUNTS]
+    table = np.array(rows, np.float32)
+    table[~np.isfinite(table).all(axis=1)] = 0
+    return table
+
+
+def _of_place(analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
+    """Of placement and register."""
+    registered, place = analysis.found, analysis.found.placement
+    if not registered.found:
+        return {}
+    found = {
+        "page.shift_mm": (EVEN * _square(place.shift_mm), 1.0),
+        "page.skew_deg": (EVEN * _square(place.skew_deg), 1.0),
+        "page.scale_percent": (EVEN * _square(place.stretch_percent), 1.0),
+    }
+    if place.warp is not None:
+        across, along = np.moveaxis(1e3 * place.warp.nodes_mm.astype(np.float64), -1, 0)
+        found |= {"page.warp_across_um": (_square(across), 1.0), "page.warp_along_um": (_square(along), 1.0)}
+    squares, shares = [], []
+    for axis, parts in enumerate(registered.plane_parts):
+        # Planes lie off their weighted mean, which is where the page was found.
+        part = parts / max(float(parts.sum()), 1e-9)
+        share = 1 - 2 * part + (part**2).sum()
+        seen = (part > 0) & (share > LEAST_TOLD)
+        squares += ((1e3 * registered.planes_mm[seen, axis]) ** 2).tolist()
+        shares += share[seen].tolist()
+    if shares:
+        found["register.plane_um"] = sum(squares) / sum(shares), sum(shares)
+    return found
+
+
+def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
+    """Of inks, lamp and light as a whole."""
+    fit, prior = analysis.fit, analysis.fit.prior
+    layout = FitLayout(sensors=fit.white.size, colours=fit.shape.shape[1])
+    share, amounts = layout.parts(fit.told), layout.parts(fit.pulls * np.sqrt(fit.told))
+
+    def square(
+        of: FitParts, told: FitParts, name: str, sd: float, *, at: int | slice | None = None
+    ) -> tuple[float, float]:
+        m, r = (getattr(one, name) for one in (of, told))
+        m, r = (m, r) if at is None else (m[:, at], r[:, at])
+        known = r > LEAST_TOLD
+        if not known.any():
+            return 0.0, 0.0
+        m, r = m[known], r[known]
+        weight = float((r**2).sum())
+        return (100 * sd) ** 2 * float((m**2 - r * (1 - r)).sum()) / weight, weight
+
+    # What the camera sees of bare paper: tables' errors of gain and shape there look alike.
+    bare = prepared.colours.root @ np.exp(-((prepared.colours.centres / COLOUR_LENGTH) ** 2).sum(axis=1))
+    paper = 100 * (fit.white + prior.shape * (fit.shape @ bare))
+    found = {
+        "ink.gain_session_percent": square(amounts, share, "gain", prior.gain, at=0),
+        "ink.gain_tilt_percent": square(amounts, share, "gain", prior.tilt, at=slice(1, 3)),
+        "ink.dot_gain_percent": square(amounts, share, "dot", prior.dot),
+        "lamp.profile_percent": square(amounts, share, "lamp", prior.lamp),
+        "camera.sigma_error": (EVEN * _square(np.log(analysis.noise) / 2), 1.0),
+    }
+    if paper.size > 1:
+        apart = float(paper.var(ddof=1))
+        found["paper.white_channel_percent"] = apart, 1.0
+        found["paper.white_percent"] = float(paper.mean() ** 2) - apart / paper.size, 1.0
+    return found
+
+
+def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
+    """Of places, lines and columns of bare paper."""
+    sums, geometry = analysis.sums, prepared.landmarks.geometry
+    push, power, _, edges = sums.tiles[:, 0].astype(np.float64)
+    bare = (sums.cover.sum(axis=0) < BARE) & (edges <= FLAT * power) & (power > 1)
+    push, power = push * bare, power * bare
+    found: dict[str, tuple[float, float]] = {}
+    lines = max(round(sums.tile_mm / geometry.line_pitch_mm), 1)
+    wide = round(COLUMN_MM / sums.tile_mm) | 1
+    halves = [(push[:, at::2].sum(axis=1), power[:, at::2].sum(axis=1)) for at in (0, 1)]
+    rows = np.minimum(halves[0][1], halves[1][1]) > 0.2 * max(float(power.sum(axis=1).max()) / 2, 1)
+    flicker = 0.0
+    if rows.sum() > FEWEST:
+        levels = [_rough(n / np.maximum(d, 1e-9), rows, wide)[rows] for n, d in halves]
+        flicker = _shared(*levels) * wide / (wide - 1)
+        found["lamp.flicker_percent"] = 1e4 * lines * flicker, 1.0
+    down, across = (extent // BOX for extent in push.shape)
+    chess = np.add.outer(np.arange(push.shape[0]), np.arange(push.shape[1])) % 2
+    parts = []
+    for colour in (0, 1):
+        cut = np.stack([push, power])[:, : down * BOX, : across * BOX] * (
+            chess[: down * BOX, : across * BOX] == colour
+        )
+        parts.append(cut.reshape(2, down, BOX, across, BOX).sum(axis=(2, 4)))
+    whole = bare[: down * BOX, : across * BOX].reshape(down, BOX, across, BOX).all(axis=(1, 3))
+    if whole.sum() > FEWEST:
+        clouds = _shared(*(n[whole] / d[whole] for n, d in parts)) - flicker / BOX
+        found["paper.cloudiness_percent"] = 1e4 * clouds, 1.0
+    gains, sensors = sums.column_gains.astype(np.float64), len(sums.column_gains)
+    known = sums.columns[1, 0].sum(axis=0).astype(np.float64) / sensors
+    seen = known > 0.5 * known.max()
+    if seen.sum() > FEWEST:
+        together = max(round(sums.pixel_mm / geometry.pixel_pitch_mm), 1)
+        wide = round(COLUMN_MM / sums.pixel_mm) | 1
+        told = float(np.median(known[seen] / (known[seen] + sums.prior.column**-2)))
+        scatter = (NORMAL * np.median(np.abs(gains[:, seen]))) ** 2 / told**2 * wide / (wide - 1)
+        found["camera.column_gain_percent"] = (
+            1e4 * together * (scatter - 1 / float(np.median(known[seen]))),
+            1.0,
+        )
+    return found
+
+
+def _square(values: object) -> float:
+    return float(np.mean(np.asarray(values, np.float64) ** 2))
+
+
+def _rough(level: NDArray[np.float64], known: NDArray[np.bool_], wide: int) -> NDArray[np.float64]:
+    """What is not smooth over ``wide`` places."""
+    smooth, share = (
+        ndimage.uniform_filter1d(one, wide, mode="nearest")
+        for one in (level * known, known.astype(np.float64))
+    )
+    return np.asarray(level - smooth / np.maximum(share, 1e-9))
+
+
+def _shared(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Variance of what two measurements have in common: a quarter of their sum's less their difference's, robust."""
+    plus, minus = one + other, one - other
+    spread = [NORMAL * float(np.median(np.abs(both - np.median(both)))) for both in (plus, minus)]
+    return (spread[0] ** 2 - spread[1] ** 2) / 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learned:
+    """One amount of ``[variation]``, or several together, as good pages have it."""
+
+    names: tuple[str, ...]
+    value: float
+    """In the unit of ``names``; of ``sigma_error``, the greatest factor."""
+    low: float
+    """The interval in which it lies nine times in ten, were pages independent: a session's share is drawn once."""
+    high: float
+    pages: int
+
+
+def learned_amounts(pages: NDArray[np.floating]) -> list[Learned]:
+    """What ``page_variation`` of some pages, (pages, AMOUNTS, 2), comes to; amounts that none tells are left out."""
+    found = []
+    for index, names in enumerate(AMOUNTS):
+        squares, weights = np.asarray(pages, np.float64)[:, index].T
+        told = weights > 0
+        if told.sum() < 2:
+            continue
+        squares, weights = squares[told], weights[told] / weights[told].sum()
+        most = WIDEST * float(np.median(np.abs(squares)))
+        squares = squares.clip(-most, most)
+        mean = float(weights @ squares)
+        error = 1.645 * float(np.sqrt((weights**2) @ (squares - mean) ** 2))
+        value, low, high = np.sqrt(np.maximum([mean, mean - error, mean + error], 0)).tolist()
+        if names[0] == "camera.sigma_error":
+            value, low, high = (float(np.exp(one)) for one in (value, low, high))
+        found.append(Learned(names=names, value=value, low=low, high=high, pages=int(told.sum())))
+    return found

@@ -185,8 +185,9 @@ def test_what_good_prints_are_taken_to_do_follows_the_press(
 def test_an_office_class_press_does_what_the_press_world_does() -> None:
     """No default is a silent copy: each is the amounts of worlds.toml that it follows, times a margin that is named."""
     # white: a table's shape shows at paper too. place: paper and lamp. place_near: about the smooth level.
-    margins = {"white": 1.163, "place": 1.5, "place_near": 0.5}
-    unit = {name: 1000.0 if name.endswith("_mm") else 100.0 for name in FOLLOWS}
+    margins = {"white": 1.163, "place": 1.5, "place_near": 0.5, "turn_deg": 2.0, "stretch_percent": 2.0}
+    units = {"mm": 1000.0, "deg": 1.0, "percent": 1.0, "um": 1.0}
+    unit = {name: units.get(name.rpartition("_")[2], 100.0) for name in FOLLOWS}
     world = Amounts.stated()
     for name, of in FOLLOWS.items():
         amount = np.hypot.reduce([attrgetter(one)(world) for one in of] + [0.0]) / unit[name]

@@ -30,8 +30,8 @@ SHIFT_SD_MM: Final = 1.0
 class Prior:
     """What a good print may do, before it has been looked at; standard deviations.
 
-    The defaults are those of the press world: shift and so on twice as wide as its uniform amounts allow, the field as
-    it is, half of its variance along the travel the whole web's.
+    By default a good office-class press (assumed); our detector says what its own press does (``PrintPrior.of_place``).
+    Half of the field's variance along the travel is the whole web's.
     """
 
     turn_deg: float = 0.2

@@ -60,6 +60,10 @@ FOLLOWS: Final = {
     "place_near": ("paper.cloudiness_percent",),
     "column": ("camera.column_gain_percent",),
     "flicker": ("lamp.flicker_percent",),
+    "turn_deg": ("page.skew_deg",),
+    "stretch_percent": ("page.scale_percent",),
+    "warp_across_um": ("page.warp_across_um",),
+    "warp_along_um": ("page.warp_along_um",),
 }
 """Amounts of a press that each of ``PrintPrior`` follows."""
 

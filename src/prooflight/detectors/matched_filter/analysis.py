@@ -94,7 +94,7 @@ def prepare_page(
     taken_as = tuple(binned_sensor(sensor, bins, geometry.pixel_pitch_mm) for sensor in sensors)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
-    landmarks = prepare(page, expected, sensors=sensors, geometry=geometry)
+    landmarks = prepare(page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place)
     overlaps = None
     if fringes:
         overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm)

@@ -287,6 +287,10 @@ class PriorFacts(Block):
     place_near: Deviation = 1
     column: Deviation = 1
     flicker: Deviation = 1
+    turn_deg: Deviation = 1
+    stretch_percent: Deviation = 1
+    warp_across_um: Deviation = 1
+    warp_along_um: Deviation = 1
 
 
 class ModelFacts(Block):

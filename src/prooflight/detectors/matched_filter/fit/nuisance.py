@@ -26,6 +26,7 @@ from prooflight.kernels.residuals.fit import (
     SUMS,
     block_sums,
 )
+from prooflight.registration.field import Prior
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,6 +90,23 @@ class PrintPrior:
     """Of a column's gain that flat-fielding left. [-]"""
     flicker: float = 0.0015
     """Of the lamp from line to line. [-]"""
+    turn_deg: float = 0.2
+    """Twice the skew that prints are uniform within, as registration is to find what lies a little outside."""
+    stretch_percent: float = 0.06
+    """The same of the scale."""
+    warp_across_um: float = 30.0
+    warp_along_um: float = 41.0
+
+    @property
+    def of_place(self) -> Prior:
+        """For registration."""
+        return Prior(
+            turn_deg=self.turn_deg,
+            stretch_percent=self.stretch_percent,
+            warp_across_um=self.warp_across_um,
+            warp_along_um=self.warp_along_um,
+            plane_um=1e3 * self.plane_mm,
+        )
 
     def amounts_sd(self, layout: FitLayout, pixel_mm: float) -> NDArray[np.float64]:
         """The same of every amount of the fit's vector, (amounts,), in the units of ``Fit``."""

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 
 SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
+MOST_UNTOLD, OFTEN_TOLD = 0.03, 0.95
+"""False alarms of a run that need not be told, and how often more of them must be."""
 COSTLY: Final = "formation_half"
 """Under which misprints are printed as well."""
 
@@ -241,13 +243,20 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
     for name in ["", *fits]:
         here = judge["nuisance"] == name
         fit = fits.get(name)
+        alarm, day = _scores(ours, judge, here) > ours.threshold, judge["day"][here]
+        told = _told(ours, judge, here, plan.seed)
+        beyond = [alarm[day == one].mean() > MOST_UNTOLD for one in np.unique(day)]
+        of_beyond = [after for after, far in zip(told, beyond, strict=True) if far and after is not None]
         nuisances.append(
             {
                 "nuisance": name,
                 "scans": int(here.sum()),
-                "before": int((_scores(ours, judge, here) > ours.threshold).sum()),
+                "before": int(alarm.sum()),
                 "after": None if fit is None else int((_scores(fit, judge, here) > fit.threshold).sum()),
-                "told_before": _told(ours, judge, here, plan.seed),
+                "told_before": told,
+                "beyond": sum(beyond),
+                "beyond_told": len(of_beyond),
+                "untold": bool(alarm.mean() > MOST_UNTOLD and len(of_beyond) < OFTEN_TOLD * sum(beyond)),
                 "told_after": None if fit is None else _told(fit, judge, here, plan.seed),
                 "runs": plan.runs,
             }

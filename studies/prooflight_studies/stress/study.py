@@ -132,8 +132,7 @@ def run_stress_study(
     )
     every = bench.rows()
     found = judged_stress(press.ours, every, plan)
-    if real is not None:
-        found["real"] = _as_built(press.ours, bench.real_rows(real), plan)
+    of_real = None if real is None else _as_built(press.ours, bench.real_rows(real), plan)
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
         "build_designs": DESIGNS,
@@ -142,6 +141,7 @@ def run_stress_study(
         "worlds": worlds_digest(),
         "stress": stress.digest,
         "unmade": _unmade(every["marks"]),
+        "real": of_real,
         **found,
     }
     write_page(results / "stress.md", "stress", page)

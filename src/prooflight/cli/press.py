@@ -227,17 +227,19 @@ def show_press(
 
 def _print_learned(rows: list[StatedBesideLearned]) -> None:
     title = "How much good prints vary: [variation]"
-    table = show.table_of(
-        title, ("amount", "stated", "learned", "pages", "remark"), words=("amount", "remark")
-    )
+    table = show.table_of(title, ("amount", "stated", "learned", "between", "pages"), words=("amount",))
     for row in rows:
-        found = row.learned
-        value = "" if found is None else f"{found.value:.3g} ({found.low:.3g} to {found.high:.3g})"
-        pages = "" if found is None else str(found.pages)
-        table.add_row(" + ".join(row.names), f"{row.stated:.3g}", value, pages, row.remark)
+        if row.learned is not None:
+            found = row.learned
+            between = f"{found.low:.3g} and {found.high:.3g}"
+            names = "\n+ ".join(row.names)
+            table.add_row(names, f"{row.stated:.3g}", f"{found.value:.3g}", between, str(found.pages))
     show.people.print(table)
+    for row in rows:
+        if row.remark:
+            show.people.print(f"{' + '.join(row.names)}: {row.remark}")
     show.people.print(
-        "Amounts with a + are what pages of one session show together. Intervals hold nine times in ten were pages "
+        "Amounts with a + are what pages of one session show together. Intervals hold nine times in ten, were pages "
         "independent; what a session's pages share is drawn once a session. sigma_error: its greatest factor."
     )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from prooflight.cli import run
 from prooflight.commissioning.training.learned_variation import REMEDY, stated_beside_learned
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts, page_variation
@@ -17,6 +19,7 @@ from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -78,13 +81,17 @@ def test_what_a_press_was_drawn_with_comes_back(looser: tuple[Press, NDArray[np.
 
 
 def test_a_press_shows_what_is_stated_beside_what_was_learned(
-    trained_press: Press, looser: tuple[Press, NDArray[np.float32]]
+    trained_press: Press,
+    looser: tuple[Press, NDArray[np.float32]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A press that is taken for a usual one, and prints more loosely, is told which amounts to state."""
     assert trained_press.ours is not None
     assert stated_beside_learned(trained_press) == []
     pages = replace(trained_press.ours.pages, variation=looser[1])
-    shown = stated_beside_learned(replace(trained_press, ours=replace(trained_press.ours, pages=pages)))
+    learned = replace(trained_press, ours=replace(trained_press.ours, pages=pages))
+    shown = stated_beside_learned(learned)
     names = [name for row in shown for name in row.names]
     assert sorted(names) == sorted(
         f"{block}.{name}" for block, amounts in VARIATION.items() for name in amounts
@@ -95,3 +102,11 @@ def test_a_press_shows_what_is_stated_beside_what_was_learned(
     assert by_name["page.shift_mm"].remark == ""
     assert by_name["page.shift_mm"].stated == 0.76
     assert all(by_name[name].learned is None and UNTOLD[name] in by_name[name].remark for name in UNTOLD)
+    learned.save(tmp_path / "learned.press")
+    assert run(["press", "show", str(tmp_path / "learned.press")]) == 0
+    said = capsys.readouterr().out
+    assert "+ ink.gain_print_percent" in said
+    assert "register.plane_clip_um: not estimated: a limit" in said
+    assert run(["press", "show", str(tmp_path / "learned.press"), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["learned"]
+    assert [tuple(row["names"]) for row in rows] == [row.names for row in shown]

@@ -8,6 +8,7 @@ import pytest
 import tifffile
 
 from prooflight.detectors.matched_filter.calibrated import score_of
+from prooflight.detectors.matched_filter.detector import MatchedFilterPage
 from prooflight.errors import ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, ScanPage, paired
@@ -151,10 +152,12 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
         first, again, other = (
             look((1, paired(job, scans / name, sensors=1)[0][1])) for name in ("a", "a", "b")
         )
+        known = inspector.prepare(trained_press.geometry.lay(job.page(1))).known
+    assert isinstance(known, MatchedFilterPage)
     assert first.name == "p0001"
     assert not first.another
     assert first.values.shape == (len(ours.model.statistics),)
-    asked = score_of(ours.model, first.values, first.page_features, another=False)
+    asked = score_of(known.model, first.values, first.page_features, another=False)
     assert first.score == pytest.approx(asked, rel=1e-5)
     assert first.digest == again.digest != other.digest
 

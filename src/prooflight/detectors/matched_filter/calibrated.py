@@ -72,12 +72,12 @@ class CalibratedDetector:
     """A ranking made fit for one press: what its good prints do, and how rarely they alarm."""
 
     model: DetectorModel
-    scores: PressScores
-    """Of good pages, by which the threshold was set."""
+    own: GoodScores
+    """Scores of its own good pages, each by what the others of them made fit."""
     references: ReferenceScores
-    """Of other presses, among them those of ``scores``."""
+    """Scores of good pages of other presses."""
     pages: GoodPages
-    """The press's own, whose scores are among ``scores``."""
+    """The press's own, whose scores are ``own``."""
     real: int
     """How many of them are real pages; 0: they are simulated."""
     promise: Promise
@@ -118,7 +118,7 @@ class CalibratedDetector:
         )
         return cls(
             model=model,
-            scores=scores,
+            own=own,
             references=references,
             pages=pages,
             real=real,
@@ -126,6 +126,11 @@ class CalibratedDetector:
             threshold=threshold,
             misprint_rate=misprint_rate,
         )
+
+    @property
+    def scores(self) -> PressScores:
+        """Of good pages, by which the threshold was set."""
+        return PressScores(reference=self.references.by(self.own.worst.size), own=self.own)
 
     def decide(self, score: float) -> Decision:
         """Decide by one page's score."""
@@ -143,7 +148,7 @@ class CalibratedDetector:
         scores: dict[str, NDArray[Any]] = {
             "reference": self.references.worst,
             "reference_pages": self.references.pages,
-            "own": self.scores.own.worst,
+            "own": self.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
         if len(self.pages.variation):  # absent where no real page was learned from

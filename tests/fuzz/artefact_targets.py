@@ -43,7 +43,7 @@ def press_samples() -> list[bytes]:
 def _ours() -> CalibratedDetector:
     from prooflight.commissioning.training.adapting import fit_for
     from prooflight.commissioning.training.learn import Pages, learn_model
-    from prooflight.detectors.false_alarm_rate import GoodScores
+    from prooflight.detectors.false_alarm_rate import ReferenceScores
     from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 
@@ -58,7 +58,7 @@ def _ours() -> CalibratedDetector:
     model = learn_model(pages, names=STATISTICS, scatter=Scatter.white(), rng=rng, trees=6)
     return fit_for(
         model,
-        GoodScores(worst=np.sort(rng.standard_normal(50))),
+        ReferenceScores(pages=np.array([20, 40]), worst=np.sort(rng.standard_normal((2, 50)))),
         pages.rows(~pages.bad),
         np.zeros(count // 2, bool),
         false_alarm_rate=0.1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Final
@@ -53,16 +54,15 @@ class Commands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names in the order in which they are listed; those that packages add come last."""
-        here = [
-            name for name, one in LISTED.items() if one.module or STUDIES in entry_points(group=GROUP).names
-        ]
-        return here + [name for name in self._of_packages() if name not in LISTED]
+        studies = STUDIES in entry_points(group=GROUP).names
+        here = [name for name, one in LISTED.items() if one.module or studies]
+        return here + [name for name in _of_packages() if name not in LISTED]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command; None: there is none."""
         listed = LISTED.get(cmd_name)
         if listed is None:
-            return self._of_packages().get(cmd_name)
+            return _of_packages().get(cmd_name)
         if listed.module:
             return commands_of(import_module(f"prooflight.cli.{listed.module}").register)[cmd_name]
         for entry in entry_points(group=GROUP, name=STUDIES):
@@ -71,7 +71,7 @@ class Commands(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """What ``LISTED`` says; only what packages add is loaded."""
-        more = self._of_packages()
+        more = _of_packages()
         rows = [
             (name, LISTED[name].what if name in LISTED else more[name].get_short_help_str(60))
             for name in self.list_commands(ctx)
@@ -79,21 +79,22 @@ class Commands(TyperGroup):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
-    @staticmethod
-    def _of_packages() -> dict[str, Any]:
-        """Commands of packages other than the studies."""
-        found: dict[str, Any] = {}
-        for entry in entry_points(group=GROUP):
-            if entry.name != STUDIES:
-                found |= commands_of(entry.load())
-        return found
-
 
 def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
     """What a module or package adds to the program, by name."""
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     register(app)
     return dict(typer.main.get_group(app).commands)
+
+
+@cache
+def _of_packages() -> dict[str, Any]:
+    """Commands of packages other than the studies."""
+    found: dict[str, Any] = {}
+    for entry in entry_points(group=GROUP):
+        if entry.name != STUDIES:
+            found |= commands_of(entry.load())
+    return found
 
 
 def _without_studies(name: str) -> Any:

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from prooflight.cli import show
 from prooflight.cli.options import Json
+from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
 
-QUICK, FULL = 136, 160
-TEACHING = {"none": 0, "quick": QUICK, "full": FULL}
+FULL = 160
+TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
 """How many designs each way of teaching prints."""
 COMPOSED_SEED = 70_000
 """Of the designs that teach, apart from those of studies."""
@@ -49,7 +50,7 @@ def build(
     ] = "quick",
     designs: Annotated[
         int | None,
-        typer.Option(help=f"Page designs that are printed for it; default {QUICK}, full {FULL}.", min=1),
+        typer.Option(help=f"Page designs that are printed for it; default {DESIGNS}, full {FULL}.", min=1),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the simulated camera specimen and its prints.", min=0)] = 1,
     json: Json = False,

@@ -45,7 +45,7 @@ def press(
 
     from prooflight.press.press_file import TWO_SENSORS, PressFile
     from prooflight_studies.harness.folder import Folder
-    from prooflight_studies.paper.study import REDUCED_PITCH_MM
+    from prooflight_studies.paper.study import REDUCED_DPI
     from prooflight_studies.press.study import PressPlan, run_press_study
 
     plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
@@ -64,7 +64,7 @@ def press(
         cache=cache / "press",
         plan=plan,
         processes=processes,
-        real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
+        real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
         progress=show.steps(quiet=json),
     )
     if json:
@@ -134,7 +134,7 @@ def stress(
     from dataclasses import replace
 
     from prooflight_studies.harness.folder import Folder
-    from prooflight_studies.paper.study import REDUCED_PITCH_MM
+    from prooflight_studies.paper.study import REDUCED_DPI
     from prooflight_studies.stress.study import StressPlan, run_stress_study
 
     plan = StressPlan(seed=seed)
@@ -148,7 +148,7 @@ def stress(
         out,
         cache=cache / "stress",
         plan=plan,
-        real=None if pages is None else Folder(path=pages, dpi=25.4 / REDUCED_PITCH_MM * 2),
+        real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
         processes=processes,
         progress=show.steps(quiet=json),
     )

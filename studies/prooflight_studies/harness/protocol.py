@@ -26,7 +26,7 @@ from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -76,12 +76,7 @@ class Plan:
 
     def days(self, *sets: str) -> list[Day]:
         """The pieces of these sets; a day belongs to one set alone."""
-        return [
-            Day(of=of, designs=tuple(designs[start : start + self.designs_per_day]))
-            for of in sets
-            for designs in [self.designs(of)]
-            for start in range(0, len(designs), self.designs_per_day)
-        ]
+        return [day for of in sets for day in in_days(of, self.designs(of), self.designs_per_day)]
 
     def day_of(self, of: str, designs: NDArray[np.int64]) -> NDArray[np.int64]:
         """The press days, by their first designs, of some designs of a set; both (n,)."""
@@ -100,6 +95,14 @@ class Day:
 
     of: str
     designs: tuple[int, ...]
+
+
+def in_days(of: str, designs: Sequence[int], per_day: int) -> list[Day]:
+    """Designs of a set in press days of so many; the last may have fewer."""
+    return [
+        Day(of=of, designs=tuple(designs[start : start + per_day]))
+        for start in range(0, len(designs), per_day)
+    ]
 
 
 def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[Plan]:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 REDUCED_PITCH_MM: Final = 0.254
 """100 pixels an inch on the page: the pitch at which worlds.toml's texture is stated."""
+REDUCED_DPI: Final = 25.4 / REDUCED_PITCH_MM * 2
+"""Of rasters: two pixels to one of the camera's, across and along."""
 QUICK_PITCH_MM: Final = 0.508
 SPECIMEN_SEED: Final = 1
 TABLE_4: Final = (12.0, 24.0, 36.0, 48.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from prooflight_studies.harness.protocol import Day
+from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.press.judging import TREES
 
 if TYPE_CHECKING:
@@ -107,11 +107,7 @@ class PressPlan:
 
     def days(self, first: int, count: int) -> list[Day]:
         """Press days on which designs ``first`` and further are printed."""
-        per_day = self.per_day
-        return [
-            Day(of="test", designs=tuple(range(start, min(start + per_day, first + count))))
-            for start in range(first, first + count, per_day)
-        ]
+        return in_days("test", range(first, first + count), self.per_day)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ from prooflight.commissioning.training.learn import learn_scatter, pooled
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
-from prooflight_studies.harness.protocol import Day
+from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -55,10 +55,7 @@ class RankingPlan:
 
     def days(self, first: int, count: int) -> list[Day]:
         """Press days on which designs ``first`` and further are printed."""
-        return [
-            Day(of="learn", designs=tuple(range(start, min(start + self.per_day, first + count))))
-            for start in range(first, first + count, self.per_day)
-        ]
+        return in_days("learn", range(first, first + count), self.per_day)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
-from prooflight.commissioning.training.train import DESIGNS, Plan
+from prooflight.commissioning.training.train import Plan
 from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.shipped import ShippedRanking
 from prooflight.pages.parallel import in_order

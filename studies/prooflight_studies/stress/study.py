@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
-from prooflight.commissioning.training.train import DESIGNS, trained
+from prooflight.commissioning.training.train import trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.press.press_file import TWO_SENSORS, PressFile
@@ -24,7 +25,7 @@ from prooflight.simulation.corpus.corpus import Corpus, design_name
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.operating import Scored, bootstrap_cost, least_cost
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.protocol import Day
+from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
@@ -79,8 +80,7 @@ class StressPlan:
 
     def days(self, first: int, count: int, per_day: int) -> list[Day]:
         """Press days on which designs ``first`` and further are printed."""
-        ends = range(first, first + count, per_day)
-        return [Day(of="stress", designs=tuple(range(at, min(at + per_day, first + count)))) for at in ends]
+        return in_days("stress", range(first, first + count), per_day)
 
     @property
     def sets(self) -> dict[str, list[Day]]:
@@ -189,12 +189,8 @@ class _Bench:
         pages = Rounds(folder=real)
         fits = [self.press.geometry.sees(min(size)) for size in real.sizes_mm]
         designs = [index for index in range(self.plan.rounds * len(fits)) if fits[index % len(fits)]]
-        days = [
-            Day(of="stress", designs=tuple(designs[at : at + self.plan.per_day]))
-            for at in range(0, len(designs), self.plan.per_day)
-        ]
         work = StatisticsWork(scene=self._scene(pages, REAL_SCENE), scatter=self.scatter)
-        return self._made(work, days, "real")
+        return self._made(work, in_days("stress", designs, self.plan.per_day), "real")
 
     def _scene(self, pages: Designs, number: int) -> Scene:
         path = self.cache / f"{self.press.digest[:16]}.press"

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
-DESIGNS: Final = 136
-"""Printed for our detector alone where nobody says how many."""
 FEWEST: Final = 24
 """Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
 PILOT_SHARE: Final = 1 / 8

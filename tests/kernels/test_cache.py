@@ -11,13 +11,13 @@ import pytest
 
 KERNEL = """
 from numba import njit
-from prooflight.kernels.cache import kept
+from prooflight.kernels.cache import keep
 
 @njit
 def twice(x):
     return 2 * x
 
-twice._cache = kept(twice.py_func)
+keep(twice, twice.py_func)
 print(twice(21), twice._cache.cache_path, sum(twice.stats.cache_hits.values()))
 """
 
@@ -85,3 +85,70 @@ def test_a_folder_that_others_can_write_is_not_trusted(folder: Path) -> None:
     said = call(folder)
     assert said.stdout.split()[0] == "42"
     assert not list(place.iterdir())
+
+
+TOGETHER = """
+import sys
+from pathlib import Path
+from time import sleep
+from numba import njit
+from prooflight.kernels.cache import keep
+
+@njit
+def inner(x):
+    return x + 1
+
+@njit
+def outer(x):
+    for _ in range(3):
+        x = inner(x) + len(str(x))
+    return x
+
+for one in (inner, outer):
+    keep(one, one.py_func)
+me, folder = sys.argv[1], Path(__file__).parent
+if me == "errs":
+    try:
+        outer(None)
+    except Exception as error:
+        print(type(error).__name__, flush=True)
+    sys.stdin.read()
+else:
+    (folder / me).touch()
+    while len(list(folder.glob("starter*"))) < 2:
+        sleep(0.01)
+    print(outer(1), *(sum(one.stats.cache_misses.values()) for one in (inner, outer)))
+"""
+
+
+def started(folder: Path, me: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-B", str(folder / "kernel.py"), me],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"},
+    )
+
+
+def test_of_processes_that_start_together_one_compiles_a_kernel(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(TOGETHER)
+    both = [started(tmp_path, me) for me in ("starter 1", "starter 2")]
+    said = [one.communicate(timeout=300)[0].split() for one in both]
+    assert [words[0] for words in said] == ["7", "7"]
+    assert sum(int(words[1]) for words in said) == 1  # inner; a process that loads outer does not ask for it
+    assert sum(int(words[2]) for words in said) == 1
+    assert len(list((tmp_path / "__pycache__").glob("*.nbc"))) == 2
+
+
+def test_who_fails_to_compile_lets_others(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(TOGETHER)
+    with started(tmp_path, "errs") as errs:
+        assert errs.stdout is not None
+        assert errs.stdout.readline() == "TypingError\n"
+        (tmp_path / "starter 0").touch()
+        with started(tmp_path, "starter 1") as other:
+            said = other.communicate(timeout=60)[0]  # less than the patience of who waits
+        assert errs.poll() is None
+        errs.communicate("")
+    assert said.split()[0] == "7"

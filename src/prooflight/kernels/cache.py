@@ -1,8 +1,11 @@
-"""Where compiled kernels are kept between runs, whatever state that place is in.
+"""Where compiled kernels are kept between runs, whatever state that place is in, and whoever else writes there.
 
 Numba keeps them beside the source or in the user's cache folder. Where it may write neither it refuses to compile at
 all, and a file that was cut short when a disk filled or a machine lost power ends every later run. Here the first
 falls back to a folder for temporary files, and the second is compiled anew.
+
+Processes that start together need the same kernels. Here one of them compiles a kernel, and the others wait for what
+it keeps; two that wrote the index of one kernel at once could also lose or exchange each other's forms of it.
 """
 
 from __future__ import annotations
@@ -10,25 +13,67 @@ from __future__ import annotations
 import logging
 import os
 import stat
+import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from numba import config
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
+
+if sys.platform != "win32":
+    import fcntl
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 _log = logging.getLogger(__name__)
 PRIVATE: Final = 0o700
+PATIENCE_S: Final = 120.0
+"""The dearest kernel takes 10 s with those that it calls; whoever compiles for longer has been halted."""
+LOOK_S: Final = 0.02
+"""From look to look whether the other is done: a twentieth of what a kernel takes."""
 
 
 class KernelCache(FunctionCache):
     """Numba's cache of one kernel; what it cannot read or write is compiled anew."""
 
+    turn: int | None = None
+    """The open file whose lock lets this process compile; None: it does not."""
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """A kernel as it was kept; None: there is none that can be read."""
+        """A kernel as it was kept; None: there is none that can be read, and it is this process's turn to compile it.
+
+        Where kernels call each other they are locked as they are called, which goes one way: nobody waits in a circle.
+        """
+        found = self._read(sig, target_context)
+        if found is None and self.turn is None:
+            self._take_turn()
+            found = self._read(sig, target_context)  # another process may have kept it by now
+        return found
+
+    def end_turn(self) -> None:
+        """Let other processes compile."""
+        if self.turn is not None:
+            os.close(self.turn)
+            self.turn = None
+
+    def _take_turn(self) -> None:
+        """Wait for whoever compiles this kernel; where nothing can be locked, each compiles for itself."""
+        try:
+            self._impl.locator.ensure_cache_path()
+            self.turn = os.open(
+                Path(self.cache_path) / f"{self._impl.filename_base}.lock", os.O_RDWR | os.O_CREAT, 0o666
+            )
+            give_up = time.monotonic() + PATIENCE_S
+            while not _locked(self.turn) and time.monotonic() < give_up:
+                time.sleep(LOOK_S)
+        except OSError as error:
+            _log.debug("%s: nothing can be locked here (%s)", self.cache_path, error)
+
+    def _read(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # pickle raises whatever the bytes make it raise
@@ -54,7 +99,23 @@ class KernelCache(FunctionCache):
             self.disable()
 
 
-def kept(function: Callable[..., Any]) -> FunctionCache:
+def keep(compiled: Any, function: Callable[..., Any]) -> None:
+    """Have numba keep what it compiles of a loop, which one process at a time compiles."""
+    if config.DISABLE_JIT:  # compiled is the function itself
+        return
+    cache, compiles = kept(function), compiled.compile
+
+    def compiles_in_turn(signature: Any) -> Any:
+        with global_compiler_lock:  # the turn is the process's: its threads must not end each other's
+            try:
+                return compiles(signature)
+            finally:
+                cache.end_turn()
+
+    compiled._cache, compiled.compile = cache, compiles_in_turn  # noqa: SLF001 - numba has no other way in
+
+
+def kept(function: Callable[..., Any]) -> KernelCache:
     """The cache of a kernel's compiled forms; in a temporary folder where no other can be written, which is said."""
     try:
         return KernelCache(function)
@@ -69,6 +130,17 @@ def kept(function: Callable[..., Any]) -> FunctionCache:
         folder
     )  # processes that this one starts use it too
     return KernelCache(function)
+
+
+def _locked(handle: int) -> bool:
+    """Whether this process holds the lock now; it goes with the process, however that ends."""
+    if sys.platform == "win32":
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _temporary_folder() -> Path:

@@ -14,7 +14,6 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from prooflight.errors import ProoflightError
-from prooflight.pages.process import settle_process
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -113,6 +112,8 @@ _held: list[Callable[[Any], Any]] = []
 
 
 def _hold(work: Callable[[Any], Any]) -> None:
+    from prooflight.pages.process import settle_process  # loads much that no other process needs
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
     settle_process()

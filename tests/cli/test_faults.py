@@ -30,8 +30,8 @@ def broken(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> N
     def meets(*_: object) -> None:
         raise request.param
 
-    monkeypatch.setattr("prooflight.cli.job.parse_pages", meets)
-    monkeypatch.setattr("prooflight.cli.job.JobSource.open", meets)
+    monkeypatch.setattr("prooflight.pages.job.parse_pages", meets)
+    monkeypatch.setattr("prooflight.pages.job.JobSource.open", meets)
 
 
 def rip(tmp_path: Path) -> int:

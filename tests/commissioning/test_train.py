@@ -124,6 +124,7 @@ def _made_up_days(
     days: Sequence[tuple[int, ...]],
     *,
     processes: int | None = None,
+    fewest: int,
 ) -> Iterator[dict[str, Any]]:
     """Good pages are the same whether misprints are asked for or not."""
     count = len(shipped_ranking().model.statistics)

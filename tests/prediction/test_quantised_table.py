@@ -20,7 +20,13 @@ from prooflight.kernels.prediction.look_up import (
     look_up_light,
     masks_of,
 )
-from prooflight.prediction.quantised_table import CELL_BITS, QuantisedTable, cells_bits, quantised_table
+from prooflight.prediction.quantised_table import (
+    CELL_BITS,
+    QuantisedTable,
+    _along,
+    cells_bits,
+    quantised_table,
+)
 from prooflight_studies.harness.exact_tables import exactly_looked_up
 
 if TYPE_CHECKING:
@@ -123,6 +129,23 @@ def test_curved_inks_have_more_cells() -> None:
     bits = cells_bits(np.einsum("a,b,c,d->abcd", *axes))
     assert sum(bits) == CELL_BITS
     assert bits[1] == max(bits) == 5
+
+
+@pytest.mark.parametrize("ink", range(4))
+def test_nodes_are_fitted_along_one_ink(ink: int) -> None:
+    rng = np.random.default_rng(9)
+    matrix, values = rng.normal(size=(3, 5)), rng.normal(size=(5, 5, 5, 5))
+    plain = np.moveaxis(np.tensordot(matrix, values, axes=(1, ink)), 0, ink)
+    np.testing.assert_allclose(_along(matrix, values, ink), plain, rtol=1e-12, atol=1e-12)
+
+
+def test_a_table_is_left_as_it_was(press: Press) -> None:
+    table = press.sensors[0].mean_dn
+    before = table.copy()
+    for kind in (np.float32, np.float64):
+        exact = table.astype(kind)
+        QuantisedTable.of(exact)
+        np.testing.assert_array_equal(exact, before)
 
 
 @pytest.mark.skipif(not has_extraction(), reason="the processor has no BMI2")

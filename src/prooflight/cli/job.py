@@ -13,8 +13,6 @@ import typer
 from prooflight.cli import faults, show
 from prooflight.cli.options import Detector, JobPath, Json, Pages, PressArtefact, Profile, Seed
 from prooflight.errors import RequestError
-from prooflight.pages.job import JobSource, parse_pages
-from prooflight.press.artefact import Press
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -60,6 +58,7 @@ def demo(
     """
     from prooflight.cli import demonstration as demonstration
     from prooflight.inspection.inspector import Inspector
+    from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import RunSummary, counts, write_report
     from prooflight.simulation.worlds import known_world
@@ -131,6 +130,7 @@ def rip(
 ) -> None:
     """Write each page as a CMYK TIFF, as the press would print it."""
     from prooflight.pages.files import write_tiff
+    from prooflight.pages.job import JobSource, parse_pages
 
     rows: list[dict[str, Any]] = []
     with JobSource(path=job, dpi=dpi, profile=profile).open() as opened:
@@ -170,7 +170,9 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json."""
+    from prooflight.pages.job import JobSource, parse_pages
     from prooflight.pages.parallel import in_order
+    from prooflight.press.artefact import Press
     from prooflight.simulation.files import ScanToFile, write_truth
     from prooflight.simulation.scans import MisprintRequest
     from prooflight.simulation.worlds import known_world
@@ -241,7 +243,9 @@ def inspect(
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, name_of, paired
     from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
+    from prooflight.press.artefact import Press
 
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work

@@ -15,11 +15,11 @@ from prooflight.cli import show
 from prooflight.cli.options import Json
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import RequestError
-from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
     from prooflight.commissioning.training.learned_variation import StatedBesideLearned
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.press.artefact import Press
 
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
 
@@ -151,6 +151,7 @@ def learn(
     from prooflight.inspection.job import InspectPage, ScanPage, paired
     from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
+    from prooflight.press.artefact import Press
 
     if not good:
         raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
@@ -201,6 +202,7 @@ def show_press(
 ) -> None:
     """Look inside a press artefact."""
     from prooflight.commissioning.training.learned_variation import stated_beside_learned
+    from prooflight.press.artefact import Press
 
     press = Press.load(artefact)
     facts, learned = _facts(press), stated_beside_learned(press)

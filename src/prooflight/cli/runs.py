@@ -17,17 +17,13 @@ from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
 from prooflight.errors import PressError, RequestError, visible
-from prooflight.files.atomic import whole_file
-from prooflight.journal.exporting import page_facts, run_facts, write_csv
-from prooflight.journal.journal import Journal
-from prooflight.journal.opening import default_journal
-from prooflight.journal.records import Retention
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
 
+    from prooflight.journal.journal import Journal
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.journal.schema import JournalError
 
@@ -72,6 +68,8 @@ def runs(
     json: Json = False,
 ) -> None:
     """All runs in the journal, oldest first."""
+    from prooflight.journal.exporting import run_facts
+
     damaged = Damaged()
     with _reading(journal) as opened:
         found = opened.runs(damaged=damaged.add)[-last if last else 0 :]
@@ -117,6 +115,8 @@ def show_run(
     json: Json = False,
 ) -> None:
     """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
+    from prooflight.journal.exporting import page_facts, write_csv
+
     damaged = Damaged()
     with _reading(journal) as opened:
         found = _run(opened, run)
@@ -156,6 +156,8 @@ def export(
     ] = None,
 ) -> None:
     """All pages of one run as CSV or JSON."""
+    from prooflight.files.atomic import whole_file
+
     if csv and json:
         raise RequestError("run export", "is asked for CSV and for JSON", remedy="choose one")
     damaged = Damaged()
@@ -232,6 +234,9 @@ def tidy(
     json: Json = False,
 ) -> None:
     """Remove what is older or larger than wanted; the last run stays. Exits 2 if something had to stay."""
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.records import Retention
+
     try:
         retention = Retention(days=days, megabytes=megabytes)
     except ValueError as error:
@@ -292,10 +297,14 @@ class Damaged:
 
 
 def _reading(journal: str | None) -> Journal:
+    from prooflight.journal.journal import Journal
+
     return Journal.open(_url(journal), read_only=True)
 
 
 def _url(journal: str | None) -> str:
+    from prooflight.journal.opening import default_journal
+
     return journal or str(default_journal())
 
 
@@ -311,10 +320,12 @@ def _run(journal: Journal, number: str) -> RunRow:
 
 
 def _write(pages: Iterable[PageRecord], file: TextIO, *, json: bool) -> None:
+    from prooflight.journal.exporting import page_facts, write_csv
+    from prooflight.journal.schema import json_text
+
     if not json:
         write_csv(pages, file)
         return
-    from prooflight.journal.schema import json_text
 
     for page in pages:
         file.write(json_text(page_facts(page)) + "\n")

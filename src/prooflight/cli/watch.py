@@ -15,28 +15,16 @@ from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
 from prooflight.cli.options import Detector, JobPath, Json, PressArtefact, Profile, Seed
 from prooflight.cli.watch_sources import REMEDY, DrumWishes, open_source
-from prooflight.cli.watch_view import Watching
 from prooflight.errors import RequestError
-from prooflight.inspection.inspector import Inspector
-from prooflight.journal.journal import Journal, content_digest
-from prooflight.journal.opening import default_journal
-from prooflight.journal.records import RunFacts
-from prooflight.line.book import JobBook
-from prooflight.line.pager import SheetEdge, TriggerCount
-from prooflight.line.recording import Recorder
 from prooflight.line.settings import DEADLINE_S, STALL_S, Settings
-from prooflight.line.status import Phase
-from prooflight.line.watching import watched
-from prooflight.pages.job import JobSource
-from prooflight.pages.process import settle_process
-from prooflight.press.artefact import Press
-from prooflight.reporting.live import Recent
 from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.recording import Recorder
     from prooflight.line.sheet_inspector import Keep
     from prooflight.line.status import Status
 
@@ -130,6 +118,16 @@ def watch(
     Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded. Ctrl-C ends cleanly:
     what has passed is still inspected; a second one drops it, and says so.
     """
+    from prooflight.cli.watch_view import Watching
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.book import JobBook
+    from prooflight.line.pager import SheetEdge, TriggerCount
+    from prooflight.line.watching import watched
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.process import settle_process
+    from prooflight.press.artefact import Press
+    from prooflight.reporting.live import Recent
+
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
@@ -203,6 +201,8 @@ def watch(
 
 def _ended(status: Status, lacks: str) -> int:
     """Say what keeps a run from being complete or its promise from holding, if anything does; its exit code."""
+    from prooflight.line.status import Phase
+
     broke_off = status.phase is Phase.FAULT
     if status.promise_suspended:
         faults.told(suspended(status.promise_suspended))
@@ -228,6 +228,11 @@ def _recorder(
     if journal == "none":
         yield None
         return
+    from prooflight.journal.journal import Journal, content_digest
+    from prooflight.journal.opening import default_journal
+    from prooflight.journal.records import RunFacts
+    from prooflight.line.recording import Recorder
+
     facts = RunFacts(
         job=name,
         job_digest=content_digest(job),

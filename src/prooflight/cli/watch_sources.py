@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
-from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -122,6 +121,7 @@ def _drum(
 
 def _passing(wishes: DrumWishes) -> Iterable[Turn]:
     """The sheets as they pass, with faults of all kinds in turn where they are wished for."""
+    from prooflight.rng import stream
     from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 
     if not wishes.fault_every:

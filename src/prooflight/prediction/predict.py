@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.kernels.prediction.lines import ColumnLevels, filter_lines, relight, to_columns
+from prooflight.kernels.memory import unset
+from prooflight.kernels.prediction.lines import (
+    ColumnLevels,
+    filter_lines,
+    relight,
+    to_binned_columns,
+    to_columns,
+)
 from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
@@ -25,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
+    from prooflight.pages.sampling import Footprint
     from prooflight.prediction.sampling_grid import SamplingGrid
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -50,6 +58,7 @@ def predict(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     placement: Placement = IN_PLACE,
+    bins: int = 1,
     threads: int | None = None,
 ) -> Prediction:
     """Expected lines of a whole page that lies as ``placement`` says.
@@ -58,53 +67,80 @@ def predict(
     of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
     it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
     by its stretch. Displacements are linear between nodes 16 camera pixels apart (``sampling_grid``).
-    threads: bands of lines run at once, default one a core.
+    bins: so many pixels each way are taken together: what their mean must show; the last line goes on where a square
+    is not full. threads: bands of lines run at once, default one a core.
     """
-    lines = geometry.lines(page.height_mm)
-    where = sampling_grid(page, geometry, placement)
-    expected = np.empty((len(sensors), lines, geometry.pixels), np.float32)
-    variance = np.empty_like(expected)
+    shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
+    light = np.empty(shape, np.float32) if bins == 1 else unset(shape)
+    kept = bins == 1 or any(shot_slope(sensor) == 0 for sensor in sensors)
+    spread = np.empty(shape, np.float32) if kept else light
+    where = sampling_grid(page, geometry, placement)
     filtered = []
-    for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True):
+    for sensor, mean_out, variance_out in zip(sensors, light, spread, strict=True):
         filtered.append((sensor, sensor.mean_dn, sensor.backing_dn, mean_out))
         if shot_slope(sensor) == 0:
             filtered.append((sensor, sensor.variance_dn2, sensor.backing_variance_dn2, variance_out))
     _in_bands(
         workers,
-        lines,
-        [
-            _filtering(page, sensor, where, table, backing, light)
-            for sensor, table, backing, light in filtered
-        ],
+        shape[1],
+        [_filtering(page, sensor, where, table, backing, out) for sensor, table, backing, out in filtered],
     )
-    for sensor, _, _, light in filtered:
-        correct_light(light, sensor.correction, threads=workers)
+    for sensor, _, _, out in filtered:
+        correct_light(out, sensor.correction, threads=workers)
+    return _in_columns(light, spread, sensors, bins, workers)
+
+
+def _in_columns(
+    light: NDArray[np.float32],
+    spread: NDArray[np.float32],
+    sensors: Sequence[SensorModel],
+    bins: int,
+    workers: int,
+) -> Prediction:
+    """Light and its variance (sensors, lines, pixels), above the backing's -> what columns show."""
+    if bins == 1:
+        levels = [
+            partial(to_columns, levels_of(sensor), mean=mean, variance=variance)
+            for sensor, mean, variance in zip(sensors, light, spread, strict=True)
+        ]
+        _in_bands(workers, light.shape[1], levels)
+        return Prediction(expected_dn=light, variance_dn2=spread)
+    shape = (len(sensors), -(-light.shape[1] // bins), light.shape[2] // bins)
+    expected, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
     levels = [
-        partial(to_columns_of(sensor), mean=mean_out, variance=variance_out)
-        for sensor, mean_out, variance_out in zip(sensors, expected, variance, strict=True)
+        partial(
+            to_binned_columns,
+            levels_of(sensor),
+            bins,
+            light[i],
+            spread[i],
+            mean=expected[i],
+            variance=variance[i],
+        )
+        for i, sensor in enumerate(sensors)
     ]
-    _in_bands(workers, lines, levels)
+    _in_bands(workers, shape[1], levels)
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def predict_light(
     page: Page,
-    tables: Sequence[SensorModel],
+    footprint: Footprint,
+    tables: Sequence[NDArray[np.float32]],
     out: Sequence[NDArray[np.float32]],
     *,
     geometry: ScanGeometry,
     sign: int = 1,
 ) -> None:
-    """What bare columns without a lens's far light see of a page in its place, above the backing, of each table.
+    """What bare columns without a lens's far light see of a page in its place, of each table over CMYK.
 
-    The tables have one footprint. Written: (lines, pixels) each [the table's units], at least 0, times ``sign``.
+    Beyond the page they see 0. Written: (lines, pixels) each [the table's units], at least 0, times ``sign``.
     """
     if not tables:
         return
     where = sampling_grid(page, geometry, IN_PLACE)
-    nodes, backings = [table.mean_dn for table in tables], [table.backing_dn for table in tables]
-    seen = _filtering_still(page, tables[0], where, nodes, backings, out, sign=sign)
+    seen = _filtering_still(page, footprint, where, tables, [0.0] * len(tables), out, sign=sign)
     seen(line_from=0, line_to=len(out[0]))
 
 
@@ -158,9 +194,9 @@ def shot_slope(sensor: SensorModel) -> float:
     return sensor.shot_slope()
 
 
-def to_columns_of(sensor: SensorModel) -> Callable[..., None]:
-    """``to_columns`` with all that it takes of the sensor; left are line_from, line_to, mean and variance."""
-    levels = ColumnLevels(
+def levels_of(sensor: SensorModel) -> ColumnLevels:
+    """What kernels take of a sensor's columns."""
+    return ColumnLevels(
         column_offset=sensor.column_offset_dn,
         column_gain=sensor.column_gain,
         backing=np.float32(sensor.backing_dn),
@@ -169,7 +205,6 @@ def to_columns_of(sensor: SensorModel) -> Callable[..., None]:
         shot_slope=np.float32(shot_slope(sensor)),
         top_code=np.float32(sensor.top_code_dn),
     )
-    return partial(to_columns, levels)
 
 
 def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
@@ -193,7 +228,7 @@ def _filtering(
 ) -> Callable[..., None]:
     """The filtering kernel with everything set but the lines to do."""
     if where.still:
-        return _filtering_still(page, sensor, where, [table], [backing], [light])
+        return _filtering_still(page, sensor.footprint, where, [table], [backing], [light])
     across, along = where.passes(sensor.footprint, page.pixel_mm)
     return partial(
         filter_moved_lines,
@@ -210,7 +245,7 @@ def _filtering(
 
 def _filtering_still(
     page: Page,
-    sensor: SensorModel,
+    footprint: Footprint,
     where: SamplingGrid,
     tables: Sequence[NDArray[np.float32]],
     backings: Sequence[float],
@@ -218,14 +253,14 @@ def _filtering_still(
     *,
     sign: int = 0,
 ) -> Callable[..., None]:
-    """The same of a page that is only shifted, for tables of one footprint."""
+    """The same of a page that is only shifted, for several tables at once."""
     return partial(
         filter_lines,
         page.packed,
         tuple(quantised_table(table) for table in tables),
         np.array(backings, np.float32),
         where.stride,
-        *where.passes(sensor.footprint, page.pixel_mm),
+        *where.passes(footprint, page.pixel_mm),
         np.float32(sign),
         lights=tuple(lights),
     )

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import product
+from math import prod
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.prediction.tables import SameArray
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,11 +52,14 @@ class QuantisedTable(NamedTuple):
 
         Recipes of nothing but bare paper and solid inks have the table's own value; between, least squares.
         """
-        exact = np.asarray(table, np.float64)
+        exact = np.array(
+            table, np.float64, order="C"
+        )  # 9 MB: changed in place, since to clear as much takes longer
         for ink in range(INKS):
-            exact = _ending_at_solid(exact, ink)
+            _end_at_solid(exact, ink)
         offset = OFFSET * max(float(exact.max()), 1.0) - min(float(exact.min()), 0.0)
-        roots = np.sqrt(exact + offset)
+        exact += offset
+        roots = np.sqrt(exact, out=exact)
         bits = cells_bits(roots)
         for ink in range(INKS):
             roots = _along(_fit(bits[ink]), roots, ink)
@@ -73,26 +78,13 @@ class QuantisedTable(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _found(key: _ByIdentity) -> QuantisedTable:
-    return QuantisedTable.of(key.table)
-
-
-class _ByIdentity:
-    """A table as a key: the same array, not an equal one."""
-
-    def __init__(self, table: NDArray[np.float32]) -> None:
-        self.table = table
-
-    def __hash__(self) -> int:
-        return id(self.table)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.table is self.table
+def _found(table: SameArray) -> QuantisedTable:
+    return QuantisedTable.of(table.array)
 
 
 def quantised_table(table: NDArray[np.float32]) -> QuantisedTable:
     """``QuantisedTable.of``, made once for each table."""
-    return _found(_ByIdentity(table))
+    return _found(SameArray(table))
 
 
 def cells_bits(roots: NDArray[np.float64]) -> tuple[int, ...]:
@@ -103,17 +95,15 @@ def cells_bits(roots: NDArray[np.float64]) -> tuple[int, ...]:
         kept = (*thin[:ink], slice(None), *thin[ink + 1 :])
         along = roots[kept]
         for count in range(FEWEST, MOST + 1):
-            back = _hats(1 << count) @ _fit(count)
-            cost[ink, count] = np.square(_along(back, along, ink) - along).mean()
+            cost[ink, count] = np.square(_along(_fit_and_back(count), along, ink) - along).mean()
     choices = [c for c in product(range(FEWEST, MOST + 1), repeat=INKS) if sum(c) == CELL_BITS]
     return min(choices, key=lambda choice: sum(cost[ink, count] for ink, count in enumerate(choice)))
 
 
-def _ending_at_solid(table: NDArray[np.float64], ink: int) -> NDArray[np.float64]:
-    """The last node of an ink moved from byte value 256 to 255."""
-    nodes = np.moveaxis(table.copy(), ink, 0)
+def _end_at_solid(table: NDArray[np.float64], ink: int) -> None:
+    """Move the last node of an ink, in place, from byte value 256 to 255."""
+    nodes = np.moveaxis(table, ink, 0)
     nodes[-1] -= (nodes[-1] - nodes[-2]) / NODE_STEP
-    return np.moveaxis(nodes, 0, ink)
 
 
 def _places() -> NDArray[np.float64]:
@@ -142,8 +132,19 @@ def _fit(bits: int) -> NDArray[np.float64]:
     return np.asarray(solved[: hats.shape[1]], np.float64)
 
 
+@lru_cache
+def _fit_and_back(bits: int) -> NDArray[np.float64]:
+    """Values at ``_places`` -> what 2^bits cells hold of them there, (33, 33)."""
+    return np.asarray(_hats(1 << bits) @ _fit(bits), np.float64)
+
+
 def _along(matrix: NDArray[np.float64], values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    return np.asarray(np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis), np.float64)
+    """``matrix`` (m, n) times every line of ``values`` (.., n, ..) along ``axis``: (.., m, ..)."""
+    before, after = values.shape[:axis], values.shape[axis + 1 :]
+    lines = values.reshape(prod(before), matrix.shape[1], prod(after))
+    # Lines as they lie: turned so that all are one product, they would be copied, which takes longer than the product.
+    found = lines[..., 0] @ matrix.T if not after else np.matmul(matrix, lines)
+    return np.asarray(found.reshape(*before, len(matrix), *after), np.float64)
 
 
 def _weights(slow_bits: int, fast_bits: int) -> NDArray[np.int64]:
@@ -157,15 +158,14 @@ def _weights(slow_bits: int, fast_bits: int) -> NDArray[np.int64]:
 
 def _by_cell(codes: NDArray[np.int16]) -> NDArray[np.int16]:
     """Nodes of cyan, magenta, yellow, black -> corners of each cell, (2^16, 16), at an even address."""
-    nodes = codes.transpose()
+    nodes = np.ascontiguousarray(codes.transpose())
     cells = tuple(count - 1 for count in nodes.shape)
-    corners = [
-        nodes[tuple(slice(start, start + count) for start, count in zip(corner, cells, strict=True))]
-        for corner in product((0, 1), repeat=INKS)
-    ]
     # A cell of 32 bytes must not straddle two lines of the cache.
     room = np.empty((1 << CELL_BITS) * 16 + 32, np.int16)
     first = -room.ctypes.data % 64 // 2
     by_cell = room[first : first + (1 << CELL_BITS) * 16].reshape(-1, 16)
-    by_cell[:] = np.stack(corners, axis=-1).reshape(-1, 16)
+    corners = by_cell.reshape(*cells, 16)
+    for place, corner in enumerate(product((0, 1), repeat=INKS)):
+        within = tuple(slice(start, start + count) for start, count in zip(corner, cells, strict=True))
+        corners[..., place] = nodes[within]
     return by_cell

@@ -19,8 +19,8 @@ from prooflight.detectors.matched_filter.ranking import (
     family_columns,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
-from prooflight.detectors.matched_filter.statistics.located import ONE_SIGMA
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+from prooflight.kernels.statistics.page_scale import ONE_SIGMA
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

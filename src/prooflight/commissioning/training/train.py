@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 FEWEST: Final = 24
 """Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
+FEWEST_DAYS: Final = 3
+"""From which on they are shared out. Two take little longer one after the other than processes take to start, and where
+no kernel is compiled yet, the first of them compiles it for all processes that follow."""
 PILOT_SHARE: Final = 1 / 8
 PILOT: Final = (6, 40)
 DEFAULT_RATE: Final = 0.01
@@ -83,7 +86,7 @@ def trained(
 
     def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
-        rows = in_order(work, days, processes=processes)
+        rows = in_order(work, days, processes=processes, fewest=FEWEST_DAYS)
         return _joined(shown(rows, len(days), f"learning {what}, {len(which)} designs"))
 
     drawn = gathered(ScatterWork(press=press, pages=pages, seed=seed), plan.pilot, "scatter")

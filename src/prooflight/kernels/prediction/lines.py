@@ -17,6 +17,7 @@ from prooflight.kernels.prediction.filtering import (
     filter_row,
 )
 from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
+from prooflight.kernels.residuals.binning import add_row, gather_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -157,6 +158,21 @@ def filter_lines(  # type: ignore[no-untyped-def]
             sign_row(lights[n][line], sign)
 
 
+@inner_kernel()
+def level_row(sensor, mean, variance):  # type: ignore[no-untyped-def]
+    """``to_columns`` of one line (pixels,), in place."""
+    column_offset, column_gain, shot_slope = sensor.column_offset, sensor.column_gain, sensor.shot_slope
+    backing, dark_variance, top_code = sensor.backing, sensor.dark_variance, sensor.top_code
+    above_dark = sensor.backing_variance - dark_variance
+    if shot_slope > 0:
+        for i in range(mean.size):
+            variance[i] = shot_slope * mean[i]
+    for i in range(mean.size):
+        variance[i] = dark_variance + max(column_gain[i] * (variance[i] + above_dark), np.float32(0))
+        level = column_offset[i] + column_gain[i] * (mean[i] + backing)
+        mean[i] = min(max(level, np.float32(0)), top_code)
+
+
 @kernel(
     "sensor.column_offset (P), sensor.column_gain (P), line_from, line_to, mean (L, P), variance (L, P)",
     where="0 <= line_from, line_to <= L",
@@ -166,20 +182,37 @@ def to_columns(sensor, line_from, line_to, mean, variance):  # type: ignore[no-u
 
     sensor: ``ColumnLevels``; mean, variance (lines, pixels).
     """
-    column_offset, column_gain, shot_slope = sensor.column_offset, sensor.column_gain, sensor.shot_slope
-    backing, dark_variance, top_code = sensor.backing, sensor.dark_variance, sensor.top_code
-    above_dark = sensor.backing_variance - dark_variance
     for line in range(line_from, line_to):
-        mean_row, variance_row = mean[line], variance[line]
-        if shot_slope > 0:
-            for i in range(mean_row.size):
-                variance_row[i] = shot_slope * mean_row[i]
-        for i in range(mean_row.size):
-            variance_row[i] = dark_variance + max(
-                column_gain[i] * (variance_row[i] + above_dark), np.float32(0)
-            )
-            level = column_offset[i] + column_gain[i] * (mean_row[i] + backing)
-            mean_row[i] = min(max(level, np.float32(0)), top_code)
+        level_row(sensor, mean[line], variance[line])
+
+
+@kernel(
+    "sensor.column_offset (P), sensor.column_gain (P), bins, light (L, P), spread (L, P), line_from, line_to, "
+    "mean (-(-L // bins), P // bins), variance (-(-L // bins), P // bins)",
+    where="0 <= line_from, bins * (line_to - 1) < L",
+)
+def to_binned_columns(sensor, bins, light, spread, line_from, line_to, mean, variance):  # type: ignore[no-untyped-def]
+    """The same of means over bins x bins pixels, written to mean, variance, lines line_from .. line_to - 1 of these.
+
+    light, spread (lines, pixels) stay as they are; their last line goes on where a square is not full.
+    """
+    pixels = light.shape[1]
+    means, variances = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    mean_sums, variance_sums = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    for line in range(line_from, line_to):
+        mean_sums[:] = 0
+        variance_sums[:] = 0
+        for i in range(line * bins, (line + 1) * bins):
+            fine = min(i, light.shape[0] - 1)
+            copy_row(light[fine], means)
+            copy_row(spread[fine], variances)
+            level_row(sensor, means, variances)
+            add_row(means, mean_sums)
+            add_row(variances, variance_sums)
+        gather_row(mean_sums, bins, 0, mean[line])
+        gather_row(variance_sums, bins, 0, variance[line])
+        for i in range(variance.shape[1]):
+            variance[line, i] /= np.float32(bins * bins)
 
 
 @kernel(

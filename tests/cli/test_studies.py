@@ -1,4 +1,4 @@
-"""``prooflight study`` and ``bench`` where the package of studies is not installed."""
+"""What commands there are and what each takes, and that saying so loads nothing; also without the studies."""
 
 from __future__ import annotations
 
@@ -46,3 +46,36 @@ for name in LISTED:
     ended = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     assert all(f"\n  {name} " in ended.stdout for name in ("demo", "inspect", "run", "press", "study"))
+
+
+def test_a_commands_options_are_shown_without_what_it_needs() -> None:
+    shown = """
+import sys
+from prooflight.cli import run
+from prooflight.cli.commands import Commands
+
+def shows(path, command):
+    assert run([*path, "--help"]) == 0
+    loaded = {"numpy", "numba", "scipy", "cv2", "sqlalchemy", "matplotlib"} & set(sys.modules)
+    assert not loaded, f"{' '.join(path)} --help loads {', '.join(sorted(loaded))}"
+    for name, one in getattr(command, "commands", {}).items():
+        shows([*path, name], one)
+
+group = Commands()
+for name in group.list_commands(None):
+    shows([name], group.get_command(None, name))
+"""
+    ended = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    words = (
+        "demo",
+        "inspect",
+        "watch",
+        "runs",
+        "run tidy",
+        "press build",
+        "camera mtf",
+        "study paper",
+        "bench",
+    )
+    assert all(f"Usage: prooflight {word} " in ended.stdout for word in words)

@@ -40,7 +40,7 @@ GOOD = Verdict(page="p0001", verdict="good", action="accept", score=0.5, thresho
 def fresh(own: np.ndarray, *, room: int = 10**6) -> ExchangeabilityTest:
     """Before a run, with a press's own pages (pages, groups)."""
     stakes = exchangeability.STAKES.size
-    names = tuple(f"group-{k}" for k in range(own.shape[1]))
+    names = ("score", *(f"group-{k}" for k in range(1, own.shape[1])))
     zeros = np.zeros((own.shape[1], stakes))
     return ExchangeabilityTest(known=list(own), room=room, names=names, log_wealth=zeros)
 
@@ -133,7 +133,8 @@ def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: Cal
         watch, said = PromiseWatch.of(detector, seed=3), []
         for page in range(60):
             values = rng.exponential(size=len(NAMES)) + much * (np.arange(len(NAMES)) == 2)
-            said += [page] if watch.add(summary_of(ours.model, values, rng.standard_normal(3)), page) else []
+            summary = summary_of(ours.model, values, rng.standard_normal(3), score=rng.exponential())
+            said += [page] if watch.add(summary, page) else []
             assert watch.marked(GOOD).promise_suspended == bool(said)
         assert len(said) == suspended
         assert bool(watch.suspended) == suspended
@@ -171,10 +172,12 @@ def test_a_press_keeps_room_beside_its_own_pages(ours: CalibratedDetector) -> No
 
 def test_numbers_that_are_not_finite_say_nothing(ours: CalibratedDetector) -> None:
     fine, page_features = np.ones(len(NAMES)), np.zeros(3)
-    assert summary_of(ours.model, fine, page_features) is not None
+    assert summary_of(ours.model, fine, page_features, score=0.5) is not None
     for odd in (np.nan, np.inf):
-        assert summary_of(ours.model, np.where(np.arange(len(NAMES)) == 1, odd, fine), page_features) is None
-        assert summary_of(ours.model, fine, page_features + odd) is None
+        values = np.where(np.arange(len(NAMES)) == 1, odd, fine)
+        assert summary_of(ours.model, values, page_features, score=0.5) is None
+        assert summary_of(ours.model, fine, page_features + odd, score=0.5) is None
+        assert summary_of(ours.model, fine, page_features, score=odd) is None
 
 
 @pytest.mark.parametrize("name", ["chi-square"])

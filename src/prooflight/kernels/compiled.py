@@ -25,7 +25,7 @@ from typing import Any, Final, Self
 
 from numba import njit
 
-from prooflight.kernels.cache import kept
+from prooflight.kernels.cache import keep
 
 Function = Callable[..., Any]
 Extents = tuple[int, ...]
@@ -41,7 +41,7 @@ def inner_kernel(**options: Any) -> Callable[[Function], Function]:
 
     def made(function: Function) -> Function:
         compiled: Function = njit(nogil=True, **options)(function)
-        compiled._cache = kept(function)  # type: ignore[attr-defined]  # noqa: SLF001 - numba has no other way in
+        keep(compiled, function)
         return compiled
 
     return made

@@ -18,6 +18,7 @@ from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.rng import stream
+from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows, in_turns
 from prooflight_studies.speed.detector import MOVED, detector_works
@@ -122,8 +123,8 @@ def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     scan = ideal_scan(prediction, press, stream(None, "bench-scan"))
     size = scan.size / 1e6
 
-    def predicted(**where: Placement) -> object:
-        return predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
+    def predicted(placement: Placement = IN_PLACE) -> object:
+        return predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement, threads=1)
 
     works: dict[str, tuple[Callable[[], object], float]] = {
         f"predict, {name}": (predicted, size),
@@ -159,8 +160,8 @@ def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable
     inspector = Inspector.of(press, "chi-square")
     prepared = inspector.prepare(page)
     scans = []
-    for where in ({}, {"placement": MOVED}):
-        expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1, **where)
+    for where in (IN_PLACE, MOVED):
+        expected = predict(page, sensors=press.sensors, geometry=press.geometry, placement=where, threads=1)
         scans.append(ideal_scan(expected, press, stream(None, "bench-scan")))
     in_place, moved = scans
     size = in_place.size / 1e6

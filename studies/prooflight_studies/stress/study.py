@@ -7,7 +7,7 @@ The press is what `press build` makes; what it learns is what `press learn` lear
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
+from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus, design_name
@@ -199,13 +200,12 @@ class _Bench:
         return Scene(press=path, pages=pages, seed=self.plan.seed, number=number, misprints=1)
 
     def _made(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
-        arrays = {each.name: getattr(self.scatter, each.name).tolist() for each in fields(self.scatter)}
         facts = {
             "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
             "stress": self.stress.digest,
             "worlds": worlds_digest(),
             "press": self.press.digest,
-            "scatter": digest_of(arrays),
+            "build": (BUILD_SEED, DESIGNS),  # the scatter's own last digits differ from run to run
             "seed": self.plan.seed,
         }
         if isinstance(work, StressWork) and work.marks:
@@ -239,21 +239,22 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
     for name in ["", *fits]:
         here = judge["nuisance"] == name
         fit = fits.get(name)
-        alarm, day = _scores(ours, judge, here) > ours.threshold, judge["day"][here]
-        told = _told(ours, judge, here, plan.seed)
+        day = judge["day"][here]
+        alarm, told = _judged_runs(ours, judge, here, plan.seed)
+        after, told_after = (None, None) if fit is None else _judged_runs(fit, judge, here, plan.seed)
         beyond = [alarm[day == one].mean() > MOST_UNTOLD for one in np.unique(day)]
-        of_beyond = [after for after, far in zip(told, beyond, strict=True) if far and after is not None]
+        of_beyond = [page for page, far in zip(told, beyond, strict=True) if far and page is not None]
         nuisances.append(
             {
                 "nuisance": name,
                 "scans": int(here.sum()),
                 "before": int(alarm.sum()),
-                "after": None if fit is None else int((_scores(fit, judge, here) > fit.threshold).sum()),
+                "after": None if after is None else int(after.sum()),
                 "told_before": told,
                 "beyond": sum(beyond),
                 "beyond_told": len(of_beyond),
                 "untold": bool(alarm.mean() > MOST_UNTOLD and len(of_beyond) < OFTEN_TOLD * sum(beyond)),
-                "told_after": None if fit is None else _told(fit, judge, here, plan.seed),
+                "told_after": told_after,
                 "runs": plan.runs,
             }
         )
@@ -285,11 +286,13 @@ def _scores(ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]) -> ND
     return certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
 
 
-def _told(ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int) -> list[int | None]:
-    """Of each run, after how many pages it says that its promise does not hold; None: it does not."""
+def _judged_runs(
+    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
+) -> tuple[NDArray[np.bool_], list[int | None]]:
+    """Which pages alarm; and of each run, after how many it says that its promise does not hold (None: it does not)."""
     found: list[int | None] = []
-    pages = Pages.of(rows).rows(here)
-    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features))
+    pages, score = Pages.of(rows).rows(here), _scores(ours, rows, here)
+    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), score)
     day = rows["day"][here]
     for number, one in enumerate(np.unique(day)):
         test, rng = ExchangeabilityTest.of(ours), stream(seed, "stress-ties", number)
@@ -300,7 +303,7 @@ def _told(ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: i
                 after = count
                 break
         found.append(after)
-    return found
+    return score > ours.threshold, found
 
 
 def _mark(ours: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
@@ -341,13 +344,14 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     c(1) is at the threshold that costs least on the good pages and misprints that the ranking was judged by.
     """
     pages = Pages.of(rows)
-    score = np.empty(len(rows["kind"]))
+    score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
     for times in np.unique(rows["widening"]):
-        here = rows["widening"] == times
-        score[here] = certain_score(ours.model.widened(times), pages.rows(here), rows["another"][here])
+        here, model = rows["widening"] == times, ours.model.widened(times)
+        those, another = pages.rows(here), rows["another"][here]
+        score[here] = certain_score(model, those, another)
+        said = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
+        named[here] = said == those.kind
     bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
-    caught = pages.rows(bad & alarm)
-    named = ours.model.kinds_of(caught.values, caught.page_features) == caught.kind
     judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
     cost = bootstrap_cost(
         judged, 1.0, threshold=_least_cost_elsewhere(ours), rng=stream(plan.seed, "stress-bootstrap")
@@ -356,10 +360,10 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
         "good": int((~bad).sum()),
         "alarms": int((alarm & ~bad).sum()),
         "misprints": int(bad.sum()),
-        "caught": int(caught.design.size),
+        "caught": int((alarm & bad).sum()),
         "upper_misprints": int((bad & upper).sum()),
         "upper_caught": int((alarm & bad & upper).sum()),
-        "named": int(np.count_nonzero(named)),
+        "named": int((named & alarm & bad).sum()),
         "designs": int(np.unique(pages.design).size),
         "days": int(np.unique(rows["day"]).size),
         "cost": cost,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
 )
 from prooflight.detectors.matched_filter.fit.modes import prepare_modes
 from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict, shot_slope
 from prooflight.scans.placement import Placement
 
 if TYPE_CHECKING:
@@ -68,3 +69,23 @@ def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
         own, of_fine = getattr(found, name), binned(getattr(asked, name), BINS)
         assert np.sqrt(((own - of_fine) ** 2).mean()) < 0.05 * np.abs(of_fine).max(), name
         assert own.mean() == pytest.approx(of_fine.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("bins", [2, 3])
+@pytest.mark.parametrize("straight", [True, False])
+def test_binned_pixels_are_predicted_as_means_of_predictions(
+    press: Press, page: Page, bins: int, straight: bool
+) -> None:
+    """Also where variance is no straight line over the light, and is looked up."""
+    sensor = press.sensors[0]
+    if not straight:
+        sensor = replace(sensor, variance_dn2=sensor.variance_dn2 * (1 + 0.1 * (sensor.mean_dn > 1000)))
+    assert (shot_slope(sensor) > 0) == straight
+    geometry = replace(press.geometry, pixels=399)
+    columns = {"column_gain": sensor.column_gain[:399], "column_offset_dn": sensor.column_offset_dn[:399]}
+    how: dict[str, Any] = {"sensors": [replace(sensor, **columns)], "geometry": geometry, "placement": MOVED}
+    fine, own = predict(page, **how), predict(page, **how, bins=bins, threads=1)
+    np.testing.assert_array_equal(own.expected_dn, binned(fine.expected_dn, bins))
+    np.testing.assert_array_equal(own.variance_dn2, binned(fine.variance_dn2, bins) / np.float32(bins**2))
+    shared = predict(page, **how, bins=bins, threads=3)
+    np.testing.assert_allclose(shared.expected_dn, own.expected_dn, rtol=1e-5)

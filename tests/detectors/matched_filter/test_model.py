@@ -13,7 +13,7 @@ from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
-from prooflight.detectors.matched_filter.ranking import every_column
+from prooflight.detectors.matched_filter.ranking import OUTRIGHT, every_column
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, values_of
@@ -221,16 +221,19 @@ def test_what_this_press_does_anyway_is_taken_off_in_deviations() -> None:
     assert own.deviations(values, page_features) == pytest.approx((was - [[1, -2, 3]]) / [[1, 2, 4]])
 
 
-def test_a_score_is_all_misprints_odds_and_those_of_the_kind_that_it_looks_like_most(
+def test_a_score_is_all_misprints_odds_those_of_the_likeliest_kind_and_a_family_far_out(
     trained: DetectorModel,
 ) -> None:
     rng = np.random.default_rng(3)
     values, page_features = rng.exponential(2, (50, len(NAMES))), rng.standard_normal((50, 3))
     deviations = trained.deviations(values, page_features)
-    every = every_column(trained.family_evidence(deviations), page_features, deviations)
+    evidence = trained.family_evidence(deviations)
+    every = every_column(evidence, page_features, deviations)
     assert trained.forest is not None
     of_kinds = np.array([forest.score(every) for forest in trained.kind_forests])
-    asked = trained.forest.score(every) + of_kinds.max(axis=0)
+    asked = (
+        trained.forest.score(every) + of_kinds.max(axis=0) + np.maximum(evidence.max(axis=1) - OUTRIGHT, 0)
+    )
     assert trained.score(values, page_features) == pytest.approx(asked)
     untaught = replace(trained, forest=None, kinds=(), kind_forests=(), name_forests=())
     assert untaught.score(values, page_features) == pytest.approx(

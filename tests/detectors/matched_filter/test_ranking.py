@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.ranking import (
+    OUTRIGHT,
     Forest,
     every_column,
     family_columns,
@@ -23,9 +24,21 @@ def test_a_rows_columns_are_what_families_say_and_the_first_third_and_sixth_of_t
 
 def test_a_page_need_look_like_one_kind_only() -> None:
     of_all, of_kinds = np.array([0.5, -2.0]), np.array([[1.0, 3.0, -4.0], [-1.0, -3.0, -5.0]])
-    assert ranked(of_all, of_kinds).tolist() == [3.5, -3.0]
-    assert ranked(of_all, of_kinds[:, ::-1]).tolist() == [3.5, -3.0]
-    assert ranked(of_all, np.zeros((2, 0))).tolist() == [0.5, -2.0]  # one kind has taught: it is all there is
+    evidence = np.full((2, 4), OUTRIGHT)
+    assert ranked(of_all, of_kinds, evidence).tolist() == [3.5, -3.0]
+    assert ranked(of_all, of_kinds[:, ::-1], evidence).tolist() == [3.5, -3.0]
+    assert ranked(of_all, np.zeros((2, 0)), evidence).tolist() == [
+        0.5,
+        -2.0,
+    ]  # one kind has taught: all there is
+
+
+def test_a_family_that_is_far_out_counts_by_itself() -> None:
+    nothing, none = np.zeros(3), np.zeros((3, 0))
+    evidence = np.array(
+        [[0.5, OUTRIGHT - 1, 1.0], [OUTRIGHT + 2, 0.1, 0.0], [OUTRIGHT + 2, OUTRIGHT + 1, 0.0]]
+    )
+    assert ranked(nothing, none, evidence).tolist() == [0, 2, 2]
 
 
 def test_a_forest_says_the_odds_of_its_trees_mean_share() -> None:

@@ -24,7 +24,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
-from prooflight.kernels.residuals.residuals import FittedAmounts, residuals
+from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
@@ -292,3 +292,29 @@ def test_swaps_are_summed_by_blocks(seed: int) -> None:
     for got, all_of in zip(found, (step * (push[1] - push[3]), step**2 * (said[1] + said[3])), strict=True):
         asked = all_of[:8, :12].reshape(2, 4, 3, 4).sum(axis=(1, 3))
         np.testing.assert_allclose(got[0], asked, rtol=1e-3, atol=1e-2)
+
+
+@few
+@given(seed=seeds)
+def test_variances_are_what_they_are_said_to_be(seed: int) -> None:
+    """To single precision: logarithms are a polynomial's."""
+    rng = np.random.default_rng(seed)
+    shape, white = (19, 45), 2850.0
+    light = (white * rng.random(shape) ** 3 * 1.1).astype(np.float32)
+    light[rng.random(shape) < 0.2] = -5
+    variance, texture = (rng.random((2, *shape)) * [[[60]], [[1e5]]]).astype(np.float32)
+    inside = rng.random(shape) < 0.9
+    shares = VarianceShares._make(map(np.float32, (1.2, 0.004, 0.0009, 0.002, 0.02, white)))
+    sure, of_edges = np.empty((2, *shape), np.float32)
+    variances(light, variance, texture, inside, shares, sure, of_edges)
+
+    wide = light.astype(np.float64)
+    across, along = (np.gradient(wide, axis=axis) for axis in (1, 0))
+    slope = 0.004 * ndimage.uniform_filter(across**2 + along**2, 3)
+    rest = 1.2 * variance + slope + 0.0009 * texture
+    depth = np.log(white / wide.clip(0.01 * white, white))
+    asked = 1 / (rest + ((0.002 + 0.02 * depth**2) * wide) ** 2)
+    inner = np.zeros(shape, bool)
+    inner[2:-2, 2:-2] = inside[2:-2, 2:-2]
+    np.testing.assert_allclose(sure, asked * inner, rtol=1e-5)
+    np.testing.assert_allclose(of_edges, slope / (rest + (0.002 * wide) ** 2) * inner, rtol=1e-5)

@@ -12,7 +12,6 @@ import numpy as np
 
 from prooflight.detectors.matched_filter.fit.binning import (
     binned_geometry,
-    binned_prediction,
     binned_scan,
     binned_sensor,
     bins_of,
@@ -74,6 +73,20 @@ class PreparedPage:
     binned_geometry: ScanGeometry
     binned_sensors: tuple[SensorModel, ...]
 
+    def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
+        """The same of sensors of which only the columns' gains are others; modes are of bare columns, and stay.
+
+        Landmarks stay too: other gains would hardly choose others.
+        """
+        landmarks = replace(self.landmarks, sensors=tuple(sensors))
+        return replace(self, landmarks=landmarks, binned_sensors=_binned(sensors, landmarks.geometry))
+
+
+def _binned(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
+    """What ``bins_of`` pixels of each see together."""
+    bins = bins_of(geometry)
+    return tuple(binned_sensor(sensor, bins, geometry.pixel_pitch_mm) for sensor in sensors)
+
 
 def prepare_page(
     page: Page,
@@ -91,7 +104,7 @@ def prepare_page(
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
-    taken_as = tuple(binned_sensor(sensor, bins, geometry.pixel_pitch_mm) for sensor in sensors)
+    taken_as = _binned(sensors, geometry)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
     landmarks = prepare(page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place)
@@ -143,10 +156,10 @@ def analyse(
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
-    fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+    seen = predict(printed, sensors=sensors, geometry=geometry, placement=placement, bins=bins, threads=1)
     placed = PlacedScan(
         measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
-        seen=binned_prediction(fine, bins),
+        seen=seen,
         modes=Modes(images=moved(prepared.images, where), sensors=len(sensors)),
         where=where,
         sensors=prepared.binned_sensors,

@@ -4,7 +4,7 @@ explained.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import page_score, score_of
 from prooflight.detectors.matched_filter.exchangeability import summaries
@@ -32,7 +32,7 @@ from prooflight.scans.placement import IN_PLACE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, KeptArrays, PlannedPage
+    from prooflight.detectors.base import Area, KeptArrays, PlannedPage, Station
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
@@ -101,7 +101,7 @@ class MatchedFilterDetector(StationDetector):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MatchedFilterPage(PreparedOnly):
+class MatchedFilterPage:
     """A page with its landmarks and the modes in which its print may go wrong."""
 
     detector: MatchedFilterDetector
@@ -112,6 +112,10 @@ class MatchedFilterPage(PreparedOnly):
     """By which this page is judged ..."""
     widening: float
     """... so many times as widely as others."""
+
+    def under(self, station: Station) -> MatchedFilterPage:
+        """See ``PreparedPage``; next to no work."""
+        return replace(self, detector=self.detector.at(station), known=self.known.under(station.sensors))
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
@@ -151,7 +155,7 @@ class MatchedFilterPage(PreparedOnly):
             },
             state=partial(print_state, analysis, station.sensors),
             variation=partial(page_variation, known, analysis),
-            summary=None if another else summary_of(self.model, values, page_features),
+            summary=None if another else summary_of(self.model, values, page_features, score=decision.score),
         )
 
     def _explained(
@@ -208,12 +212,16 @@ def _widening_of(kept: KeptArrays) -> float:
 
 
 def summary_of(
-    model: DetectorModel, values: NDArray[np.floating], page_features: NDArray[np.floating]
+    model: DetectorModel,
+    values: NDArray[np.floating],
+    page_features: NDArray[np.floating],
+    *,
+    score: float,
 ) -> NDArray[np.float64] | None:
-    """One page's ``summaries``, from its statistics (n,); None: one of them is no finite number."""
-    if not (np.isfinite(values).all() and np.isfinite(page_features).all()):
+    """One page's ``summaries``, from its statistics (n,) and their score; None: one of them is no finite number."""
+    if not (np.isfinite(values).all() and np.isfinite(page_features).all() and np.isfinite(score)):
         return None
-    return summaries(model, model.deviations(values[None], page_features[None]))[0]
+    return summaries(model, model.deviations(values[None], page_features[None]), np.array([score]))[0]
 
 
 def present_inks(page: Page) -> str:

@@ -1,9 +1,14 @@
-"""Whether a run's pages are like those that the promise rests on: a conformal test martingale.
+"""Whether a run's pages are like those that the promise rests on: conformal test martingales.
 
 Each page is ranked, by several summaries of what its scan said, among the press's own good pages and the run's pages
-before it. Where all of these are exchangeable the ranks are independent and uniform (Vovk, Gammerman, Shafer 2005,
-theorem 8.1), and a gambler who bets on small ones gains a factor of 1 / a or more, ever, with a probability of a at
-most (Ville 1939). Wealth beyond that says that they are not: the press does what its good pages did not show.
+before it. Where all of these are exchangeable, the ranks by one summary are independent and uniform (Vovk, Gammerman,
+Shafer 2005, theorem 8.1), and a gambler who bets on small ones gains a factor of 1 / a or more, ever, with a
+probability of a at most (Ville 1939). Wealth beyond that says that they are not: the press does what its good pages did
+not show.
+
+Each summary has a gambler of its own, and a share of ``FALSELY``. It is the greatest of their wealths that counts, each
+times its share, and not their sum: what one summary said before tells of the next page's rank by another, so that all
+gamblers together play no fair game. That none of them wins falsely is the union bound.
 
 In a long run pages are forgotten, so that no more are kept than ``REMEMBERED``. Which one is drawn without regard to
 its age, the newest among them, and that leaves the theorem as it is: given all pages that were kept, the newest was any
@@ -25,20 +30,39 @@ if TYPE_CHECKING:
 
 FALSELY: Final = 0.001
 """Of runs whose pages are exchangeable with the press's own, how many are ever called otherwise, at most."""
-STAKES: Final = np.array([0.1, 0.2, 0.35, 0.5, 0.7, 0.85])
-"""Exponents e of the bets e p^(e - 1), each of which has the mean 1; their wealths are averaged."""
+STAKES: Final = np.array([0.1, 0.35, 0.7])
+"""Exponents e of the bets e p^(e - 1), each of which has the mean 1; a gambler's wealth is the mean of all."""
 MISPRINTS: Final = 0.05
 """Share of a run's pages that may be misprints: no rank is taken to be smaller. (assumed: presses stop before)"""
 REMEMBERED: Final = 2000
 """Pages of a run that are kept beside as many as the press has of its own: a page then ranks to 1 in 2000."""
+SCORE: Final = "score"
+"""The summary that is no group of statistics: false alarms come of it."""
+OF_SCORE: Final = 0.5
+"""Its share of ``FALSELY``; first words of statistics share the rest."""
 
 
-def summaries(model: DetectorModel, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Mean deviation of each group of statistics (those of one first word): (pages, groups)."""
-    words = np.array([one.word for one in model.statistics])
-    return np.stack(
-        [deviations[:, words == one].mean(axis=1) for one in dict.fromkeys(words.tolist())], axis=1
-    )
+def groups_of(model: DetectorModel) -> tuple[str, ...]:
+    """Names of the summaries: ``SCORE``, and first words of statistics."""
+    return (SCORE, *dict.fromkeys(one.word for one in model.statistics))
+
+
+def summaries(
+    model: DetectorModel, deviations: NDArray[np.floating], score: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """What pages are ranked by: their scores (pages,), and the mean of their deviations (pages, statistics) in each
+    group of one first word; (pages, ``groups_of``).
+    """
+    words = [one.word for one in model.statistics]
+    number = {word: index for index, word in enumerate(dict.fromkeys(words))}
+    group = np.array([number[word] for word in words])
+    means = [deviations[:, group == index].mean(axis=1) for index in range(len(number))]
+    return np.column_stack([score, *means])
+
+
+def shares(groups: int) -> NDArray[np.float64]:
+    """Of ``FALSELY``, (groups,), which add up to 1; the first is the score."""
+    return np.array([OF_SCORE, *[(1 - OF_SCORE) / (groups - 1)] * (groups - 1)])
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -46,25 +70,29 @@ class ExchangeabilityTest:
     """One run's wealth, page by page."""
 
     known: list[NDArray[np.float64]]
-    """Summaries of pages by which the next are ranked."""
+    """Summaries of pages by which the next are ranked; no group looks at another's."""
     room: int
     """For so many of them."""
     names: tuple[str, ...]
     log_wealth: NDArray[np.float64]
     """(groups, stakes)"""
-    most: float = 0.0
-    """Greatest logarithm of the whole wealth so far."""
+    most: float = -np.inf
+    """Greatest logarithm so far of any group's wealth times its share."""
 
     @classmethod
     def of(cls, ours: CalibratedDetector) -> ExchangeabilityTest:
-        """Before a run's first page."""
-        words = tuple(dict.fromkeys(one.word for one in ours.model.statistics))
-        pages = ours.model.deviations(ours.pages.values, ours.pages.page_features)
+        """Before a run's first page.
+
+        A page's own score is one that the other pages of the press made fit, as a new page's is.
+        """
+        names = groups_of(ours.model)
+        deviations = ours.model.deviations(ours.pages.values, ours.pages.page_features)
+        known = list(summaries(ours.model, deviations, ours.own.worst))
         return cls(
-            known=list(summaries(ours.model, pages)),
-            room=len(pages) + REMEMBERED,
-            names=words,
-            log_wealth=np.zeros((len(words), STAKES.size)),
+            known=known,
+            room=len(known) + REMEMBERED,
+            names=names,
+            log_wealth=np.zeros((len(names), STAKES.size)),
         )
 
     def add(self, summary: NDArray[np.float64], rng: np.random.Generator) -> None:
@@ -80,13 +108,13 @@ class ExchangeabilityTest:
             forgotten, last = int(rng.integers(len(self.known))), self.known.pop()
             if forgotten < len(self.known):
                 self.known[forgotten] = last
-        self.most = max(self.most, self.log_of_all)
+        self.most = max(self.most, float(self.gained.max()))
 
     @property
-    def log_of_all(self) -> float:
-        """Logarithm of the mean wealth of all groups and stakes."""
-        greatest = self.log_wealth.max()
-        return float(greatest + np.log(np.exp(self.log_wealth - greatest).mean()))
+    def gained(self) -> NDArray[np.float64]:
+        """(groups,) logarithm of each one's wealth, the mean of its stakes, times its share."""
+        wealth = np.logaddexp.reduce(self.log_wealth, axis=1) - np.log(STAKES.size)
+        return np.asarray(wealth + np.log(shares(len(self.names))))
 
     @property
     def suspended(self) -> bool:
@@ -95,8 +123,8 @@ class ExchangeabilityTest:
 
     @property
     def strangest(self) -> str:
-        """The group of statistics that gained most."""
-        return self.names[int(self.log_wealth.max(axis=1).argmax())]
+        """The first word of those statistics that gained most."""
+        return self.names[1 + int(self.gained[1:].argmax())]
 
 
 def _bet(p: NDArray[np.float64]) -> NDArray[np.float64]:

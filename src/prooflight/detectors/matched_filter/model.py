@@ -164,7 +164,7 @@ class DetectorModel:
         if self.forest is None:
             return self.guard(evidence)
         every = every_column(evidence, page_features, deviations)
-        return ranked(self.forest.score(every), self.of_kinds(every))
+        return ranked(self.forest.score(every), self.of_kinds(every), evidence)
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""

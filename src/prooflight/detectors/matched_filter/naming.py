@@ -35,6 +35,7 @@ FAMILIES: Final = {
     "band": "lines and waves across the travel",
     **dict.fromkeys(("wave", "swell"), "waves along the travel"),
     **dict.fromkeys(("ghost", "echo", "double"), "echoes of the page's own content"),
+    **dict.fromkeys(("slant", "askew"), "straight lines at a slant"),
     "step": "an ink that is off in a part of the page",
     "swap": "inks that have changed places",
     "moved": "ink planes that lie elsewhere",

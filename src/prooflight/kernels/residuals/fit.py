@@ -38,6 +38,15 @@ class InkImages(NamedTuple):
     """(4, ...) [-]"""
 
 
+@inner_kernel()
+def shows(row):  # type: ignore[no-untyped-def]
+    """Whether anything in a row (pixels,) is not 0, looked at in vectors; the sign of a 0 does not count."""
+    bits, found = row.view(np.int32), np.int32(0)
+    for x in range(bits.size):
+        found |= np.int32(bits[x] << np.int32(1))
+    return found != 0
+
+
 @inner_kernel(fastmath=True, error_model="numpy")
 def level_of(area):  # type: ignore[no-untyped-def]
     """The nearest tabulated level of an ink area."""

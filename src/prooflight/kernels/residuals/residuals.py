@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.fit import LEVELS, SHAPES
+from prooflight.kernels.residuals.fit import LEVELS, SHAPES, shows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _SAME = np.float32(0.004)
 """Ink area by which recipes may differ that are taken for one."""
 _FLOOR = np.float32(1e-12)
+_ROOT_OF_2 = np.float32(2**0.5)
 
 
 class FittedAmounts(NamedTuple):
@@ -126,7 +127,7 @@ def residuals(measured, expected, offset, inside, inks, bells, fitted, out):  # 
     printed = np.zeros(INKS, np.bool_)
     for ink in range(INKS):
         for line in range(lines):
-            printed[ink] = printed[ink] or cover[ink, line].any()
+            printed[ink] = printed[ink] or shows(cover[ink, line])
     for line in range(lines):
         row = out[line]
         if line == 0 or line == lines - 1:
@@ -149,6 +150,55 @@ def residuals(measured, expected, offset, inside, inks, bells, fitted, out):  # 
 
 
 # With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
+@inner_kernel(error_model="numpy")
+def log_row(values, parts):  # type: ignore[no-untyped-def]
+    """Natural logarithms of a row (n,) of numbers of at least 1, in place, to a unit in the last place or two.
+
+    The library's takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the logarithm of 1 + f a
+    polynomial (Cephes, logf). parts (2, n) is working space.
+    """
+    bits, powers, rest = values.view(np.int32), parts[0], parts[1]
+    whole = rest.view(np.int32)
+    for x in range(values.size):
+        whole[x] = (bits[x] & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
+    for x in range(values.size):
+        powers[x] = np.float32((bits[x] >> np.int32(23)) - np.int32(127)) + np.float32(rest[x] > _ROOT_OF_2)
+    for x in range(values.size):
+        f = (rest[x] * np.float32(0.5) if rest[x] > _ROOT_OF_2 else rest[x]) - np.float32(1)
+        square = f * f
+        y = np.float32(7.0376836292e-2)
+        y = y * f - np.float32(1.1514610310e-1)
+        y = y * f + np.float32(1.1676998740e-1)
+        y = y * f - np.float32(1.2420140846e-1)
+        y = y * f + np.float32(1.4249322787e-1)
+        y = y * f - np.float32(1.6668057665e-1)
+        y = y * f + np.float32(2.0000714765e-1)
+        y = y * f - np.float32(2.4999993993e-1)
+        y = y * f + np.float32(3.3333331174e-1)
+        y = y * f * square - np.float32(2.12194440e-4) * powers[x] - np.float32(0.5) * square
+        values[x] = f + y + np.float32(0.693359375) * powers[x]
+
+
+@inner_kernel(error_model="numpy")
+def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
+    """Squared slopes of a row of light, out (pixels,); 0 at its ends."""
+    out[0] = out[out.size - 1] = np.float32(0)
+    for x in range(1, out.size - 1):
+        across = (light[x + 1] - light[x - 1]) * np.float32(0.5)
+        along = (below[x] - above[x]) * np.float32(0.5)
+        out[x] = across * across + along * along
+
+
+@inner_kernel(error_model="numpy")
+def variance_row(light, variance, texture, slope, depth, shares, rest, level):  # type: ignore[no-untyped-def]
+    """Variance of a row but for what is in proportion to light, into rest; the root of that, into level; (pixels,)."""
+    scale, edge, contrast, share, dark, _ = shares
+    for x in range(rest.size):
+        rest[x] = scale * variance[x] + edge * slope[x] + contrast * texture[x]
+    for x in range(level.size):
+        level[x] = (share + dark * depth[x] * depth[x]) * light[x]
+
+
 @kernel(
     "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, out (L, P), of_edges (L, P)",
     error_model="numpy",
@@ -161,31 +211,38 @@ def variances(light, variance, texture, inside, shares, out, of_edges):  # type:
     scale x temporal variance + edge x mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s =
     share + dark x log(white / light)^2; shares: ``VarianceShares``.
     """
-    scale, edge, contrast, share, dark, white = shares
+    edge, share, white = shares.edge, shares.share, shares.white
     lines, pixels = light.shape
-    squares = np.zeros((lines, pixels), np.float32)
-    for line in range(1, lines - 1):
-        for x in range(1, pixels - 1):
-            across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
-            along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
-            squares[line, x] = across * across + along * along
+    squares, parts = np.zeros((3, pixels), np.float32), np.empty((2, pixels), np.float32)
+    slope, depth = np.zeros(pixels, np.float32), np.empty(pixels, np.float32)
+    rest, level = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
     for line in range(lines):
+        sure, steep = out[line], of_edges[line]
+        sure[:] = np.float32(0)
+        steep[:] = np.float32(0)
+        for near in range(1 if line == 2 else line + 1, line + 2):
+            if 2 <= line < lines - 2:
+                square_row(light[near - 1], light[near], light[near + 1], squares[near % 3])
+        if line < 2 or line >= lines - 2:
+            continue
+        a, b, c = squares[(line - 1) % 3], squares[line % 3], squares[(line + 1) % 3]
+        for x in range(1, pixels - 1):
+            near = a[x - 1] + a[x] + a[x + 1] + b[x - 1] + b[x] + b[x + 1] + c[x - 1] + c[x] + c[x + 1]
+            slope[x] = near * np.float32(1 / 9)
+        here = light[line]
         for x in range(pixels):
-            if line < 2 or x < 2 or line >= lines - 2 or x >= pixels - 2 or not inside[line, x]:
-                out[line, x] = np.float32(0)
-                of_edges[line, x] = np.float32(0)
-                continue
-            slope = np.float32(0)
-            for i in range(-1, 2):
-                for j in range(-1, 2):
-                    slope += squares[line + i, x + j]
-            slope *= np.float32(1 / 9)
-            depth = np.log(white / min(max(light[line, x], np.float32(0.01) * white), white))
-            at_white, level = share * light[line, x], (share + dark * depth * depth) * light[line, x]
-            rest = scale * variance[line, x] + edge * slope + contrast * texture[line, x]
-            out[line, x] = np.float32(1) / (rest + level * level)
+            depth[x] = white / min(max(here[x], np.float32(0.01) * white), white)
+        log_row(depth, parts)
+        variance_row(here, variance[line], texture[line], slope, depth, shares, rest, level)
+        there = inside[line]
+        for x in range(2, pixels - 2):
+            inverse = np.float32(1) / (rest[x] + level[x] * level[x])
+            sure[x] = inverse if there[x] else np.float32(0)
+        for x in range(2, pixels - 2):
             # What is dark is not flat for that.
-            of_edges[line, x] = edge * slope / (rest + at_white * at_white)
+            at_white = share * here[x]
+            part = edge * slope[x] / (rest[x] + at_white * at_white)
+            steep[x] = part if there[x] else np.float32(0)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -11,6 +11,7 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.residuals.fit import shows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -135,7 +136,7 @@ def line_sums(images, most_edges, shift, segment_lines, out):  # type: ignore[no
                 mode = add[m - 1, line, left:right]
             elif m < 1 + 2 * INKS:
                 mode = gain[m - 1 - INKS, line, left:right]
-                if not mode.any():
+                if not shows(mode):
                     continue
             else:
                 mode = void[left:right]
@@ -170,7 +171,7 @@ def add_tile_row(images, first, last, side, rows, made, sums, out):  # type: ign
                 mode = add[m - 1, first + k]
             elif m < 1 + 2 * INKS:
                 mode = gain[m - 1 - INKS, first + k]
-                if not mode.any():
+                if not shows(mode):
                     continue
             else:
                 mode = made[m - 1 - 2 * INKS, k]

@@ -13,7 +13,6 @@ import numpy as np
 
 from prooflight.kernels.residuals.binning import binned_rows, take_turns
 from prooflight.pages.sampling import Footprint, LensCorrection
-from prooflight.prediction.predict import Prediction
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
 def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: float) -> SensorModel:
     """A sensor of which one pixel is so many each way, ``pitch_mm`` apart; its tables are of one of them.
 
-    What the footprint misses of the lens is left to ``binned_prediction``.
+    What the footprint misses of the lens is left to ``predict``.
     """
     if bins == 1:
         return sensor
@@ -124,12 +123,3 @@ def lengthened(scan: NDArray[np.generic], lines: int) -> NDArray[np.generic]:
     """A scan (sensors, lines, pixels) with so many lines: 0 in those that it lacks."""
     lacking = lines - scan.shape[1]
     return np.pad(scan, ((0, 0), (0, lacking), (0, 0))) if lacking > 0 else scan
-
-
-def binned_prediction(seen: Prediction, bins: int) -> Prediction:
-    """What binned pixels must show; the variance is that of their mean."""
-    if bins == 1:
-        return seen
-    variance = binned(seen.variance_dn2, bins)
-    variance /= np.float32(bins * bins)
-    return Prediction(expected_dn=binned(seen.expected_dn, bins), variance_dn2=variance)

@@ -7,19 +7,19 @@ lies.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.cmyk import INKS
+from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.kernels.residuals.fit import InkImages
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
-from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import predict_light
-from prooflight.prediction.tables import EVERY, SLOPE_NODES, SensorModel, mean_slopes, node_fractions
+from prooflight.prediction.tables import EVERY, SLOPE_NODES, SameArray, mean_slopes, node_fractions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
+    from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.placement import Placement
 
@@ -80,34 +81,39 @@ class Modes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ModeSensor:
-    """Sensor models whose tables hold one cause's effect each, sign reversed where it darkens."""
+class ModeTables:
+    """Tables over CMYK of one cause's effect each on one sensor, sign reversed where it darkens; see ``Modes``."""
 
-    gain: tuple[SensorModel, ...]
-    add: tuple[SensorModel, ...]
-    dot: tuple[SensorModel, ...]
-    texture: SensorModel
+    gain: tuple[NDArray[np.float32], ...]
+    """Of each ink, (33, 33, 33, 33)."""
+    add: tuple[NDArray[np.float32], ...]
+    dot: tuple[NDArray[np.float32], ...]
+    texture: NDArray[np.float32]
+
+
+def mode_tables(sensor: SensorModel) -> ModeTables:
+    """Tables of every mode of one sensor; made once for all whose light alone differs."""
+    return _mode_tables(SameArray(sensor.mean_dn))
 
 
 @lru_cache(maxsize=8)
-def mode_sensor(sensor: SensorModel) -> ModeSensor:
-    """Tables over CMYK of every mode of one sensor."""
-    slopes = _on_nodes(mean_slopes(sensor))
+def _mode_tables(mean_dn: SameArray) -> ModeTables:
+    slopes = _on_nodes(mean_slopes(mean_dn.array))
     inks = [(np.maximum(-slopes[..., ink], 0), area) for ink, area in enumerate(_areas())]
     variance = sum(j**2 * (a * (1 - a)).clip(min=0) for j, a in inks)
-    return ModeSensor(
-        gain=tuple(_as_sensor(sensor, j * a) for j, a in inks),
-        add=tuple(_as_sensor(sensor, j * (1 - a).clip(min=0)) for j, a in inks),
-        dot=tuple(_as_sensor(sensor, j * (4 * a * (1 - a)).clip(min=0)) for j, a in inks),
-        texture=_as_sensor(sensor, np.asarray(variance)),
+    return ModeTables(
+        gain=tuple(_table(j * a) for j, a in inks),
+        add=tuple(_table(j * (1 - a).clip(min=0)) for j, a in inks),
+        dot=tuple(_table(j * (4 * a * (1 - a)).clip(min=0)) for j, a in inks),
+        texture=_table(np.asarray(variance)),
     )
 
 
-@lru_cache(maxsize=8)
-def cover_sensors(sensor: SensorModel) -> tuple[SensorModel, ...]:
-    """Sensor models that see nothing but the area of one ink."""
+@lru_cache(maxsize=1)
+def area_tables() -> tuple[NDArray[np.float32], ...]:
+    """Tables of nothing but the area of each ink, whatever the sensor."""
     nodes = (NODES,) * INKS
-    return tuple(_as_sensor(sensor, np.broadcast_to(COVER_SCALE * area, nodes)) for area in _areas())
+    return tuple(_table(np.broadcast_to(COVER_SCALE * area, nodes)) for area in _areas())
 
 
 def _areas() -> tuple[NDArray[np.float64], ...]:
@@ -115,21 +121,8 @@ def _areas() -> tuple[NDArray[np.float64], ...]:
     return tuple(np.meshgrid(*[node_fractions()] * INKS, indexing="ij", sparse=True))
 
 
-def _as_sensor(sensor: SensorModel, table: NDArray[np.floating]) -> SensorModel:
-    values = np.ascontiguousarray(table, np.float32)
-    pixels = sensor.column_gain.size
-    return replace(
-        sensor,
-        mean_dn=values,
-        variance_dn2=values,
-        column_offset_dn=np.zeros(pixels, np.float32),
-        column_gain=np.ones(pixels, np.float32),
-        dark_variance_dn2=0.0,
-        backing_dn=0.0,
-        backing_variance_dn2=0.0,
-        top_code_dn=2**30,
-        correction=LensCorrection.none(),
-    )
+def _table(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(values, np.float32)
 
 
 def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -154,17 +147,17 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
         for blank in (modes.gain[:, ink], modes.dot[:, ink], modes.cover[ink]):
             blank[...] = 0
     for index, sensor in enumerate(sensors):
-        tables = mode_sensor(sensor)
+        tables, see = mode_tables(sensor), partial(predict_light, page, sensor.footprint, geometry=geometry)
         for of_inks, out, inks in (
             (tables.add, modes.add[index], range(INKS)),
             (tables.gain, modes.gain[index], present),
             (tables.dot, modes.dot[index], present),
         ):
-            seen = [of_inks[ink] for ink in inks], [out[ink] for ink in inks]
-            predict_light(page, *seen, geometry=geometry, sign=-1)
-        predict_light(page, [tables.texture], [modes.texture[index]], geometry=geometry)
-    areas, cover = cover_sensors(sensors[0]), modes.cover
-    predict_light(page, [areas[ink] for ink in present], [cover[ink] for ink in present], geometry=geometry)
+            see([of_inks[ink] for ink in inks], [out[ink] for ink in inks], sign=-1)
+        see([tables.texture], [modes.texture[index]])
+    areas, cover = area_tables(), modes.cover
+    shown = [areas[ink] for ink in present], [cover[ink] for ink in present]
+    predict_light(page, sensors[0].footprint, *shown, geometry=geometry)
     cover /= np.float32(COVER_SCALE)
     return modes
 
@@ -218,7 +211,7 @@ def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margi
 
 def moved(images: NDArray[np.float32], seen: PixelMap) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
-    out = np.empty_like(images)
+    out = unset(images.shape)
     some = np.array([image[::8].any() for image in images])
     out[~some] = 0
     move_smooth(images, np.flatnonzero(some), seen.across, seen.along, out)

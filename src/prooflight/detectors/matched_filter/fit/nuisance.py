@@ -278,6 +278,11 @@ class PlacedScan:
     sensors: Sequence[SensorModel]
     colours: Colours
 
+    def light(self) -> NDArray[np.float32]:
+        """What is expected without what columns give in the dark, (sensors, lines, pixels). [DN]"""
+        offset = np.stack([sensor.column_offset_dn for sensor in self.sensors])
+        return np.asarray(self.seen.expected_dn - offset[:, None], np.float32)
+
 
 def fit_nuisances(
     scan: PlacedScan,

@@ -19,14 +19,10 @@ from prooflight.kernels.residuals.residuals import (
 from prooflight.pages.planes import displaced
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan, ResidualVariance
     from prooflight.pages.raster import Page
-    from prooflight.prediction.predict import Prediction
-    from prooflight.prediction.tables import SensorModel
 
 MOST_PLANE: Final = 1.75
 """Of the most that good planes are off: from each other they are off by up to twice that."""
@@ -58,7 +54,7 @@ def residual_images(
     lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
-    noise, bells = np.ones(len(sensors)), scan.colours.bells()
+    noise, bells, light = np.ones(len(sensors)), scan.colours.bells(), scan.light()
     for index, sensor in enumerate(sensors):
         fitted = FittedAmounts(
             shape=scan.colours.weights(fit.shape[index]),
@@ -77,11 +73,10 @@ def residual_images(
             fitted,
             left[index],
         )
-        light = seen.expected_dn[index] - sensor.column_offset_dn
         noise[index] = noise_factor(
             left[index],
             seen.variance_dn2[index],
-            light,
+            light[index],
             modes.texture[index],
             inside,
             residual_variance,
@@ -96,7 +91,7 @@ def residual_images(
         )
         shares = VarianceShares._make(map(np.float32, amounts))
         variances(
-            light,
+            light[index],
             seen.variance_dn2[index],
             modes.texture[index],
             inside,
@@ -105,7 +100,7 @@ def residual_images(
             of_edges[index],
         )
     for _ in range(0 if residual_variance.exact else LOCAL_ROUNDS):
-        _take_local_moves(left, weight, seen, sensors)
+        _take_local_moves(left, weight, light)
     return left, weight, of_edges, noise
 
 
@@ -125,18 +120,15 @@ def in_register(
 
 
 def _take_local_moves(
-    left: NDArray[np.float32], weight: NDArray[np.float32], seen: Prediction, sensors: Sequence[SensorModel]
+    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32]
 ) -> None:
     """Take out of the residuals what a smooth field of small displacements explains, in place."""
     lines, pixels = left.shape[1:]
     side = LOCAL_PIXELS
     shape = (max(lines // side, 1), max(pixels // side, 1))
     sums = np.zeros((5, *shape), np.float32)
-    lights = [
-        image - sensor.column_offset_dn for image, sensor in zip(seen.expected_dn, sensors, strict=True)
-    ]
-    for index, light in enumerate(lights):
-        slope_sums(left[index], weight[index], light, side, sums)
+    for index in range(len(light)):
+        slope_sums(left[index], weight[index], light[index], side, sums)
     ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
     known = 1 / LOCAL_SD**2
     xx, yy = xx + known, yy + known
@@ -145,8 +137,8 @@ def _take_local_moves(
     fields = [
         cv2.resize(np.asarray(one, np.float32), (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in by
     ]
-    for index, light in enumerate(lights):
-        take_slopes(left[index], weight[index], light, *fields)
+    for index in range(len(light)):
+        take_slopes(left[index], weight[index], light[index], *fields)
 
 
 def noise_factor(

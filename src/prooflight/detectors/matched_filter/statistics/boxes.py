@@ -23,7 +23,7 @@ from prooflight.kernels.statistics.boxes import merged, squares
 from prooflight.kernels.statistics.ghosts import boxed, ghost_parts, t_of_boxes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -86,6 +86,16 @@ def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArr
     maps = down[..., :-1, :-1] + down[..., 1:, :-1] + down[..., :-1, 1:] + down[..., 1:, 1:]
     maps[0] -= maps[2] * cells.level
     return without_common(maps, cells.common)
+
+
+def own_of_tiles(
+    cells: Cells, modes: Sequence[int]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """N', D' and the edges' part of D' of tiles, (modes, rows, columns) each; cells: the first of ``cells_of``."""
+    maps = cells.sums[:, [0, *modes]]
+    maps[0] -= maps[2] * (cells.gains[:, None] + cells.level)
+    own, power, edges = without_common(maps, cells.common)
+    return own[1:], power[1:], edges[1:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

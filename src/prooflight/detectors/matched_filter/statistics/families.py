@@ -29,6 +29,7 @@ from prooflight.detectors.matched_filter.statistics.located import (
     waves_of,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import flat_part
+from prooflight.detectors.matched_filter.statistics.slants import of_slants
 from prooflight.detectors.matched_filter.statistics.statistic import (
     FLAT_AREAS,
     GOOD_PRINTS,
@@ -65,6 +66,7 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
         *of_swapped_planes(sums),
         *of_steps(sums),
+        *of_slants(sums, scatter),
         *_of_fit(fit),
         *_of_place(found),
         *_of_shifts(sums),

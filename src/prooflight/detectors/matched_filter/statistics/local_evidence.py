@@ -19,6 +19,7 @@ from scipy import ndimage
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
+from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
@@ -110,11 +111,10 @@ def summed(
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
     modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
-    tiles = np.empty((4, len(MODES) + 1, lines // side, pixels // side), np.float32)
+    tiles = unset((4, len(MODES) + 1, lines // side, pixels // side))
     columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
-    offset = np.stack([sensor.column_offset_dn for sensor in sensors])
-    light = scan.seen.expected_dn - offset[:, None]
+    light = scan.light()
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
     column_gains_found = np.empty((len(sensors), pixels), np.float32)
@@ -186,6 +186,16 @@ def without_common(
     return own, power, edges * np.minimum(power / np.maximum(powers, 1e-9), 1)
 
 
+def spread_of(
+    power: NDArray[np.floating], edges: NDArray[np.floating], scatter: NDArray[np.float64]
+) -> NDArray[np.floating]:
+    """Variance of N', from D' and the edges' part of it; scatter (3,)."""
+    noise, at_edges, tolerance = (np.float32(one) for one in scatter)
+    power, edges = np.maximum(power, 0), np.maximum(edges, 0)
+    spread = noise * np.maximum(power - edges, 0) + at_edges * edges + tolerance * power * power
+    return np.asarray(spread + np.float32(1e-6))
+
+
 def t_statistic(
     own: NDArray[np.floating],
     power: NDArray[np.floating],
@@ -193,10 +203,7 @@ def t_statistic(
     scatter: NDArray[np.float64],
 ) -> NDArray[np.floating]:
     """T; 0 where there is no information."""
-    noise, at_edges, tolerance = (np.float32(one) for one in scatter)
-    power, edges = np.maximum(power, 0), np.maximum(edges, 0)
-    spread = noise * np.maximum(power - edges, 0) + at_edges * edges + tolerance * power * power
-    return np.where(power > LEAST_POWER, own / np.sqrt(spread + np.float32(1e-6)), 0)
+    return np.where(power > LEAST_POWER, own / np.sqrt(spread_of(power, edges, scatter)), 0)
 
 
 def flicker(sums: Sums) -> NDArray[np.float32]:

@@ -30,6 +30,7 @@ from prooflight.detectors.matched_filter.statistics.page_scale import (
     extremes_of,
     extremes_of_boxes,
     gain_steps,
+    own_scatter,
     swapped_planes,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import (
@@ -59,7 +60,6 @@ OVERLAP: Final = 4
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
 """Variance of a pixel's squared residual in its own variance."""
 NOISE: Final = np.array([1.0, 1.0, 0.0])
-ONE_SIGMA: Final = 0.6827
 MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 
 
@@ -157,19 +157,13 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference)
                 row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
                 value = max(float(t[row, column, lag]), 0.0)
                 if value:
-                    usual = _usual(t[..., ::EVERY_LAG])
+                    usual = own_scatter(t[..., ::EVERY_LAG], least=LEAST_BOXES)
                     middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             for reference in references:
                 over = value if reference is GOOD_PRINTS else value / usual
                 which = Statistic("ghost", ink=INK_LETTERS[ink], size=b, reference=reference)
                 yield Observed(statistic=which, value=over, box=box)
-
-
-def _usual(t: NDArray[np.float32]) -> float:
-    """What T of ghosts of an ink on this page scatters by; 0 is nothing known."""
-    known = np.abs(t[t != 0])
-    return max(float(np.quantile(known, ONE_SIGMA)), 0.5) if known.size >= LEAST_BOXES else 1.0
 
 
 def of_swapped_planes(sums: Sums) -> Iterator[Observed]:

@@ -17,8 +17,14 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import GOOD_PRINTS
+from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
-from prooflight.kernels.statistics.page_scale import boxes_against_own, each_against_own
+from prooflight.kernels.statistics.page_scale import (
+    LEAST_SCALE,
+    ONE_SIGMA,
+    boxes_against_own,
+    each_against_own,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -107,7 +113,8 @@ def _extremes(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Mo
 def flat_part(sums: Sums) -> Sums:
     """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
     flat = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
-    return replace(sums, tiles=sums.tiles * flat, columns=sums.flat_columns)
+    tiles = np.multiply(sums.tiles, flat, out=unset(sums.tiles.shape))
+    return replace(sums, tiles=tiles, columns=sums.flat_columns)
 
 
 def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64]) -> tuple[float, float]:
@@ -142,6 +149,12 @@ def swapped_planes(sums: Sums) -> list[float]:
     return found
 
 
+def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
+    """What T scatters by on its own page; 1 where fewer than ``least`` are known. 0 is nothing known."""
+    known = np.abs(t[t != 0])
+    return max(float(np.quantile(known, ONE_SIGMA)), LEAST_SCALE) if known.size >= least else 1.0
+
+
 class Step(NamedTuple):
     """Where an ink's gain changes most."""
 
@@ -160,8 +173,13 @@ def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
     rows, columns = (extent // BLOCK_TILES for extent in sums.tiles.shape[-2:])
     if min(rows, columns) < 2:
         return [(Step(0.0, 0.5), Step(0.0, 0.5))] * INKS
-    cut = sums.tiles[:, modes, : rows * BLOCK_TILES, : columns * BLOCK_TILES]
-    blocks = cut.reshape(4, len(modes), rows, BLOCK_TILES, columns, BLOCK_TILES).sum(axis=(3, 5))
+    # Lines first: whole ones are added in vectors, and without a copy.
+    of_lines = [
+        sums.tiles[:, mode, : rows * BLOCK_TILES].reshape(4, rows, BLOCK_TILES, -1).sum(axis=2)
+        for mode in modes
+    ]
+    cut = np.stack(of_lines, axis=1)[..., : columns * BLOCK_TILES]
+    blocks = cut.reshape(4, len(modes), rows, columns, BLOCK_TILES).sum(axis=-1)
     own, power, _ = without_common(blocks, sums.prior.place)
     return [
         (_step(n, d, axis=0), _step(n, d, axis=1))

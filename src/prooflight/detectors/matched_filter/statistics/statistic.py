@@ -45,6 +45,7 @@ WORDS: Final = {
     ("ghost", OWN_PAGE): "echo",
     ("ghost", FLAT_AREAS): "double",
     ("energy", OWN_PAGE): "excess",
+    ("slant", OWN_PAGE): "askew",
 }
 """First words of keys by family and reference; of all others it is the family, compared with good prints."""
 _MEANINGS: Final = {word: meaning for meaning, word in WORDS.items()}
@@ -58,7 +59,7 @@ class Statistic(NamedTuple):
     """What is looked for, and against which reference; what does not apply is empty or None."""
 
     family: str
-    """box, streak, wave, ghost, spread, energy, swap, step, moved; fit and place: of the page as a whole."""
+    """box, streak, wave, ghost, spread, energy, swap, step, slant, moved; fit and place: of the page as a whole."""
     mode: str = ""
     """In which way ink or light is off, such as gain, void, light; of fit and place the amount."""
     ink: str = ""
@@ -66,7 +67,7 @@ class Statistic(NamedTuple):
     sign: str = ""
     """``+``: more of the mode; ``-``: less."""
     size: int | None = None
-    """Of boxes and squares [tiles], of streaks ``local_evidence.WIDTHS``, of ghosts which of ``GHOST_BOXES_MM``."""
+    """Of boxes and lines [tiles], of streaks ``local_evidence.WIDTHS``, of ghosts which of ``GHOST_BOXES_MM``."""
     part: str = ""
     """Which of the numbers that one cause gives, such as a streak's span."""
     reference: Reference = GOOD_PRINTS

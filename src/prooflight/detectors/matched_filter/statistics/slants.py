@@ -1,0 +1,121 @@
+"""Straight lines at a slant: scratches and hairs, of which no single box says much, added up along every slope.
+
+Tiles are weighed as in one large matched filter, n = sum a / v with the information d = sum 1 / v, a the amount and v
+its variance in a tile, by what good prints scatter and by what this page does itself. A tile counts up to ``MOST``
+standard deviations, so that no speck makes a line. T = n / sqrt(d) along the line.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.statistics.boxes import cells_of, own_of_tiles
+from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, MODES, spread_of
+from prooflight.detectors.matched_filter.statistics.page_scale import own_scatter
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    OWN_PAGE,
+    Observed,
+    Statistic,
+    mode_and_ink,
+)
+from prooflight.kernels.statistics.slants import slanted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
+    from prooflight.detectors.matched_filter.statistics.statistic import Box
+
+SLANT_MODES: Final = ("add-K", "void")
+"""Of a mark on the page, and of ink that is gone; of ``MODES``."""
+HEIGHTS: Final = (16, 32, 64)
+"""Of lines, each twice the one before: 8, 16 and 32 mm. [tiles]"""
+STEEPEST: Final = 0.16
+"""Lines nearer to the page's sides, 9 degrees, are left to streaks and bands. [-]"""
+FIRST_SLOPES: Final = np.array([math.ceil(STEEPEST * height) for height in HEIGHTS])
+"""Columns by which lines of each height lean at least, not to be too steep."""
+MOST: Final = 6.0
+"""Standard deviations. (On designs of their own 4.5 and 8 told more than 2 and 3, and about the same.)"""
+LEAST_KNOWN: Final = 1.0
+"""Information of a line, below which it counts for no more: its amount has a standard deviation of one whole ink."""
+LEAST_TILES: Final = 50
+"""That say what a page scatters by itself."""
+
+
+class Lines(NamedTuple):
+    """Extremes of one mode along lines, in four ways to lay the page: leaning right, left, and both once turned."""
+
+    values: NDArray[np.float32]
+    """(4, HEIGHTS, slopes, 2): greatest T and least with its sign turned; 0: a slope that this height has not."""
+    places: NDArray[np.int64]
+    """(4, HEIGHTS, slopes, 2, 2): strip and column of each, in the page as it was laid."""
+
+
+def of_slants(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
+    """The most telling line of each mode, sign and height; and by how much it is more so than lines of other slopes."""
+    maps = own_of_tiles(next(cells_of(sums, scatter.light)), [MODES.index(name) for name in SLANT_MODES])
+    for name, own, power, edges in zip(SLANT_MODES, *maps, strict=True):
+        lines = lines_of(*weighed(own, power, edges, scatter.boxes[MODES.index(name), 0]))
+        for level, height in enumerate(HEIGHTS):
+            known = slice(int(FIRST_SLOPES[level]), height)
+            values = lines.values[:, level, known]
+            for end, sign in enumerate("+-"):
+                way, slope = np.unravel_index(int(values[..., end].argmax()), values.shape[:2])
+                most = float(values[way, slope, end])
+                place = lines.places[way, level, known][slope, end]
+                box = _box_mm(sums, int(way), int(slope) + known.start, height, place)
+                which = Statistic("slant", *mode_and_ink(name), sign, height)
+                yield Observed(statistic=which, value=most, box=box)
+                usual = float(np.median(values[..., end]))
+                yield Observed(statistic=which._replace(reference=OWN_PAGE), value=most - usual, box=box)
+
+
+def weighed(
+    own: NDArray[np.float32],
+    power: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    scatter: NDArray[np.float64],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What tiles add to n and d, (rows, columns) each, from their N', D' and the edges' part of D'; scatter (3,)."""
+    spread, known = spread_of(power, edges, scatter), power > LEAST_POWER
+    t, d = np.where(known, own / np.sqrt(spread), 0), np.where(known, power * power / spread, 0)
+    scale = own_scatter(t[::2, ::2], least=LEAST_TILES)
+    t = np.clip(t / np.float32(scale), -np.float32(MOST), np.float32(MOST))
+    return np.asarray(t * np.sqrt(d), np.float32), np.asarray(d, np.float32)
+
+
+def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
+    """Extremes of n / sqrt(d) along lines, from n and d of tiles (rows, columns)."""
+    tallest = HEIGHTS[-1]
+    values = np.empty((4, len(HEIGHTS), tallest, 2), np.float32)
+    places = np.empty((4, len(HEIGHTS), tallest, 2, 2), np.int64)
+    for way in range(4):
+        n, d = (_laid(one, way) for one in (push, power))
+        slanted(n, d, HEIGHTS[0], FIRST_SLOPES, LEAST_KNOWN, values[way], places[way])
+    return Lines(values, places)
+
+
+def _laid(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
+    """Turned by its diagonal for ways 2 and 3, left for right for 1 and 3; with whole strips of the tallest lines."""
+    turned = tiles.T if way >= 2 else tiles
+    turned = turned[:, ::-1] if way % 2 else turned
+    return np.ascontiguousarray(np.pad(turned, [(0, -len(turned) % HEIGHTS[-1]), (0, 0)]))
+
+
+def _box_mm(sums: Sums, way: int, slope: int, height: int, place: NDArray[np.int64]) -> Box:
+    """x, y, width, height of what encloses a line."""
+    rows, columns = sums.tiles.shape[-2:]
+    wide = rows if way >= 2 else columns
+    top, left = int(place[0]) * height, int(place[1])
+    if way % 2:
+        left = wide - 1 - left - slope
+    x, y, across, along = left, top, slope + 1, height
+    if way >= 2:
+        x, y, across, along = y, x, along, across
+    mm = sums.tile_mm
+    return x * mm + sums.left_mm, y * mm + sums.top_mm, across * mm, along * mm

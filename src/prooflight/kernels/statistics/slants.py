@@ -1,0 +1,92 @@
+"""Compiled loops: sums along lines at every slope, by the fast discrete Radon transform.
+
+A line of twice the height is two lines of half of it, the lower one set off by half of what it leans: so sums along all
+of h slopes of all lines of height h cost log2 h additions a line (Goetz and Druck 1996; Brady 1998).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def doubled(sums, out):  # type: ignore[no-untyped-def]
+    """Sums along lines of height h, (strips, h, w), made those of twice the height, out (strips // 2, 2 h, w).
+
+    ``[k, a, x]``: of the line that begins at the top of strip k, at x, and is a further right at its foot. What lies
+    beyond the right side is nothing.
+    """
+    width = sums.shape[2]
+    for k in range(out.shape[0]):
+        for a in range(out.shape[1]):
+            above, below, row = sums[2 * k, a // 2], sums[2 * k + 1, a // 2], out[k, a]
+            step = min((a + 1) // 2, width)
+            within = width - step
+            for x in range(within):
+                row[x] = above[x] + below[x + step]
+            for x in range(within, width):
+                row[x] = above[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def signed_squares(push, power, least, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of a row into out; returns the greatest and the least, at least and at most 0."""
+    greatest, smallest = np.float32(0), np.float32(0)
+    for x in range(out.size):
+        value = push[x] * abs(push[x]) / max(power[x], least)
+        out[x] = value
+        greatest, smallest = max(greatest, value), min(smallest, value)
+    return greatest, smallest
+
+
+@inner_kernel()
+def extremes_by_slope(push, power, first, least, above, values, places):  # type: ignore[no-untyped-def]
+    """Greatest and least n / sqrt(d) of lines of every slope from ``first`` on; push, power (strips, h, w).
+
+    above: strips that lie above these. Updated: values (h, 2), the least with its sign turned; places (h, 2, 2): strip
+    and x of each.
+    """
+    line = np.empty(push.shape[2], np.float32)
+    for a in range(first, push.shape[1]):
+        for k in range(push.shape[0]):
+            greatest, smallest = signed_squares(push[k, a], power[k, a], least, line)
+            for end in range(2):
+                square = -smallest if end else greatest
+                if square > values[a, end] ** 2:
+                    values[a, end] = np.sqrt(square)
+                    places[a, end, 0] = above + k
+                    places[a, end, 1] = np.argmin(line) if end else np.argmax(line)
+
+
+@kernel(
+    "push (H, W), power (H, W), smallest, first (L), least, values (L, S, 2), places (L, S, 2, 2)",
+    where="0 < smallest, smallest * 2 ** (L - 1) == S, H % S == 0",
+)
+def slanted(push, power, smallest, first, least, values, places):  # type: ignore[no-untyped-def]
+    """Greatest and least n / sqrt(d), n and d added up along lines that lean right, of every slope and of L heights.
+
+    Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over
+    it, of which those below first of that height are left out. least: of d, so that little information says
+    little. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top; 0 where there is nothing.
+    """
+    values[:] = 0
+    places[:] = 0
+    width, tallest = push.shape[1], values.shape[1]
+    for top in range(0, push.shape[0], tallest):  # so many rows stay near the processor through all levels
+        n = push[top : top + tallest].reshape(tallest, 1, width)
+        d = power[top : top + tallest].reshape(tallest, 1, width)
+        level = 0
+        while level < values.shape[0]:
+            tall = 2 * n.shape[1]
+            longer_n = np.empty((tallest // tall, tall, width), np.float32)
+            longer_d = np.empty((tallest // tall, tall, width), np.float32)
+            doubled(n, longer_n)
+            doubled(d, longer_d)
+            n, d = longer_n, longer_d
+            if tall >= smallest:
+                extremes_by_slope(
+                    n, d, first[level], np.float32(least), top // tall, values[level], places[level]
+                )
+                level += 1

@@ -69,7 +69,7 @@ def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:
     tiles[1, MODES.index("add-K")] = power
     tiles[1, MODES.index("light")] = 1e-6
     tiles[1, -1] = TILE_PIXELS
-    lines = np.zeros((4, LINE_MODES, SEGMENTS, 300), np.float32)
+    lines = np.zeros((4, len(LINE_MODES), SEGMENTS, 300), np.float32)
     lines[1, MODES.index("add-K")] = power
     cover = np.zeros((4, rows, columns), np.float32)
     given = {"tiles": tiles, "columns": lines, "cover": cover, "prior": PrintPrior()}

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay, fitted
-from prooflight.detectors.matched_filter.calibrated import check_version, page_score
+from prooflight.detectors.matched_filter.calibrated import looked_up, score_of
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
+from prooflight.detectors.placing import shows_another
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.rng import stream
@@ -169,7 +170,7 @@ class _Bench:
         """From the first of a few good prints that does not alarm; None if all do."""
         for turn in range(PRINTS):
             analysis, statistics = self._analysed(self.page, self.day(LEARNED, turn), rng)
-            check_version(self.ours.model, statistics, self.known.page_features)
+            looked_up(self.ours.model, statistics, self.known.page_features)
             if self._score(analysis, statistics) <= self.ours.threshold:
                 return Telling.of(analysis.sums, analysis.fit, statistics, self.ours.model.scatter)
         return None
@@ -207,7 +208,8 @@ class _Bench:
 
     def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
         model = self.ours.model.widened(self.known.colours.widening)
-        return page_score(model, statistics, self.known.page_features, analysis.found)
+        values, another = model.laid_out(statistics), shows_another(analysis.found)
+        return score_of(model, values, self.known.page_features, another=another)
 
     def _analysed(
         self, printed: Page, day: PressDay, rng: np.random.Generator

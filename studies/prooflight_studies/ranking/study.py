@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +13,7 @@ from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
 from prooflight.commissioning.training.train import Plan
 from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
+from prooflight.detectors.matched_filter.screen import of_both
 from prooflight.detectors.matched_filter.shipped import ShippedRanking
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
@@ -21,7 +22,7 @@ from prooflight_studies.harness.page import write_page
 from prooflight_studies.ranking.rows import RankingPlan, lessons
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -38,6 +39,9 @@ OF_A_PRESS: Final = len(Plan.of(DESIGNS).calibrate)
 """Good pages that make a ranking fit for a press: as many as `press build` prints for that ..."""
 SIZES: Final = (20, 40, 80, OF_A_PRESS, 320)
 """... and others, of a press that learned from its real pages."""
+PASSED_ON: Final = 0.15
+"""Of good pages, that the first look passes on to the second. (chosen of ``SHARES``)"""
+SHARES: Final = (0.05, 0.1, 0.15, 0.2, 0.3, 1.0)
 PARTS: Final = 6
 """Of the rows that a fold judges, each judged by a model that other good pages made fit."""
 
@@ -75,7 +79,12 @@ class Taught:
     def model(self, which: NDArray[np.bool_], rng: np.random.Generator, trees: int) -> Any:
         """What some rows teach."""
         return learn_model(
-            self.pages.rows(which), names=self.names, scatter=self.scatter, rng=rng, trees=trees
+            self.pages.rows(which),
+            names=self.names,
+            scatter=self.scatter,
+            rng=rng,
+            looks_first=True,
+            trees=trees,
         )
 
 
@@ -85,7 +94,10 @@ class JudgedFold:
 
     rows: NDArray[np.int64]
     score: NDArray[np.float64]
-    """(sizes, rows) by detectors that ``SIZES`` of good pages made fit; of one size where a kind did not teach."""
+    """(sizes, rows) of all statistics, by detectors that ``SIZES`` of good pages made fit; of one size where a kind did
+    not teach."""
+    first: NDArray[np.float64]
+    """(sizes, rows) of the first look; of pages that show another one infinite."""
     kind: NDArray[np.str_]
     """By the detector of ``OF_A_PRESS``."""
 
@@ -111,7 +123,7 @@ class FoldWork:
         model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
         judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
         sizes = (OF_A_PRESS,) if without else SIZES
-        score, kind = np.empty((len(sizes), len(mine))), np.zeros(len(mine), "U16")
+        (score, first), kind = np.empty((2, len(sizes), len(mine))), np.zeros(len(mine), "U16")
         part = np.unique(taught.day, return_inverse=True)[1] // FOLDS % PARTS
         for one, turn in product(np.unique(pages.press), range(PARTS)):
             here = pages.press == one
@@ -123,10 +135,13 @@ class FoldWork:
             for place, size in enumerate(sizes):
                 fit = adapted(model, pages.rows(own[:size]))
                 score[place, now] = certain_score(fit, these, another)
+                first[place, now] = np.where(
+                    another, np.inf, fit.first_look(these.values, these.page_features)
+                )
                 if size == OF_A_PRESS:
                     kind[now] = fit.kinds_of(these.values, these.page_features)
         rows = np.flatnonzero(judged)
-        return JudgedFold(rows=rows, score=score[:, rows], kind=kind[rows])
+        return JudgedFold(rows=rows, score=score[:, rows], first=first[:, rows], kind=kind[rows])
 
 
 def run_ranking_study(
@@ -149,16 +164,17 @@ def run_ranking_study(
     kinds = np.unique(pages.kind[pages.bad]).tolist()
     tasks = [(fold, "") for fold in range(FOLDS)]
     tasks += [(fold, kind) for kind in kinds for fold in range(FOLDS)] if left_out else []
-    by_size, said = np.full((len(SIZES), len(pages.bad)), np.nan), np.zeros(len(pages.bad), "U16")
-    untaught: dict[str, list[JudgedFold]] = {kind: [] for kind in kinds}
+    folds: dict[str, list[JudgedFold]] = {kind: [] for kind in ("", *kinds)}
     for (_, kind), one in zip(tasks, in_order(work, tasks, processes=processes, fewest=2), strict=True):
-        if kind:
-            untaught[kind].append(one)
-        else:
-            by_size[:, one.rows], said[one.rows] = one.score, one.kind
+        folds[kind].append(one)
         progress(f"judged {'all kinds' if not kind else 'without ' + kind}")
+    judged = in_rows(folds[""])
+    by_size = both_looks(folds[""], pages.bad, PASSED_ON)
     scores, design = by_size[SIZES.index(OF_A_PRESS)], _design(pages)[~pages.bad]
     model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
+    assert model.screen is not None
+    least = _least(judged.first[SIZES.index(OF_A_PRESS), ~pages.bad], PASSED_ON)
+    model = replace(model, screen=replace(model.screen, least=least))
     ranking = ShippedRanking(
         model=model,
         references=ReferenceScores(
@@ -183,10 +199,51 @@ def run_ranking_study(
         "sizes": [
             {"pages": size} | _at(score, pages, RATES[0]) for size, score in zip(SIZES, by_size, strict=True)
         ],
-        "kinds": [_kind(kind, taught, scores, said, untaught[kind]) for kind in kinds],
+        "passed_on": PASSED_ON,
+        "shares": [
+            {"share": share} | _at(_of_a_press(folds[""], pages.bad, share), pages, RATES[0])
+            for share in SHARES
+        ],
+        "looked_at_first": int(model.screen.statistic.size),
+        "kinds": [_kind(kind, taught, scores, judged.kind, folds[kind]) for kind in kinds],
     }
     write_page(results / "ranking.md", "ranking", found)
     return found
+
+
+def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
+    """Folds put together, in the order of their rows."""
+    rows = np.concatenate([one.rows for one in folds])
+    order = np.argsort(rows)
+    return JudgedFold(
+        rows=rows[order],
+        score=np.concatenate([one.score for one in folds], axis=1)[:, order],
+        first=np.concatenate([one.first for one in folds], axis=1)[:, order],
+        kind=np.concatenate([one.kind for one in folds])[order],
+    )
+
+
+def both_looks(folds: Sequence[JudgedFold], bad: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
+    """Scores (sizes, rows) of both looks, in the order of rows; share: of good pages that are passed on.
+
+    From which score on pages are passed on, the folds say that do not hold them. bad: of all rows there are.
+    """
+    size = SIZES.index(OF_A_PRESS) if len(folds[0].first) > 1 else 0
+    found = []
+    for one in folds:
+        others = [other for other in folds if other is not one]
+        first = np.concatenate([other.first[size, ~bad[other.rows]] for other in others])
+        found.append(replace(one, score=of_both(one.first, one.score, _least(first, share))))
+    return in_rows(found).score
+
+
+def _least(first: NDArray[np.float64], share: float) -> float:
+    """The score of a first look that so large a share of good pages exceeds."""
+    return -np.inf if share == 1 else float(np.quantile(first, 1 - share, method="higher"))
+
+
+def _of_a_press(folds: Sequence[JudgedFold], bad: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
+    return np.asarray(both_looks(folds, bad, share)[SIZES.index(OF_A_PRESS)])
 
 
 def _design(pages: Pages) -> NDArray[np.int64]:
@@ -223,9 +280,7 @@ def _kind(
         "untaught": None,
     }
     if untaught:
-        rows = np.concatenate([one.rows for one in untaught])
-        score = np.concatenate([one.score[0] for one in untaught])
-        bad = pages.bad[rows]
+        score, bad = both_looks(untaught, pages.bad, PASSED_ON)[0], pages.bad[in_rows(untaught).rows]
         found["untaught"] = float(
             (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()
         )

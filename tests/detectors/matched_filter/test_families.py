@@ -55,8 +55,8 @@ def drawn(seed: int, *, of_edges: float = 0.0) -> Sums:
     tiles[3] = of_edges * POWER
     tiles[0, -1] = rng.chisquare(4, (ROWS, COLUMNS))
     tiles[1, -1] = 4
-    columns = np.zeros((4, LINE_MODES, SEGMENTS, PIXELS), np.float32)
-    columns[0] = rng.standard_normal((LINE_MODES, SEGMENTS, PIXELS)) * np.sqrt(POWER)
+    columns = np.zeros((4, len(LINE_MODES), SEGMENTS, PIXELS), np.float32)
+    columns[0] = rng.standard_normal((len(LINE_MODES), SEGMENTS, PIXELS)) * np.sqrt(POWER)
     columns[1] = POWER
     return Sums(
         tiles=tiles,

@@ -70,7 +70,12 @@ def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
     rows, columns = 23 // side, 37 // side
     found = np.empty((4, len(MODES) + 1, rows, columns), np.float32)
     two = [of, images(seed + 1)]
-    tile_sums(ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}), side, found)
+    tile_sums(
+        ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}),
+        side,
+        np.arange(len(MODES)),
+        found,
+    )
     said = products(two[0], 10) + products(two[1], 10)
     cut = said[..., : rows * side, : columns * side]
     asked = cut.reshape(4, len(MODES), rows, side, columns, side).sum(axis=(3, 5))
@@ -89,7 +94,7 @@ def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
     found = np.zeros((4, 10, 2, 37), np.float32)
-    line_sums(ResidualImages(**of), np.array([0.7], np.float32), shift, 12, found[None])
+    line_sums(ResidualImages(**of), np.array([0.7], np.float32), shift, 12, np.arange(10), found[None])
     said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
     asked = np.zeros((4, 10, 2, 37))
     for line in range(2, 21):

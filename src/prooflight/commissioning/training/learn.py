@@ -16,8 +16,10 @@ from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
     every_column,
+    evidence_of,
     family_columns,
 )
+from prooflight.detectors.matched_filter.screen import Screen, screened
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.kernels.statistics.page_scale import ONE_SIGMA
@@ -186,11 +188,13 @@ def learn_model(
     prior: PrintPrior | None = None,
     rng: np.random.Generator,
     ranked: bool = True,
+    looks_first: bool = False,
     trees: int = 300,
 ) -> DetectorModel:
     """The detector, its threshold yet to be set. names: keys of statistics.
 
-    ranked: misprints among the pages teach a ranking as well.
+    ranked: misprints among the pages teach a ranking as well. looks_first: and one for a first look at few statistics,
+    which passes all pages on until ``Screen.least`` is set.
     """
     statistics = tuple(map(Statistic.parse, names))
     families = [one.cause for one in statistics]
@@ -221,7 +225,7 @@ def learn_model(
         here = pages.press == one
         shift, scale = shift_and_scale(deviations[here & ~pages.bad])
         deviations[here] = (deviations[here] - shift) / scale
-    found = replace(blank, **_tails(deviations[~pages.bad], blank))
+    found = replace(blank, **_tails(deviations[~pages.bad], blank.family))
     if not ranked or not pages.bad.any():
         return found
     evidence = found.family_evidence(deviations)
@@ -230,19 +234,54 @@ def learn_model(
     if len(kinds_of_misprint) == 1:
         kinds_of_misprint = ()
 
-    def against_good(which: NDArray[np.bool_], count: int, share: float) -> Forest:
+    forest, kind_forests = _against_good(pages, kinds_of_misprint, columns, rng, trees)
+    return replace(
+        found,
+        forest=forest,
+        kinds=kinds_of_misprint,
+        kind_forests=kind_forests,
+        name_forests=_names(pages, kinds_of_misprint, family_columns(evidence), rng, trees // 3),
+        screen=_screen(pages, statistics, kinds_of_misprint, deviations, rng, trees) if looks_first else None,
+    )
+
+
+def _against_good(
+    pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
+) -> tuple[Forest, tuple[Forest, ...]]:
+    """All misprints told from good pages, and each kind by itself, by ``every_column``."""
+
+    def told(which: NDArray[np.bool_], count: int, share: float) -> Forest:
         bad = pages.bad[which]
         return fitted_forest(columns[which], bad, even(bad), rng=rng, trees=count, column_share=share)
 
-    return replace(
-        found,
-        forest=against_good(np.ones(len(pages.bad), bool), trees, COLUMN_SHARE),
-        kinds=kinds_of_misprint,
-        kind_forests=tuple(
-            against_good(~pages.bad | (pages.kind == kind), trees // 4, KIND_SHARE)
-            for kind in kinds_of_misprint
-        ),
-        name_forests=_names(pages, kinds_of_misprint, family_columns(evidence), rng, trees // 3),
+    forest = told(np.ones(len(pages.bad), bool), trees, COLUMN_SHARE)
+    return forest, tuple(told(~pages.bad | (pages.kind == kind), trees // 4, KIND_SHARE) for kind in kinds)
+
+
+def _screen(
+    pages: Pages,
+    statistics: Sequence[Statistic],
+    kinds: Sequence[str],
+    deviations: NDArray[np.float64],
+    rng: np.random.Generator,
+    trees: int,
+) -> Screen:
+    """The first look, from deviations (pages, statistics) of all statistics."""
+    which, families, family = screened(statistics)
+    own = deviations[:, which]
+    tails = _tails(own[~pages.bad], family)
+    evidence = evidence_of(own, family, tails["quantiles"], tails["tail"], TAIL_FROM)
+    columns = every_column(evidence, pages.page_features, own)
+    forest, kind_forests = _against_good(pages, kinds, columns, rng, trees)
+    return Screen(
+        statistic=which,
+        families=families,
+        family=family,
+        **tails,
+        tail_from=TAIL_FROM,
+        forest=forest,
+        kind_forests=kind_forests,
+        least=-np.inf,
     )
 
 
@@ -321,16 +360,16 @@ def _folds(design: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(np.unique(design, return_inverse=True)[1] % FOLDS)
 
 
-def _tails(deviations: NDArray[np.float64], blank: DetectorModel) -> dict[str, Any]:
+def _tails(deviations: NDArray[np.float64], family: NDArray[np.int32]) -> dict[str, Any]:
     """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
 
     By the method of moments; a family's few exceedances say little by themselves, so that its mean excess and its
     shape are drawn towards the families' medians.
     """
-    quantiles = np.empty_like(blank.quantiles)
+    quantiles = np.empty((family.max() + 1, STEPS))
     beyond = []
-    for index in range(len(blank.families)):
-        greatest = deviations[:, blank.family == index].max(axis=1)
+    for index in range(len(quantiles)):
+        greatest = deviations[:, family == index].max(axis=1)
         quantiles[index] = np.quantile(greatest, np.linspace(0, TAIL_FROM, STEPS))
         begin = quantiles[index, -1]
         above = greatest[greatest > begin] - begin

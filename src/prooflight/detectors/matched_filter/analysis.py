@@ -33,7 +33,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
-from prooflight.detectors.matched_filter.statistics.local_evidence import summed
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
@@ -41,7 +41,7 @@ from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -133,16 +133,26 @@ class ScanAnalysis:
     sums: Sums
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's. [-]"""
+    summed: Callable[[tuple[str, ...]], Sums]
+    """Sums of those of ``MODES`` that are named."""
+
+    def of_every_mode(self) -> ScanAnalysis:
+        """The same with the sums of all ``MODES``."""
+        return self if self.sums.modes == MODES else replace(self, sums=self.summed(MODES))
 
 
 def analyse(
-    prepared: PreparedPage, scan: NDArray[np.uint16], *, residual_variance: ResidualVariance | None = None
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    *,
+    residual_variance: ResidualVariance | None = None,
+    looked_at: tuple[str, ...] = MODES,
 ) -> ScanAnalysis:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
 
     A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page.
     Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
-    alone.
+    alone. looked_at: those of ``MODES`` that are summed up at once, light the first.
     """
     page, prior, residual_variance = prepared.page, prepared.prior, residual_variance or ResidualVariance()
     sensors, geometry, at = prepared.landmarks.sensors, prepared.landmarks.geometry, prepared.binned_geometry
@@ -174,8 +184,20 @@ def analyse(
     )
     taken = fit.emptied() if residual_variance.exact else fit
     left, weight, of_edges, noise = residual_images(placed, taken, residual_variance=residual_variance)
-    sums = summed(placed, left, weight, of_edges, geometry=at, page_width_mm=page.width_mm, prior=prior)
-    return ScanAnalysis(found=found, fit=fit, sums=sums, noise=noise)
+
+    def sums_of(modes: tuple[str, ...]) -> Sums:
+        return summed(
+            placed,
+            left,
+            weight,
+            of_edges,
+            geometry=at,
+            page_width_mm=page.width_mm,
+            prior=prior,
+            looked_at=modes,
+        )
+
+    return ScanAnalysis(found=found, fit=fit, sums=sums_of(looked_at), noise=noise, summed=sums_of)
 
 
 def _followed(

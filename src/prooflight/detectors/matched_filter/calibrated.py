@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -16,9 +17,7 @@ from prooflight.detectors.false_alarm_rate import (
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.model import DetectorModel
-from prooflight.detectors.matched_filter.statistics.statistic import values_of
 from prooflight.detectors.matched_filter.variation import AMOUNTS
-from prooflight.detectors.placing import shows_another
 from prooflight.detectors.verdict import Decision
 from prooflight.errors import PressError
 from prooflight.files.schema import Block, Chance, Count, Kept, Misfit, check_arrays, checked, part_of, rising
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
-    from prooflight.registration.register import Registration
 
 LEAST_SCORES: Final = 2
 """Of which one begins a tail."""
@@ -219,28 +217,17 @@ TABLE: Final = {
 }
 
 
-def check_version(
+def looked_up(
     model: DetectorModel, statistics: Sequence[Observed], page_features: NDArray[np.floating]
-) -> None:
-    """PressError if a detector was taught by a version that looked at other statistics, or at pages otherwise."""
-    same = tuple(one.statistic for one in statistics) == model.statistics
-    if not same or page_features.size != model.centre.shape[1]:
-        what = "its detector was taught by another version"
-        raise PressError("press", what, remedy="build it again with `prooflight press build`")
-
-
-def page_score(
-    model: DetectorModel,
-    statistics: Sequence[Observed],
-    page_features: NDArray[np.floating],
-    found: Registration,
-) -> float:
-    """Evidence for a misprint of one page, from all that its scan says.
-
-    PressError: the detector was taught by a version that looked at other statistics.
+) -> NDArray[np.float32]:
+    """``DetectorModel.laid_out``; PressError if a detector was taught by a version that looked at other statistics, or
+    at pages otherwise.
     """
-    check_version(model, statistics, page_features)
-    return score_of(model, values_of(statistics), page_features, another=shows_another(found))
+    if page_features.size == model.centre.shape[1]:
+        with suppress(ValueError):
+            return model.laid_out(statistics)
+    what = "its detector was taught by another version"
+    raise PressError("press", what, remedy="build it again with `prooflight press build`")
 
 
 def score_of(
@@ -250,11 +237,11 @@ def score_of(
     *,
     another: bool,
 ) -> float:
-    """The same from a page's statistics (n,), as they are kept; NaN if one of them is no finite number.
+    """Evidence for a misprint of one page, from its statistics (n,); NaN if one that is needed is no finite number.
 
     another: the scan shows another page.
     """
-    if not (np.isfinite(values).all() and np.isfinite(page_features).all()):
+    if not np.isfinite(page_features).all():
         return np.nan
     score = model.score(values[None], page_features[None])[0]
     return float(np.maximum(score, WRONG_PAGE) if another else score)

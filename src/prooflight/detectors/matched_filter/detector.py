@@ -14,15 +14,15 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.calibrated import page_score, score_of
-from prooflight.detectors.matched_filter.exchangeability import summaries
+from prooflight.detectors.matched_filter.calibrated import looked_up, score_of
+from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
 from prooflight.detectors.matched_filter.print_state import print_state
 from prooflight.detectors.matched_filter.run_test import PressRunTest
-from prooflight.detectors.matched_filter.statistics.families import all_statistics
+from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
-from prooflight.detectors.matched_filter.statistics.statistic import values_of
+from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.detectors.matched_filter.variation import page_variation
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
 from prooflight.detectors.verdict import Verdict
@@ -30,6 +30,8 @@ from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Area, KeptArrays, PlannedPage, Station
@@ -121,11 +123,9 @@ class MatchedFilterPage:
         """See ``PreparedPage``."""
         station, ours, known = self.detector.station, self.detector.calibrated, self.known
         page, page_features = known.page, known.page_features
-        analysis = analyse(known, scan.dn, residual_variance=ours.model.residual_variance)
-        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
-        decision = ours.decide(page_score(self.model, statistics, page_features, analysis.found))
+        analysis, statistics, decision = self._looked_at(scan)
         strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
-        values, another = values_of(statistics), shows_another(analysis.found)
+        values, another = self.model.laid_out(statistics), shows_another(analysis.found)
         told = self._explained(analysis, strongest, values) if decision.misprint else {}
         verdict = Verdict.from_decision(
             page.name,
@@ -157,6 +157,30 @@ class MatchedFilterPage:
             variation=partial(page_variation, known, analysis),
             summary=None if another else summary_of(self.model, values, page_features, score=decision.score),
         )
+
+    def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], Decision]:
+        """What a scan says, and the decision; for all statistics only where the first look is not enough to let a page
+        pass, for it costs more than all the rest.
+        """
+        ours, model = self.detector.calibrated, self.model
+        modes = MODES if model.screen is None else SCREEN_MODES
+        analysis = analyse(
+            self.known, scan.dn, residual_variance=ours.model.residual_variance, looked_at=modes
+        )
+        another = shows_another(analysis.found)
+
+        def decided(look: Callable[..., list[Observed]]) -> tuple[list[Observed], Decision]:
+            statistics = look(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
+            values = looked_up(model, statistics, self.known.page_features)
+            score = score_of(model, values, self.known.page_features, another=another)
+            return statistics, ours.decide(score)
+
+        if model.screen is not None and not another:
+            statistics, decision = decided(screen_statistics)
+            if not np.isnan(decision.score) and not decision.misprint:
+                return analysis, statistics, decision
+        analysis = analysis.of_every_mode()
+        return analysis, *decided(all_statistics)
 
     def _explained(
         self, analysis: ScanAnalysis, strongest: list[tuple[str, Observed]], values: NDArray[np.float32]
@@ -219,7 +243,8 @@ def summary_of(
     score: float,
 ) -> NDArray[np.float64] | None:
     """One page's ``summaries``, from its statistics (n,) and their score; None: one of them is no finite number."""
-    if not (np.isfinite(values).all() and np.isfinite(page_features).all() and np.isfinite(score)):
+    known = np.isfinite(values[of_every_page(model)]).all()
+    if not (known and np.isfinite(page_features).all() and np.isfinite(score)):
         return None
     return summaries(model, model.deviations(values[None], page_features[None]), np.array([score]))[0]
 

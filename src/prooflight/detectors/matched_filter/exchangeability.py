@@ -43,8 +43,8 @@ OF_SCORE: Final = 0.5
 
 
 def groups_of(model: DetectorModel) -> tuple[str, ...]:
-    """Names of the summaries: ``SCORE``, and first words of statistics."""
-    return (SCORE, *dict.fromkeys(one.word for one in model.statistics))
+    """Names of the summaries: ``SCORE``, and first words of those statistics that every page is looked at for."""
+    return (SCORE, *dict.fromkeys(model.statistics[index].word for index in of_every_page(model)))
 
 
 def summaries(
@@ -53,11 +53,19 @@ def summaries(
     """What pages are ranked by: their scores (pages,), and the mean of their deviations (pages, statistics) in each
     group of one first word; (pages, ``groups_of``).
     """
-    words = [one.word for one in model.statistics]
+    looked_at = of_every_page(model)
+    words = [model.statistics[index].word for index in looked_at]
     number = {word: index for index, word in enumerate(dict.fromkeys(words))}
     group = np.array([number[word] for word in words])
-    means = [deviations[:, group == index].mean(axis=1) for index in range(len(number))]
+    means = [deviations[:, looked_at[group == index]].mean(axis=1) for index in range(len(number))]
     return np.column_stack([score, *means])
+
+
+def of_every_page(model: DetectorModel) -> NDArray[np.int32]:
+    """Which statistics every page is looked at for."""
+    return (
+        np.arange(len(model.statistics), dtype=np.int32) if model.screen is None else model.screen.statistic
+    )
 
 
 def shares(groups: int) -> NDArray[np.float64]:

@@ -19,12 +19,16 @@ from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
     every_column,
+    evidence_of,
     family_columns,
     ranked,
     scores_of,
 )
+from prooflight.detectors.matched_filter.screen import ARRAYS as FIRST
+from prooflight.detectors.matched_filter.screen import Screen, of_both, screened
+from prooflight.detectors.matched_filter.screen import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
 from prooflight.files.schema import (
     Block,
     Chance,
@@ -47,7 +51,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
-LEAST_P: Final = 1e-12
 MOST: Final = 8
 """Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
@@ -114,6 +117,8 @@ class DetectorModel:
     """Of ``score``; infinite until set."""
     good_designs: int
     """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
+    screen: Screen | None = None
+    """The first look; None: every page is looked at for all statistics."""
 
     def deviations(
         self, values: NDArray[np.floating], page_features: NDArray[np.floating]
@@ -131,17 +136,7 @@ class DetectorModel:
 
     def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
-        evidence = np.empty((len(deviations), len(self.families)))
-        steps = np.linspace(0, self.tail_from, self.quantiles.shape[1])
-        for index in range(len(self.families)):
-            greatest = deviations[:, self.family == index].max(axis=1)
-            begin, scale, shape = self.tail[index]
-            p = 1 - np.interp(greatest, self.quantiles[index], steps)
-            far = greatest > begin
-            beyond = 1 + shape * (greatest[far] - begin) / scale
-            p[far] = (1 - self.tail_from) * beyond ** (-1 / shape)
-            evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
-        return evidence
+        return evidence_of(deviations, self.family, self.quantiles, self.tail, self.tail_from)
 
     def guard(self, evidence: NDArray[np.floating]) -> NDArray[np.float64]:
         """The score that no misprint taught: (pages,)."""
@@ -149,11 +144,31 @@ class DetectorModel:
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Evidence for a misprint, higher is worse: (pages,); NaN where a family's is no finite number."""
+        """Evidence for a misprint, higher is worse: (pages,).
+
+        Of pages that the first look does not pass on, no statistic but its own need be known: others may be NaN. NaN
+        where one that is needed is no finite number.
+        """
         deviations = self.deviations(values, page_features)
-        evidence = self.family_evidence(deviations)
-        score = self._summed(evidence, page_features, deviations)
-        return np.where(np.isfinite(evidence).all(axis=1), score, np.nan)
+        second = np.full(len(values), np.nan)
+        first = second if self.screen is None else self.screen.score(deviations, page_features)
+        complete = np.isfinite(values).all(axis=1)
+        wanted = complete if self.screen is None else complete & (first > self.screen.least)
+        if wanted.any():
+            evidence = self.family_evidence(deviations[wanted])
+            second[wanted] = self._summed(evidence, page_features[wanted], deviations[wanted])
+        if self.screen is None:
+            return second
+        known = np.isfinite(values[:, self.screen.statistic]).all(axis=1)
+        return np.where(known, of_both(first, second, self.screen.least), np.nan)
+
+    def first_look(
+        self, values: NDArray[np.floating], page_features: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """How much pages are worth to be looked at for all statistics, (pages,); above all where there is no screen."""
+        if self.screen is None:
+            return np.full(len(values), np.inf)
+        return self.screen.score(self.deviations(values, page_features), page_features)
 
     def _summed(
         self,
@@ -182,7 +197,12 @@ class DetectorModel:
         found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
         found |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
         forests = {} if self.forest is None else {"forest": self.forest}
-        for of, those in (("kind", self.kind_forests), ("name", self.name_forests)):
+        of_kinds = [("kind", self.kind_forests), ("name", self.name_forests)]
+        if self.screen is not None:
+            found |= {f"first.{name}": getattr(self.screen, name) for name in FIRST}
+            forests["screen"] = self.screen.forest
+            of_kinds.append(("screenkind", self.screen.kind_forests))
+        for of, those in of_kinds:
             forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
         for which, forest in forests.items():
             found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST}
@@ -201,6 +221,7 @@ class DetectorModel:
             "kinds": list(self.kinds),
             "threshold": self.threshold,
             "good_designs": self.good_designs,
+            "passed_on_above": None if self.screen is None else self.screen.least,
         }
 
     @staticmethod
@@ -211,12 +232,15 @@ class DetectorModel:
         forests = dict(_forests_of(told))
         own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
         sizes = told.sizes()
-        check_arrays(own, TABLE, sizes, under=under)
+        table = TABLE if told.passed_on_above is None else TABLE | FIRST_TABLE
+        check_arrays(own, table, sizes, under=under)
         known = {name: at for at, name in enumerate(told.families)}
         if arrays["family"].tolist() != [known[one.cause] for one in told.statistics]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
         if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
             raise Misfit(f"{under}tail", "must begin where quantiles end")
+        if told.passed_on_above is not None:
+            check_screen(part_of(arrays, "first."), told.statistics, under=f"{under}first.")
         for which, columns in forests.items():
             Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
 
@@ -227,9 +251,20 @@ class DetectorModel:
         def forest(which: str) -> Forest:
             return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST})
 
+        statistics = tuple(map(Statistic.parse, facts["names"]))
+        screen = None
+        if facts.get("passed_on_above") is not None:
+            screen = Screen(
+                **part_of(arrays, "first."),
+                families=screened(statistics)[1],
+                tail_from=facts["tail_from"],
+                forest=forest("screen"),
+                kind_forests=tuple(forest(f"screenkind{index}") for index in range(len(facts["kinds"]))),
+                least=facts["passed_on_above"],
+            )
         return cls(
             **{name: arrays[name] for name in ARRAYS},
-            statistics=tuple(map(Statistic.parse, facts["names"])),
+            statistics=statistics,
             families=tuple(facts["families"]),
             scatter=Scatter(**{name: arrays[f"scatter.{name}"] for name in (*SCATTER_SHAPES, "light")}),
             residual_variance=ResidualVariance(**facts["spread"]),
@@ -241,21 +276,42 @@ class DetectorModel:
             name_forests=tuple(forest(f"name{index}") for index in range(len(facts["kinds"]))),
             threshold=facts["threshold"],
             good_designs=facts["good_designs"],
+            screen=screen,
         )
 
     def strongest(
         self, statistics: Sequence[Observed], page_features: NDArray[np.floating], *, most: int = 3
     ) -> list[tuple[str, Observed]]:
-        """The families that say most of one page, each with its most telling statistic and where that is."""
-        values = np.array([[one.value for one in statistics]])
-        deviations = self.deviations(values, page_features[None])
-        evidence = self.family_evidence(deviations)[0]
+        """The families that say most of one page, each with its most telling statistic and where that is.
+
+        statistics: all of the model's, or those of its first look alone.
+        """
+        deviations = self.deviations(self.laid_out(statistics)[None], page_features[None])
+        if self.screen is not None and len(statistics) < len(self.statistics):
+            evidence, deviations = self.screen.evidence(deviations)[0], deviations[:, self.screen.statistic]
+            families, family = self.screen.families, self.screen.family
+        else:
+            evidence, families, family = self.family_evidence(deviations)[0], self.families, self.family
         found = []
         for index in np.argsort(-evidence)[:most]:
-            members = np.flatnonzero(self.family == index)
+            members = np.flatnonzero(family == index)
             best = members[int(np.argmax(deviations[0, members]))]
-            found.append((self.families[index], statistics[best]))
+            found.append((families[index], statistics[best]))
         return found
+
+    def laid_out(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
+        """Values (n,) of all the model's statistics, NaN of those that were not looked at.
+
+        statistics: all of them, or those of its first look alone. ValueError: they are others.
+        """
+        which = tuple(one.statistic for one in statistics)
+        if which == self.statistics:
+            return values_of(statistics)
+        if self.screen is None or which != tuple(self.statistics[index] for index in self.screen.statistic):
+            raise ValueError("these are not the statistics that the model was taught by")
+        values = np.full(len(self.statistics), np.nan, np.float32)
+        values[self.screen.statistic] = values_of(statistics)
+        return values
 
 
 class ResidualVarianceFacts(Block):
@@ -310,6 +366,8 @@ class ModelFacts(Block):
     threshold: Number | None
     """None: infinite, not set; JSON knows no infinity."""
     good_designs: Count
+    passed_on_above: Number | None = None
+    """``Screen.least``; None: there is none."""
 
     def check(self, under: str) -> None:
         """Misfit unless its parts fit each other."""
@@ -321,6 +379,8 @@ class ModelFacts(Block):
             raise Misfit(f"{under}kinds", "must differ from each other")
         if self.kinds and not self.ranked:
             raise Misfit(f"{under}ranked", "must be true where there are kinds")
+        if self.passed_on_above is not None and not self.ranked:
+            raise Misfit(f"{under}ranked", "must be true where pages are looked at twice")
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
@@ -331,15 +391,20 @@ class ModelFacts(Block):
         """Extents of arrays, and columns of what rankings look at: as this version counts them."""
         nothing = np.zeros((1, len(self.families)))
         page_features, deviations = np.zeros((1, PAGE_FEATURES)), np.zeros((1, len(self.names)))
+        which, families, _ = screened(self.statistics)
+        of_first = every_column(np.zeros((1, len(families))), page_features, deviations[:, which])
         return {
             "statistics": len(self.names),
             "families": len(self.families),
             "every": every_column(nothing, page_features, deviations).shape[1],
             "of families": family_columns(nothing).shape[1],
+            "first statistics": len(which),
+            "first families": len(families),
+            "of first": of_first.shape[1],
         }
 
 
-def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families"]]]:
+def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families", "of first"]]]:
     """Names of the forests, and which columns each looks at."""
     if not facts.ranked:
         return
@@ -347,6 +412,10 @@ def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of f
     for index in range(len(facts.kinds)):
         yield f"kind{index}", "every"
         yield f"name{index}", "of families"
+    if facts.passed_on_above is not None:
+        yield "screen", "of first"
+        for index in range(len(facts.kinds)):
+            yield f"screenkind{index}", "of first"
 
 
 def _wrong_centre(centre: NDArray[np.floating]) -> str:
@@ -372,4 +441,10 @@ TABLE: Final = {
         for name, shape in SCATTER_SHAPES.items()
     },
     "scatter.light": Kept(dtype="float64", shape=(len(SIZES),), above=0),
+}
+FIRST_TABLE: Final = {
+    "first.statistic": Kept(dtype="int32", shape=("first statistics",), low=0),
+    "first.family": Kept(dtype="int32", shape=("first statistics",), low=0),
+    "first.quantiles": Kept(dtype="float64", shape=("first families", "quantiles"), rule=rising),
+    "first.tail": Kept(dtype="float64", shape=("first families", 3), rule=_wrong_tail),
 }

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+LEAST_P: Final = 1e-12
 LEAST_CHANCE: Final = 0.01
 OUTRIGHT: Final = 3.5
 """Evidence of one family, -log10 p, from which on it counts by itself. (chosen of 3.5 to 5.5 on designs of their own)
@@ -23,6 +24,30 @@ Of good pages, 3 % have a family that says more.
 """
 RANKS: Final = (0, 2, 5, 10, 20, 40)
 """Of the families by what they say, beside the families themselves in what the forest looks at."""
+
+
+def evidence_of(
+    deviations: NDArray[np.floating],
+    family: NDArray[np.integer],
+    quantiles: NDArray[np.floating],
+    tail: NDArray[np.floating],
+    tail_from: float,
+) -> NDArray[np.float64]:
+    """-log10 p of every family, (pages, families), by its greatest deviation, from deviations (pages, statistics).
+
+    family (statistics,); quantiles, tail, tail_from: as ``DetectorModel`` has them.
+    """
+    evidence = np.empty((len(deviations), len(quantiles)))
+    steps = np.linspace(0, tail_from, quantiles.shape[1])
+    for index in range(len(quantiles)):
+        greatest = deviations[:, family == index].max(axis=1)
+        begin, scale, shape = tail[index]
+        p = 1 - np.interp(greatest, quantiles[index], steps)
+        far = greatest > begin
+        beyond = 1 + shape * (greatest[far] - begin) / scale
+        p[far] = (1 - tail_from) * beyond ** (-1 / shape)
+        evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
+    return evidence
 
 
 def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:

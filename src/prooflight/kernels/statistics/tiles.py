@@ -16,10 +16,8 @@ from prooflight.kernels.residuals.fit import shows
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LINE_MODES = 10
-"""Light, each ink added (4), each ink's gain (4), void."""
-MODES = 12
-"""The same, and blur and all inks' gain."""
+VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
+"""Modes are numbered: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""
 _MOST_SQUARE = np.float32(25)
 _FLOOR = np.float32(1e-12)
 
@@ -96,16 +94,16 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
 @kernel(
     "images.residual (L, P), images.weight (L, P), images.light (L, P), images.white (P), "
     "images.add (4, L, P), images.gain (4, L, P), images.of_edges (L, P), most_edges (N), shift (L), "
-    "segment_lines, out (N, 4, LINE_MODES, _, P)",
+    "segment_lines, which (M), out (N, 4, M, _, P)",
     fastmath=True,
     error_model="numpy",
 )
-def line_sums(images, most_edges, shift, segment_lines, out):  # type: ignore[no-untyped-def]
+def line_sums(images, most_edges, shift, segment_lines, which, out):  # type: ignore[no-untyped-def]
     """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
 
-    Modes: ``LINE_MODES``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. r is kept below 4
-    sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift (lines,): whole pixels by which
-    a line is moved left, so that columns of a page that is turned lie on each other.
+    which (modes,): numbers of modes, none beyond ``VOID``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part
+    of P^2 / V. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
+    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
     """
     residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape
@@ -129,7 +127,8 @@ def line_sums(images, most_edges, shift, segment_lines, out):  # type: ignore[no
             )
         void_row(light[line], white, void)
         to = slice(left - by, right - by)
-        for m in range(LINE_MODES):
+        for place in range(which.size):
+            m = which[place]
             if m == 0:
                 mode = light[line, left:right]
             elif m < 1 + INKS:
@@ -143,13 +142,13 @@ def line_sums(images, most_edges, shift, segment_lines, out):  # type: ignore[no
             for n in range(most_edges.size):
                 row = rows[n]
                 weighed = row[0, left:right], row[1, left:right], row[2, left:right], row[3, left:right]
-                push, power = out[n, 0, m, segment, to], out[n, 1, m, segment, to]
-                add_mode(mode, *weighed, push, power, out[n, 2, m, segment, to], out[n, 3, m, segment, to])
+                own = out[n, :, place, segment, to]
+                add_mode(mode, *weighed, own[0], own[1], own[2], own[3])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_tile_row(images, first, last, side, rows, made, sums, out):  # type: ignore[no-untyped-def]
-    """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, MODES + 1, tile columns).
+def add_tile_row(images, first, last, side, which, rows, made, sums, out):  # type: ignore[no-untyped-def]
+    """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, modes + 1, tile columns).
 
     rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.
     """
@@ -159,10 +158,16 @@ def add_tile_row(images, first, last, side, rows, made, sums, out):  # type: ign
         weigh_row(
             residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), rows[k]
         )
-        void_row(light[line], white, made[0, k])
-        blur_row(light, line, made[1, k])
-        whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
-    for m in range(MODES):
+        for place in range(which.size):
+            m = which[place]
+            if m == VOID:
+                void_row(light[line], white, made[0, k])
+            elif m == BLUR:
+                blur_row(light, line, made[1, k])
+            elif m == WHOLE:
+                whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+    for place in range(which.size):
+        m = which[place]
         sums[:] = np.float32(0)
         for k in range(last - first):
             if m == 0:
@@ -174,42 +179,42 @@ def add_tile_row(images, first, last, side, rows, made, sums, out):  # type: ign
                 if not shows(mode):
                     continue
             else:
-                mode = made[m - 1 - 2 * INKS, k]
+                mode = made[m - VOID, k]
             row = rows[k]
             add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
         for part in range(4):
-            gather(sums[part], side, out[part, m])
+            gather(sums[part], side, out[part, place])
     sums[:2] = np.float32(0)
     for line in range(first, last):
         add_energy(residual[line], weight[line], sums[0], sums[1])
-    gather(sums[0], side, out[0, MODES])
-    gather(sums[1], side, out[1, MODES])
+    gather(sums[0], side, out[0, which.size])
+    gather(sums[1], side, out[1, which.size])
 
 
 @kernel(
     "images.residual (S, L, P), images.weight (S, L, P), images.light (S, L, P), images.white (S, P), "
     "images.add (S, 4, L, P), images.gain (S, 4, L, P), images.of_edges (S, L, P), side, "
-    "out (4, MODES + 1, L // side, P // side)"
+    "which (M), out (4, M + 1, L // side, P // side)"
 )
-def tile_sums(images, side, out):  # type: ignore[no-untyped-def]
-    """Sums over tiles of all sensors, written to out (4, MODES + 1, tile rows, tile columns).
+def tile_sums(images, side, which, out):  # type: ignore[no-untyped-def]
+    """Sums over tiles of all sensors, written to out (4, modes + 1, tile rows, tile columns).
 
-    images: ``ResidualImages`` of all sensors. As ``line_sums``, r kept below 10 sigma; the last mode is the energy: sum
-    of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of tiles, whose sums stay at hand: all tiles
-    together are as large as all images.
+    images: ``ResidualImages`` of all sensors; which (modes,): numbers of modes. As ``line_sums``, r kept below 10
+    sigma; the last mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of
+    tiles, whose sums stay at hand: all tiles together are as large as all images.
     """
     residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape[1:]
     rows = np.empty((side, 4, pixels), np.float32)
     made = np.empty((3, side, pixels), np.float32)
     sums = np.empty((4, pixels), np.float32)
-    here = np.empty((4, MODES + 1, out.shape[3]), np.float32)
+    here = np.empty((4, which.size + 1, out.shape[3]), np.float32)
     for tile in range(out.shape[2]):
         here[:] = np.float32(0)
         first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
         for s in range(residual.shape[0]):
             own = ResidualImages(residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s])
-            add_tile_row(own, first, last, side, rows, made, sums, here)
+            add_tile_row(own, first, last, side, which, rows, made, sums, here)
         out[:, :, tile] = here
 
 

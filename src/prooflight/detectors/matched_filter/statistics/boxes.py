@@ -39,7 +39,7 @@ class Cells:
     """Sums of squares of tiles; boxes are 2 x 2 of them and overlap by half."""
 
     sums: NDArray[np.float32]
-    """(4, at least MODES, rows, columns): N, D, C, the edges' part of D."""
+    """(4, at least modes, rows, columns): N, D, C, the edges' part of D."""
     size: int
     """Side of a box. [tiles]"""
     gains: NDArray[np.float32]
@@ -61,7 +61,7 @@ def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
     for size, common in zip(SIZES, light.tolist(), strict=True):
         if size > SIZES[0]:
             extents = [-(-extent // 2) for extent in own.shape[-2:]]
-            larger = np.empty((4, len(MODES), *extents), np.float32)
+            larger = np.empty((4, len(sums.modes), *extents), np.float32)
             merged(own, gains, larger)
             own, gains = larger, np.zeros(extents[0], np.float32)
             middle = [

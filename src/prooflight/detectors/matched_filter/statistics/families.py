@@ -36,6 +36,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     OWN_PAGE,
     Observed,
     Statistic,
+    in_screen,
 )
 
 if TYPE_CHECKING:
@@ -53,15 +54,8 @@ SAMPLES: Final = 400
 def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
     """Every statistic of one scan, always the same in the same order."""
     flat = flat_part(sums)
-    waves = waves_of(sums, scatter)
     return [
-        *of_boxes(sums, scatter, GOOD_PRINTS, OWN_PAGE),
-        *of_boxes(flat, scatter, FLAT_AREAS),
-        *of_streaks(sums, scatter, GOOD_PRINTS, OWN_PAGE),
-        *of_streaks(flat, scatter, FLAT_AREAS),
-        *of_bands(sums, waves, scatter),
-        *of_waves(waves, OWN_PAGE),
-        *of_waves(waves_of(flat, scatter), FLAT_AREAS),
+        *_of_modes(sums, flat, scatter),
         *of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE),
         *of_ghosts(flat, np.broadcast_to(NOISE, scatter.ghosts.shape), FLAT_AREAS),
         *of_swapped_planes(sums),
@@ -72,6 +66,29 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
         *_of_shifts(sums),
         *of_energy(sums),
     ]
+
+
+def screen_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
+    """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least."""
+    every = [
+        *_of_modes(sums, flat_part(sums), scatter.of_modes(sums.modes)),
+        *_of_fit(fit),
+        *_of_place(found),
+        *of_energy(sums),
+    ]
+    return [one for one in every if in_screen(one.statistic)]
+
+
+def _of_modes(sums: Sums, flat: Sums, scatter: Scatter) -> Iterator[Observed]:
+    """Of every mode that was looked at; scatter: of these."""
+    waves = waves_of(sums, scatter)
+    yield from of_boxes(sums, scatter, GOOD_PRINTS, OWN_PAGE)
+    yield from of_boxes(flat, scatter, FLAT_AREAS)
+    yield from of_streaks(sums, scatter, GOOD_PRINTS, OWN_PAGE)
+    yield from of_streaks(flat, scatter, FLAT_AREAS)
+    yield from of_bands(sums, waves, scatter)
+    yield from of_waves(waves, OWN_PAGE)
+    yield from of_waves(waves_of(flat, scatter), FLAT_AREAS)
 
 
 def _of_fit(fit: Fit) -> Iterator[Observed]:
@@ -141,7 +158,7 @@ def samples(
         for mode in range(len(MODES)):
             put(found["boxes"][mode, place], *(one[mode] for one in maps))
     for w, s, lines in streaks(sums):
-        for mode in range(LINE_MODES):
+        for mode in range(len(LINE_MODES)):
             put(found["streaks"][mode, w, s], *lines[:, mode])
     of_rows = rows(sums)
     for mode in range(len(MODES)):

@@ -9,7 +9,7 @@ noise, what registration leaves at edges, and the tolerance of good prints; c, c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -25,7 +25,7 @@ from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -36,7 +36,8 @@ TILE_MM: Final = 0.5
 MODES: Final = (
     "light", "add-C", "add-M", "add-Y", "add-K", "gain-C", "gain-M", "gain-Y", "gain-K", "void", "blur", "gain-all",
 )  # fmt: skip
-LINE_MODES: Final = 10
+LINE_MODES: Final = MODES[:10]
+"""Of columns."""
 SIZES: Final = (2, 4, 8, 16, 32, 64)
 """Sides of boxes, each twice the one before. [tiles]"""
 WIDTHS: Final = (1, 2, 4, 8, 16)
@@ -60,7 +61,7 @@ LEAST_POWER: Final = 1e-3
 """Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
 SCATTER_SHAPES: Final = {
     "boxes": (len(MODES), len(SIZES)),
-    "streaks": (LINE_MODES, len(WIDTHS), len(SPANS)),
+    "streaks": (len(LINE_MODES), len(WIDTHS), len(SPANS)),
     "bands": (len(MODES),),
     "ghosts": (INKS, len(GHOST_BOXES_MM)),
 }
@@ -79,13 +80,13 @@ class Sums:
     tiles: NDArray[np.float32]
     """(4, modes + 1, tile rows, tile columns): N, D, C, and the edges' part of D; the last mode is the energy."""
     columns: NDArray[np.float32]
-    """(4, LINE_MODES, SEGMENTS, pixels), columns of the page."""
+    """(4, line modes, SEGMENTS, pixels), columns of the page."""
     flat_columns: NDArray[np.float32]
     """The same of pixels away from edges."""
     cover: NDArray[np.float32]
     """(4, tile rows, tile columns) mean ink area."""
     shifts: NDArray[np.float64]
-    """(4, 4) ``plane_shifts``."""
+    """(4, 4) ``plane_shifts``; 0 where not all modes were looked at."""
     tile_mm: float
     pixel_mm: float
     left_mm: float
@@ -95,6 +96,13 @@ class Sums:
     """What good prints do."""
     column_gains: NDArray[np.float32]
     """(sensors, pixels) what was taken out of each column of the camera. [-]"""
+    modes: tuple[str, ...] = MODES
+    """Those of ``MODES`` that were looked at; light is the first."""
+
+    @property
+    def line_modes(self) -> tuple[str, ...]:
+        """Those of columns."""
+        return tuple(name for name in self.modes if name in LINE_MODES)
 
 
 def summed(
@@ -106,13 +114,20 @@ def summed(
     geometry: ScanGeometry,
     page_width_mm: float,
     prior: PrintPrior,
+    looked_at: tuple[str, ...] = MODES,
 ) -> Sums:
-    """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way, in place."""
+    """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way.
+
+    looked_at: those of ``MODES`` that are summed up, light the first.
+    """
+    left = left.copy()
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
     modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
-    tiles = unset((4, len(MODES) + 1, lines // side, pixels // side))
-    columns = np.zeros((2, 4, LINE_MODES, SEGMENTS, pixels), np.float32)
+    which = np.array([MODES.index(name) for name in looked_at])
+    which_lines = which[which < len(LINE_MODES)]
+    tiles = unset((4, which.size + 1, lines // side, pixels // side))
+    columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     light = scan.light()
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
@@ -120,14 +135,14 @@ def summed(
     column_gains_found = np.empty((len(sensors), pixels), np.float32)
     for index, gains in enumerate(column_gains_found):
         own = ResidualImages._make(image[index] for image in images)
-        line_sums(own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), columns)
+        line_sums(own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), which_lines, columns)
         column_gains(left[index], weight[index], light[index], np.float32(1 / prior.column**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
         gains -= ndimage.uniform_filter1d(
             gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
         )
         take_columns(left[index], weight[index], light[index], gains)
-    tile_sums(images, side, tiles)
+    tile_sums(images, side, which, tiles)
     size = (pixels // side, lines // side)
     cover = np.stack(
         [
@@ -135,18 +150,22 @@ def summed(
             for c in modes.cover
         ]
     )
+    shifts = np.zeros((INKS, 4))
+    if looked_at == MODES:
+        shifts = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
     return Sums(
         tiles=tiles,
         columns=columns[0],
         flat_columns=columns[1],
         cover=cover,
-        shifts=plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm),
+        shifts=shifts,
         tile_mm=side * geometry.pixel_pitch_mm,
         pixel_mm=geometry.pixel_pitch_mm,
         left_mm=-geometry.left_mm(page_width_mm),
         top_mm=-geometry.lead_in_mm,
         prior=prior,
         column_gains=column_gains_found,
+        modes=looked_at,
     )
 
 
@@ -157,13 +176,19 @@ class Scatter:
     boxes: NDArray[np.float64]
     """(modes, sizes, 3)"""
     streaks: NDArray[np.float64]
-    """(LINE_MODES, widths, spans, 3)"""
+    """(line modes, widths, spans, 3)"""
     bands: NDArray[np.float64]
     """(modes, 3) of rows of tiles."""
     ghosts: NDArray[np.float64]
     """(inks, boxes, 3)"""
     light: NDArray[np.float64]
     """(sizes,) standard deviation of what moves all light in a box alike. [-]"""
+
+    def of_modes(self, names: Sequence[str]) -> Scatter:
+        """Of those of ``MODES`` alone; ghosts are of inks, and stay."""
+        which = np.array([MODES.index(name) for name in names])
+        lines = which[which < len(LINE_MODES)]
+        return replace(self, boxes=self.boxes[which], streaks=self.streaks[lines], bands=self.bands[which])
 
     @classmethod
     def white(cls, prior: PrintPrior | None = None) -> Scatter:
@@ -233,12 +258,13 @@ def smooth_level(sums: Sums) -> NDArray[np.float32]:
 def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
     """Streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
 
-    Which width, which span, and N', D', edges of LINE_MODES: (3, modes, parts, pixels).
+    Which width, which span, and N', D', edges of line modes: (3, modes, parts, pixels).
     """
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     found = []
     for length in SPAN_SEGMENTS:
-        parts = np.empty((3, LINE_MODES, SEGMENTS - length + 1, sums.columns.shape[-1]), np.float32)
+        modes, _, pixels = sums.columns.shape[1:]
+        parts = np.empty((3, modes, SEGMENTS - length + 1, pixels), np.float32)
         levelled_parts(sums.columns, length, np.float32(1 / sums.prior.place**2), wide, parts)
         found.append(parts)
     for w, width in enumerate(WIDTHS):
@@ -251,7 +277,7 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
 
 def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
     """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
-    own, power, edges = without_common(sums.tiles[:, : len(MODES)].sum(axis=-1), sums.prior.place)
+    own, power, edges = without_common(sums.tiles[:, : len(sums.modes)].sum(axis=-1), sums.prior.place)
     wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)

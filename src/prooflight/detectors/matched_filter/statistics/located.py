@@ -12,8 +12,6 @@ from prooflight.detectors.matched_filter.fit.binning import binned
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
-    LINE_MODES,
-    MODES,
     SEGMENTS,
     SPAN_SEGMENTS,
     SPANS,
@@ -60,7 +58,6 @@ OVERLAP: Final = 4
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
 """Variance of a pixel's squared residual in its own variance."""
 NOISE: Final = np.array([1.0, 1.0, 0.0])
-MODES_AND_INKS: Final = tuple(map(mode_and_ink, MODES))
 
 
 def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
@@ -70,7 +67,7 @@ def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[O
     """
     for place, cells in enumerate(cells_of(sums, scatter.light)):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
-        for (mode, ink), most in zip(MODES_AND_INKS, extremes, strict=True):
+        for (mode, ink), most in zip(map(mode_and_ink, sums.modes), extremes, strict=True):
             if mode == "blur" and FLAT_AREAS in references:
                 continue
             for reference in references:
@@ -87,7 +84,7 @@ def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
         extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
-        for (mode, ink), most in zip(MODES_AND_INKS[:LINE_MODES], extremes, strict=True):
+        for (mode, ink), most in zip(map(mode_and_ink, sums.line_modes), extremes, strict=True):
             for reference in references:
                 value, part, column = max(most.against(reference), key=itemgetter(0))
                 which = Statistic("streak", mode, ink, "", width, span, reference)
@@ -104,6 +101,7 @@ def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box
 class Waves(NamedTuple):
     """Rows of tiles of one mode, and waves along the travel in them."""
 
+    mode: str
     own: NDArray[np.float32]
     power: NDArray[np.float32]
     edges: NDArray[np.float32]
@@ -117,19 +115,19 @@ class Waves(NamedTuple):
 def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     """Of every mode."""
     found = []
-    for mode, (own, power, edges) in enumerate(zip(*rows(sums), strict=True)):
-        waves = periodogram(own, power, edges, scatter.bands[mode], sums.tile_mm)
-        found.append(Waves(own, power, edges, *waves))
+    for name, of_bands, own, power, edges in zip(sums.modes, scatter.bands, *rows(sums), strict=True):
+        waves = periodogram(own, power, edges, of_bands, sums.tile_mm)
+        found.append(Waves(name, own, power, edges, *waves))
     return found
 
 
 def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Observed]:
     """Waves along the travel of every mode against good prints, and single rows."""
-    for mode, (name, one) in enumerate(zip(MODES, seen, strict=True)):
-        band = Statistic("wave", *mode_and_ink(name), reference=GOOD_PRINTS)
+    for one, scattered in zip(seen, scatter.bands, strict=True):
+        band = Statistic("wave", *mode_and_ink(one.mode), reference=GOOD_PRINTS)
         yield Observed(statistic=band._replace(part="wave"), value=float(one.waves.max()))
         yield Observed(statistic=band._replace(part="harmonics"), value=float(one.together.max()))
-        t = t_statistic(one.own, one.power, one.edges, scatter.bands[mode])
+        t = t_statistic(one.own, one.power, one.edges, scattered)
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
         box = (0.0, y, np.inf, sums.tile_mm)
@@ -138,9 +136,9 @@ def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Ob
 
 def of_waves(seen: Sequence[Waves], reference: Reference) -> Iterator[Observed]:
     """Waves along the travel against others of about their length on this page."""
-    for name, one in zip(MODES, seen, strict=True):
+    for one in seen:
         wave, harmonics = above_neighbours(one.frequency, one.waves)
-        which = Statistic("wave", *mode_and_ink(name), reference=reference)
+        which = Statistic("wave", *mode_and_ink(one.mode), reference=reference)
         yield Observed(statistic=which._replace(part="one"), value=wave)
         yield Observed(statistic=which._replace(part="harmonics"), value=harmonics)
 

@@ -53,6 +53,10 @@ PAGE_WIDE: Final = ("fit", "place", "energy")
 """First words of statistics that are causes of their own."""
 OF_ALL_SORTS: Final = ("ghost", "swap", "energy")
 """Families whose statistics are one cause together."""
+SCREEN_MODES: Final = ("light", "void")
+"""Modes that need none of an ink's own images ..."""
+SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave")
+"""... and families that say something of each mode by itself."""
 
 
 class Statistic(NamedTuple):
@@ -113,6 +117,17 @@ class Statistic(NamedTuple):
         if self.family in OF_ALL_SORTS:
             return self.word
         return self._replace(size=None, part="").key
+
+
+def in_screen(statistic: Statistic) -> bool:
+    """Whether it is of those that every page is looked at for; they say of which pages all the others are worth it.
+
+    >>> [in_screen(Statistic.parse(key)) for key in ("apart/void-/4", "box/add-K+/4", "place/skew", "ghost/C/0")]
+    [True, False, True, False]
+    """
+    return statistic.word in (*PAGE_WIDE, "excess") or (
+        statistic.family in SCREEN_FAMILIES and statistic.mode in SCREEN_MODES
+    )
 
 
 def mode_and_ink(name: str) -> tuple[str, str]:

@@ -17,6 +17,7 @@ from prooflight.detectors.matched_filter.statistics.slants import (
     STEEPEST,
     lines_of,
     of_slants,
+    scatter_about,
     weighed,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import OWN_PAGE, Observed, Statistic
@@ -104,6 +105,34 @@ def test_a_page_that_scatters_more_by_itself_says_so_much_less() -> None:
     once, thrice = (weighed(times * own, power, np.zeros_like(power), WHITE)[0] for times in (1, 3))
     # The scale is that below which 68 % of |t| lie, as interpolated: of 1024 numbers, the same but for rounding.
     np.testing.assert_allclose(thrice, once, rtol=1e-3)
+
+
+def test_a_part_that_scatters_more_says_no_more_and_a_line_across_it_still_tells() -> None:
+    """As where a photograph is: four times the scatter in a third of the page."""
+    rng = np.random.default_rng([SEED, 5])
+    power = np.full((192, 160), 50, np.float32)
+    own = (rng.standard_normal(power.shape) * np.sqrt(power)).astype(np.float32)
+    own[64:128] *= 4
+    lined = own.copy()
+    for row in range(64):
+        lined[64 + row, 40 + row // 2] += 6 * np.sqrt(50)  # one and a half standard deviations there
+    none = np.zeros_like(power)
+    most, with_one = (lines_of(*weighed(each, power, none, WHITE)).values.max() for each in (own, lined))
+    whole = lines_of(*weighed(own[:64], power[:64], none[:64], WHITE)).values.max()
+    assert most < whole + 1.5
+    assert with_one > most + 3
+
+
+def test_a_line_hardly_raises_the_scatter_about_it() -> None:
+    rng = np.random.default_rng([SEED, 6])
+    t = rng.standard_normal((128, 128)).astype(np.float32)
+    known = np.ones_like(t, np.bool_)
+    lined = t.copy()
+    lined[np.arange(128), np.arange(128)] += 5
+    assert scatter_about(t, known).mean() == pytest.approx(1.02, abs=0.03)
+    assert (scatter_about(lined, known) / scatter_about(t, known)).max() < 1.3
+    assert scatter_about(3 * t, known)[16:-16, 16:-16].mean() == pytest.approx(2.8, abs=0.15)
+    assert (scatter_about(3 * t * 0, known & False) == 1).all()
 
 
 def with_line(mode: str, amount: float, cells: list[tuple[int, int]]) -> Sums:

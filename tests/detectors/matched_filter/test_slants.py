@@ -45,14 +45,23 @@ def test_a_line_is_one_pixel_a_row_and_leans_as_it_says(height: int) -> None:
         assert np.abs(at - slope * np.arange(height) / (height - 1)).max() <= max(np.log2(height) / 2, 0.5)
 
 
-def test_sums_along_lines_are_those_of_the_lines() -> None:
+def t_of(n: NDArray[np.float64], d: NDArray[np.float64], most_of_half: float) -> float:
+    """T of a line from its halves' (2,) sums."""
+    if n[0] * n[1] <= 0:
+        return 0.0
+    halves, whole = n**2 / d, n.sum() ** 2 / d.sum()
+    return float(np.sign(n[0]) * np.sqrt(min(whole, most_of_half * halves.min())))
+
+
+@pytest.mark.parametrize("most_of_half", [2.5, 1e9])
+def test_sums_along_lines_are_those_of_the_lines(most_of_half: float) -> None:
     rng = np.random.default_rng([SEED, 1])
     push = rng.standard_normal((128, 37)).astype(np.float32)
     power = rng.uniform(0.1, 2, push.shape).astype(np.float32)
     levels, tallest = 2, 32
     values = np.empty((levels, tallest, 2), np.float32)
     places = np.empty((levels, tallest, 2, 2), np.int64)
-    slanted(push, power, 16, np.array([4, 8]), 1e-3, values, places)
+    slanted(push, power, 16, np.array([4, 8]), 1e-3, most_of_half, values, places)
     for level, height in enumerate((16, 32)):
         assert (values[level, : height // 4] == 0).all()
         assert (values[level, height:] == 0).all()
@@ -60,10 +69,13 @@ def test_sums_along_lines_are_those_of_the_lines() -> None:
             at = columns_of(slope, height)
             t = {}
             for strip in range(len(push) // height):
-                for x in range(push.shape[1]):
-                    line = [(strip * height + row, x + step) for row, step in enumerate(at) if x + step < 37]
-                    n, d = (sum(float(one[place]) for place in line) for one in (push, power))
-                    t[strip, x] = n / np.sqrt(d)
+                for x in range(push.shape[1] - slope):
+                    rows = strip * height + np.arange(height)
+                    n, d = (
+                        one[rows, x + np.array(at)].astype(float).reshape(2, -1).sum(1)
+                        for one in (push, power)
+                    )
+                    t[strip, x] = t_of(n, d, most_of_half)
             most, least = max(t, key=lambda one: t[one]), min(t, key=lambda one: t[one])
             assert values[level, slope] == pytest.approx([t[most], -t[least]], rel=1e-4)
             assert places[level, slope].tolist() == [list(most), list(least)]
@@ -73,7 +85,7 @@ def test_sums_along_lines_are_those_of_the_lines() -> None:
 def test_heights_that_do_not_fit_are_refused(height: int) -> None:
     tiles, values = np.zeros((64, 8), np.float32), np.empty((2, 32, 2), np.float32)
     with pytest.raises(ValueError, match="slanted"):
-        slanted(tiles, tiles, height, np.array([2, 4]), 1.0, values, np.empty((2, 32, 2, 2), np.int64))
+        slanted(tiles, tiles, height, np.array([2, 4]), 1.0, 4.0, values, np.empty((2, 32, 2, 2), np.int64))
 
 
 def test_on_noise_lines_say_no_more_than_the_number_of_lines_allows() -> None:
@@ -159,9 +171,9 @@ LEANS = {
 @pytest.mark.parametrize(("mode", "sign"), [("void", "+"), ("add-K", "-")])
 @pytest.mark.parametrize("lean", LEANS)
 def test_a_line_is_found_where_it_is(mode: str, sign: str, lean: str) -> None:
-    """16 tiles of one amount each, 0.5 times the standard deviation of a tile's: sqrt(16) * 3 sigma."""
+    """16 tiles of 3.5 standard deviations each, of which their own part in the scatter about them takes a tenth."""
     cells = LEANS[lean]
-    amount = 3 / np.sqrt(40.0) * (1 if sign == "+" else -1)
+    amount = 3.5 / np.sqrt(40.0) * (1 if sign == "+" else -1)
     found, without = said(with_line(mode, amount, cells)), said(with_line(mode, 0, cells))
     family, _, ink = mode.partition("-")
     which = Statistic("slant", family, ink, sign, 16)

@@ -31,27 +31,51 @@ def doubled(sums, out):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def signed_squares(push, power, least, out):  # type: ignore[no-untyped-def]
-    """Write n |n| / d of a row into out; returns the greatest and the least, at least and at most 0."""
-    greatest, smallest = np.float32(0), np.float32(0)
-    for x in range(out.size):
-        value = push[x] * abs(push[x]) / max(power[x], least)
+def signed_squares(above, above_known, below, below_known, lean, least, most_of_half, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of lines into out (w,), from sums over their halves, of lines that lean so far right;
+    returns the greatest and the least, at least and at most 0.
+
+    No line counts for more than ``most_of_half`` times as much as either of its halves, and for nothing where these do
+    not agree, or where it leaves the page.
+    """
+    zero = np.float32(0)
+    greatest, smallest = zero, zero
+    within, step = max(out.size - lean, 0), (lean + 1) // 2
+    for x in range(within):
+        n, m, d, e = above[x], below[x + step], above_known[x], below_known[x + step]
+        one, other = n * abs(n) / max(d, least), m * abs(m) / max(e, least)
+        value = (n + m) * abs(n + m) / max(d + e, least)
+        more, fewer = max(min(one, other), zero), min(max(one, other), zero)
+        value = min(max(value, zero), most_of_half * more) + max(min(value, zero), most_of_half * fewer)
         out[x] = value
         greatest, smallest = max(greatest, value), min(smallest, value)
+    out[within:] = zero
     return greatest, smallest
 
 
 @inner_kernel()
-def extremes_by_slope(push, power, first, least, above, values, places):  # type: ignore[no-untyped-def]
-    """Greatest and least n / sqrt(d) of lines of every slope from ``first`` on; push, power (strips, h, w).
+def extremes_by_slope(push, power, first, least, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
+    """Greatest and least n / sqrt(d) of lines of every slope from ``first`` on, of which push, power (strips, h, w) are
+    the halves.
 
-    above: strips that lie above these. Updated: values (h, 2), the least with its sign turned; places (h, 2, 2): strip
-    and x of each.
+    above: strips of whole lines that lie above these. Updated: values (2 h, 2), the least with its sign turned; places
+    (2 h, 2, 2): strip and x of each.
     """
-    line = np.empty(push.shape[2], np.float32)
-    for a in range(first, push.shape[1]):
-        for k in range(push.shape[0]):
-            greatest, smallest = signed_squares(push[k, a], power[k, a], least, line)
+    width = push.shape[2]
+    line = np.empty(width, np.float32)
+    for a in range(first, 2 * push.shape[1]):
+        half = a // 2
+        for k in range(push.shape[0] // 2):
+            greatest, smallest = signed_squares(
+                push[2 * k, half],
+                power[2 * k, half],
+                push[2 * k + 1, half],
+                power[2 * k + 1, half],
+                a,
+                least,
+                most_of_half,
+                line,
+            )
             for end in range(2):
                 square = -smallest if end else greatest
                 if square > values[a, end] ** 2:
@@ -61,15 +85,16 @@ def extremes_by_slope(push, power, first, least, above, values, places):  # type
 
 
 @kernel(
-    "push (H, W), power (H, W), smallest, first (L), least, values (L, S, 2), places (L, S, 2, 2)",
+    "push (H, W), power (H, W), smallest, first (L), least, most_of_half, values (L, S, 2), places (L, S, 2, 2)",
     where="0 < smallest, smallest * 2 ** (L - 1) == S, H % S == 0",
 )
-def slanted(push, power, smallest, first, least, values, places):  # type: ignore[no-untyped-def]
+def slanted(push, power, smallest, first, least, most_of_half, values, places):  # type: ignore[no-untyped-def]
     """Greatest and least n / sqrt(d), n and d added up along lines that lean right, of every slope and of L heights.
 
     Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over
-    it, of which those below first of that height are left out. least: of d, so that little information says
-    little. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top; 0 where there is nothing.
+    it, of which those below first of that height are left out. least: of d, so that little information says little;
+    most_of_half: as in ``signed_squares``. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top;
+    0 where there is nothing.
     """
     values[:] = 0
     places[:] = 0
@@ -80,13 +105,13 @@ def slanted(push, power, smallest, first, least, values, places):  # type: ignor
         level = 0
         while level < values.shape[0]:
             tall = 2 * n.shape[1]
-            longer_n = np.empty((tallest // tall, tall, width), np.float32)
-            longer_d = np.empty((tallest // tall, tall, width), np.float32)
-            doubled(n, longer_n)
-            doubled(d, longer_d)
-            n, d = longer_n, longer_d
             if tall >= smallest:
-                extremes_by_slope(
-                    n, d, first[level], np.float32(least), top // tall, values[level], places[level]
-                )
+                known = np.float32(least), np.float32(most_of_half)
+                extremes_by_slope(n, d, first[level], *known, top // tall, values[level], places[level])
                 level += 1
+            if level < values.shape[0]:
+                longer_n = np.empty((tallest // tall, tall, width), np.float32)
+                longer_d = np.empty((tallest // tall, tall, width), np.float32)
+                doubled(n, longer_n)
+                doubled(d, longer_d)
+                n, d = longer_n, longer_d

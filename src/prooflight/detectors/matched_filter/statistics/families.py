@@ -70,8 +70,10 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
 
 def screen_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
     """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least."""
+    own = scatter.of_modes(sums.modes)
     every = [
-        *_of_modes(sums, flat_part(sums), scatter.of_modes(sums.modes)),
+        *_of_modes(sums, flat_part(sums), own),
+        *of_slants(sums, own),
         *_of_fit(fit),
         *_of_place(found),
         *of_energy(sums),

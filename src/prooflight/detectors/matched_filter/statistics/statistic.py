@@ -55,7 +55,7 @@ OF_ALL_SORTS: Final = ("ghost", "swap", "energy")
 """Families whose statistics are one cause together."""
 SCREEN_MODES: Final = ("light", "void")
 """Modes that need none of an ink's own images ..."""
-SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave")
+SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave", "slant")
 """... and families that say something of each mode by itself."""
 
 

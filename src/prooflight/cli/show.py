@@ -46,6 +46,7 @@ class PlainConsole(Console):
 people = PlainConsole()
 errors = PlainConsole(stderr=True)
 
+WIDER = "x wider: of more colours than the fit follows, and judged so many times more widely"
 VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yellow"}
 
 
@@ -117,7 +118,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             Text(verdict.verdict, style=style),
             verdict.action,
-            Text("; ".join(filter(None, (verdict.reason or verdict.kind, reserved(verdict))))),
+            Text("; ".join(filter(None, (verdict.reason or verdict.kind, *_marks(verdict))))),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
@@ -130,6 +131,8 @@ def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
     alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
     unseen = sum(verdict.verdict == "not-inspected" for verdict in verdicts)
     people.print(verdict_table(verdicts, title=title))
+    if any(verdict.widened > 1 for verdict in verdicts):
+        people.print(WIDER)
     parts = [count(len(verdicts), "page"), count(alarms, "misprint")]
     people.print(", ".join(parts + ([f"{unseen:,} not inspected"] if unseen else [])))
 
@@ -138,6 +141,14 @@ def reserved(verdict: Verdict) -> str:
     """With what reserve to read a verdict, in words; empty: with none."""
     suspended = "promise suspended" if verdict.promise_suspended else ""
     return "; ".join(filter(None, (wording.widened(verdict.widened), suspended)))
+
+
+def _marks(verdict: Verdict) -> Iterator[str]:
+    """The same in as few words as a table has room for."""
+    if verdict.widened > 1:
+        yield f"{verdict.widened:g} x wider"
+    if verdict.promise_suspended:
+        yield "promise suspended"
 
 
 def _short(score: float) -> str:

@@ -15,7 +15,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     bins_of,
     thinned,
 )
-from prooflight.detectors.matched_filter.fit.modes import prepare_modes
+from prooflight.detectors.matched_filter.fit.modes import AddedInks, prepare_modes
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict, shot_slope
 from prooflight.scans.placement import Placement
@@ -65,8 +65,11 @@ def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
     taken_as = [binned_sensor(sensor, BINS, geometry.pixel_pitch_mm) for sensor in sensors]
     found = prepare_modes(thinned(page, BINS), sensors=taken_as, geometry=binned_geometry(geometry, BINS))
     asked = prepare_modes(page, sensors=sensors, geometry=geometry)
-    for name in ("gain", "add", "dot", "cover"):
-        own, of_fine = getattr(found, name), binned(getattr(asked, name), BINS)
+    of_binned = AddedInks(page, sensors=taken_as, geometry=binned_geometry(geometry, BINS), bins=BINS)
+    of_pixels = AddedInks(page, sensors=sensors, geometry=geometry, bins=1)
+    pairs = {name: (getattr(found, name), getattr(asked, name)) for name in ("gain", "dot", "cover")}
+    for name, (own, fine) in (pairs | {"add": (of_binned.images, of_pixels.images)}).items():
+        of_fine = binned(fine, BINS)
         assert np.sqrt(((own - of_fine) ** 2).mean()) < 0.05 * np.abs(of_fine).max(), name
         assert own.mean() == pytest.approx(of_fine.mean(), rel=0.02)
 

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.modes import Modes, PixelMap, moved, pixel_map, prepare_modes
+from prooflight.detectors.matched_filter.analysis import with_added
+from prooflight.detectors.matched_filter.fit.modes import (
+    AddedInks,
+    Modes,
+    PixelMap,
+    moved,
+    pixel_map,
+    prepare_modes,
+)
 from prooflight.detectors.matched_filter.fit.nuisance import (
     COLOUR_LENGTH,
     COLOURS,
@@ -90,6 +98,7 @@ def judged(
         sensors=sensors,
         colours=page_colours(own.cover),
     )
+    placed = with_added(placed, AddedInks(page, sensors=sensors, geometry=geometry, bins=1))
     fit = fit_nuisances(
         placed, planes=planes, pixel_mm=pitch, prior=PrintPrior(), residual_variance=ResidualVariance()
     )
@@ -236,7 +245,7 @@ def fit_of_light(
         expected_dn=np.broadcast_to(np.float32(LIGHT_DN) + np.tile(waves, 8), shape).astype(np.float32),
         variance_dn2=np.full(shape, variance_dn2, np.float32),
     )
-    modes = Modes(images=np.zeros((3 * 4 + 1 + 4, 32, 32), np.float32), sensors=1)
+    modes = Modes(images=np.zeros((2 * 4 + 1 + 4, 32, 32), np.float32), sensors=1)
     modes.texture[:] = texture_dn2
     inside = np.zeros(shape[1:], bool)
     inside[8:24, 8:24] = True

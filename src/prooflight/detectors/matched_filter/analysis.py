@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     thinned,
 )
 from prooflight.detectors.matched_filter.fit.modes import (
+    AddedInks,
     Modes,
     moved,
     page_features,
@@ -56,6 +57,9 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
+ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PreparedPage:
     """A design ready for its scans."""
@@ -66,6 +70,7 @@ class PreparedPage:
     """Where planes share edges, if prediction is to follow their fringes; None: it follows registration alone."""
     images: NDArray[np.float32]
     """``Modes.images`` of the page in its place, in binned pixels."""
+    added: AddedInks
     colours: Colours
     page_features: NDArray[np.float64]
     prior: PrintPrior
@@ -116,6 +121,7 @@ def prepare_page(
         landmarks=landmarks,
         overlaps=overlaps,
         images=modes.images,
+        added=AddedInks(page, sensors=taken_as, geometry=at, bins=bins),
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
         prior=prior,
@@ -187,7 +193,7 @@ def analyse(
 
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
-            placed,
+            with_added(placed, prepared.added) if ADDED.intersection(modes) else placed,
             left,
             weight,
             of_edges,
@@ -198,6 +204,13 @@ def analyse(
         )
 
     return ScanAnalysis(found=found, fit=fit, sums=sums_of(looked_at), noise=noise, summed=sums_of)
+
+
+def with_added(placed: PlacedScan, added: AddedInks) -> PlacedScan:
+    """With the images of inks printed where they are not, moved to where the page lies."""
+    images = moved(added.images, placed.where)
+    shape = (placed.modes.sensors, -1, *images.shape[1:])
+    return replace(placed, modes=replace(placed.modes, add=images.reshape(shape)))
 
 
 def _followed(

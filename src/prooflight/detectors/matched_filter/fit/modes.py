@@ -7,12 +7,13 @@ lies.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.cmyk import INKS
+from prooflight.detectors.matched_filter.fit.binning import thinned
 from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.kernels.residuals.fit import InkImages
@@ -40,8 +41,10 @@ class Modes:
     """Images (..., lines, pixels) of what each cause does to the light of bare columns; inks in the order CMYK."""
 
     images: NDArray[np.float32]
-    """(channels, lines, pixels) all of them, for one move of all; its parts are the properties."""
+    """(channels, lines, pixels) all that the fit needs, for one move of all; its parts are the properties."""
     sensors: int
+    add: NDArray[np.float32] | None = None
+    """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not; None: not looked at. [DN]"""
 
     @property
     def gain(self) -> NDArray[np.float32]:
@@ -49,14 +52,9 @@ class Modes:
         return self._of_inks(0)
 
     @property
-    def add(self) -> NDArray[np.float32]:
-        """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not. [DN]"""
-        return self._of_inks(1)
-
-    @property
     def dot(self) -> NDArray[np.float32]:
         """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
-        return self._of_inks(2)
+        return self._of_inks(1)
 
     @property
     def texture(self) -> NDArray[np.float32]:
@@ -138,8 +136,8 @@ def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Modes:
-    """The modes of a page in its place; an ink that the page does not have costs nothing where it gains or spreads."""
-    channels = len(sensors) * (3 * INKS + 1) + INKS
+    """The modes of a page in its place but ``Modes.add``; an ink that the page does not have costs nothing."""
+    channels = len(sensors) * (2 * INKS + 1) + INKS
     images = np.empty((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
     modes = Modes(images=images, sensors=len(sensors))
     present = [ink for ink in range(INKS) if page.cmyk[::2, ::2, ink].any()]
@@ -148,18 +146,39 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
             blank[...] = 0
     for index, sensor in enumerate(sensors):
         tables, see = mode_tables(sensor), partial(predict_light, page, sensor.footprint, geometry=geometry)
-        for of_inks, out, inks in (
-            (tables.add, modes.add[index], range(INKS)),
-            (tables.gain, modes.gain[index], present),
-            (tables.dot, modes.dot[index], present),
+        for of_inks, out in (
+            (tables.gain, modes.gain[index]),
+            (tables.dot, modes.dot[index]),
         ):
-            see([of_inks[ink] for ink in inks], [out[ink] for ink in inks], sign=-1)
+            see([of_inks[ink] for ink in present], [out[ink] for ink in present], sign=-1)
         see([tables.texture], [modes.texture[index]])
     areas, cover = area_tables(), modes.cover
     shown = [areas[ink] for ink in present], [cover[ink] for ink in present]
     predict_light(page, sensors[0].footprint, *shown, geometry=geometry)
     cover /= np.float32(COVER_SCALE)
     return modes
+
+
+class AddedInks:
+    """``Modes.add`` of a page in its place; a page whose scans are let pass by the first look needs none."""
+
+    def __init__(
+        self, page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, bins: int
+    ) -> None:
+        """sensors, geometry: of what ``bins`` pixels see together."""
+        self.page, self.sensors, self.geometry, self.bins = page, sensors, geometry, bins
+
+    @cached_property
+    def images(self) -> NDArray[np.float32]:
+        """(sensors x 4, lines, pixels); made when first asked for."""
+        page, geometry = thinned(self.page, self.bins), self.geometry
+        shape = len(self.sensors), INKS, geometry.lines(page.height_mm), geometry.pixels
+        images = np.empty(shape, np.float32)
+        for sensor, out in zip(self.sensors, images, strict=True):
+            predict_light(
+                page, sensor.footprint, mode_tables(sensor).add, list(out), geometry=geometry, sign=-1
+            )
+        return images.reshape(-1, *shape[2:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

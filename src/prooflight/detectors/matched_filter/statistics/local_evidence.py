@@ -131,7 +131,8 @@ def summed(
     shift = -np.rint(where.slant()).astype(np.int64)
     light = scan.light()
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
-    images = ResidualImages(left, weight, light, white, modes.add, modes.gain, of_edges)
+    add = modes.gain if modes.add is None else modes.add  # not looked at, and only of the right shape
+    images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
     column_gains_found = np.empty((len(sensors), pixels), np.float32)
     for index, gains in enumerate(column_gains_found):
         own = ResidualImages._make(image[index] for image in images)

@@ -125,6 +125,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         ),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
         "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
+        "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
         "running-picture": Purpose("a sheet of the live view shown", (SEED, "sheet", 3)),
         "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),
         "running-strangers": Purpose("prints of a blank sheet, and of one of no page", (SEED, 8)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from prooflight.pages.raster import Page
 from prooflight.simulation.drum import DrumFault, turns
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.running.drift import streaked
-from prooflight_studies.running.live import _alarms, _in_step, _named, memory_mb, soak_faults
+from prooflight_studies.running.live import _alarms, _caught, _in_step, _named, memory_mb, soak_faults
+from prooflight_studies.running.rig import Ring
 from prooflight_studies.running.study import Plan, Study, running_results
 
 if TYPE_CHECKING:
@@ -125,6 +127,19 @@ def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
     page = page_of({"soak": soak}, cores=2)
     assert "None" not in page
     assert f"is not known: {len(rows)} came out where {len(shown)} were shown." in page
+
+
+def test_misprints_among_the_prints_are_counted_apart_by_sheets_and_by_prints() -> None:
+    """Five prints, the last of each five wrong, played twice and a bit: the third alarms once, the wrong one always."""
+    scans = [np.zeros((1, 1, 1), np.uint16)] * 5
+    prints = Ring(scans=scans, pages=(), sheets=12, repeated=True, wrong_every=5)
+    assert [sheet for sheet in range(12) if prints.is_wrong(sheet)] == [4, 9]
+    assert not any(replace(prints, wrong_every=0).is_wrong(sheet) for sheet in range(12))
+    said: list[Seen] = [(n, "misprint" if n in (2, 4, 9) else "good", (), True) for n in range(12)]
+    assert _caught(said, prints) == {
+        "good_prints": 4, "wrong_prints": 1, "false_alarms": 1, "good_sheets": 10, "caught": 2, "wrong_sheets": 2,
+        "good_prints_that_alarm": 1, "wrong_prints_caught": 1,
+    }  # fmt: skip
 
 
 @pytest.mark.skipif(memory_mb() == (0, 0), reason="the system does not tell")

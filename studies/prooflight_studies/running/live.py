@@ -19,7 +19,7 @@ from prooflight.rng import stream
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -122,6 +122,7 @@ def live_row(
         "late_sheets": watcher.late,
         "not_inspected": status.not_inspected,
         "misprints": status.misprints,
+        **_caught(watcher.outcomes, ring),
         "fringes": press.fringes,
         "faults": dict(status.faults),
         "verdict_ms": {
@@ -136,6 +137,23 @@ def live_row(
         "cpu_s_a_page": round((time.process_time() - cpu_s - drum.busy_s) / max(status.pages_seen, 1), 4),
         "drum_cpu_s_a_page": round(drum.busy_s / max(status.pages_seen, 1), 5),
         "cores": os.cpu_count(),
+    }
+
+
+def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], ring: Ring) -> dict[str, Any]:
+    """Of good prints and of misprints, how many were played, how many of these sheets alarmed, and how many prints."""
+    wrong = np.array([ring.is_wrong(sheet) for sheet in range(len(outcomes))], bool)
+    alarm = np.array([verdict == "misprint" for _, verdict, _, _ in outcomes], bool)
+    of_print = np.arange(len(outcomes)) % len(ring.scans)
+    return {
+        "good_prints": int(np.unique(of_print[~wrong]).size),
+        "wrong_prints": int(np.unique(of_print[wrong]).size),
+        "false_alarms": int((alarm & ~wrong).sum()),
+        "good_sheets": int((~wrong).sum()),
+        "caught": int((alarm & wrong).sum()),
+        "wrong_sheets": int(wrong.sum()),
+        "good_prints_that_alarm": int(np.unique(of_print[alarm & ~wrong]).size),
+        "wrong_prints_caught": int(np.unique(of_print[alarm & wrong]).size),
     }
 
 

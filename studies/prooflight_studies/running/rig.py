@@ -13,11 +13,13 @@ from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
+from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.corpus.corpus import BLACK_ALONE, IN_BLACK, IN_COLOUR, design_name, design_page
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted
 from prooflight.simulation.corpus.designs.look import Look
 from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.fast import fast_scan
+from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
@@ -93,6 +95,8 @@ class PrintWork:
     count: int
     """Designs."""
     seed: int
+    wrong_every: int = 0
+    """One in so many prints is a misprint, of every kind in turn; 0: none."""
 
     def __call__(self, index: int) -> None:
         """Print ``index``, of design index modulo their number, unless it is there already."""
@@ -104,10 +108,30 @@ class PrintWork:
         page = self.press.geometry.lay(self.designs.page(design))
         if not page_file.exists():
             _save(page_file, page.cmyk)
+        if self.wrong_every and index % self.wrong_every == self.wrong_every - 1:
+            _save(scan_file, self._wrong(page, index))
+            return
         session = day(self.press, self.seed)
         rng = stream(self.seed, "running-print", index)
         print_ = Print.draw(session, self.press, page, rng)
         _save(scan_file, fast_scan(page, self.press, session, print_, rng=rng))
+
+    def _wrong(self, page: Page, index: int) -> NDArray[np.uint16]:
+        """A misprint of a page, its severity drawn evenly; the next kind where one does not reach the gate."""
+        rng = stream(self.seed, "running-misprint", index)
+        today = SimulatedDay(press=self.press, session=day(self.press, self.seed))
+        others = [one for one in range(self.count) if one != index % self.count]
+        for turn in range(len(KINDS)):
+            wrong = today.wrong(
+                today.good(page),
+                KINDS[(index // self.wrong_every + turn) % len(KINDS)],
+                others=others,
+                fetch=lambda one: self.press.geometry.lay(self.designs.page(one)),
+                rng=rng,
+            )
+            if wrong is not None:
+                return today.recorded(today.seen(wrong, rng), rng)
+        raise RuntimeError(f"design {index % self.count}: no misprint of any kind reaches the gate")
 
 
 def _save(path: Path, array: NDArray[Any]) -> None:
@@ -130,6 +154,13 @@ class Ring:
     sheets: int
     repeated: bool
     """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
+    wrong_every: int = 0
+    """As ``PrintWork``'s."""
+
+    def is_wrong(self, sheet: int) -> bool:
+        """Whether a sheet is a misprint."""
+        every = self.wrong_every
+        return bool(every) and sheet % len(self.scans) % every == every - 1
 
     def __len__(self) -> int:
         return self.sheets
@@ -154,11 +185,14 @@ def ring(
     repeated: bool,
     seed: int,
     shown: Callable[[Iterator[None], int], Iterator[None]],
+    wrong_every: int = 0,
 ) -> Ring:
     """``prints`` prints of ``count`` designs, rendered where they are not on the disk yet; scans lie in memory."""
     folder.mkdir(parents=True, exist_ok=True)
     _same_press(folder / "press.json", press)
-    work = PrintWork(press=press, designs=designs, folder=folder, count=count, seed=seed)
+    work = PrintWork(
+        press=press, designs=designs, folder=folder, count=count, seed=seed, wrong_every=wrong_every
+    )
     todo = [index for index in range(prints) if not (folder / f"scan{index:04}.npy").exists()]
     for _ in shown(in_order(work, todo), len(todo)):
         pass
@@ -169,7 +203,7 @@ def ring(
         cmyk.ravel()[::SYSTEM_PAGE].max()
         pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
     scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
-    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated)
+    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated, wrong_every=wrong_every)
 
 
 def _same_press(path: Path, press: Press) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
@@ -22,6 +23,7 @@ from prooflight.line.settings import DEADLINE_S
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
+from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight_studies.harness.page import write_page
@@ -36,8 +38,12 @@ if TYPE_CHECKING:
 PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "picture")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
-OURS_SHARE: Final = 0.7
-"""Of its highest sustained speed, at which our detector is then run in real time."""
+OURS_PER_S: Final = 3.0
+"""Asked of our detector where every page is another, or two sensors look on."""
+OURS_SHARE: Final = 0.8
+"""Of its highest sustained speed, at which our detector is run in real time where that is below what is asked."""
+WRONG_EVERY: Final = 5
+"""Of the prints that our detector is shown, one in so many is a misprint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +59,9 @@ class Plan:
     taught_designs: int
     """Small ones, that teach the press of the soak and the picture."""
     taught_pages: int
-    """Of A4, that teach the press of the real-time rows of our detector."""
+    """Designs that make the presses of the real-time rows of our detector ready, as `press build` does."""
+    our_prints: int
+    """Of each of these rows, misprints among them."""
     days: int
     """Of runs that drift."""
 
@@ -69,11 +77,12 @@ class Plan:
                 soak_sheets=200,
                 taught_designs=48,
                 taught_pages=24,
+                our_prints=10,
                 days=2,
             )
         return cls(
             prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, taught_designs=96,
-            taught_pages=48, days=6,
+            taught_pages=DESIGNS, our_prints=200, days=6,
         )  # fmt: skip
 
 
@@ -98,7 +107,7 @@ def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
     return {
         "cores": cores,
         "deadline_ms": round(1000 * DEADLINE_S),
-        "live": [{"late_sheets": [], "fringes": None} | row for row in live],
+        "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
         "drift": None if drift is None else [{"fringes": None} | row for row in drift],
         **{
@@ -158,19 +167,30 @@ class Study:
         ]
 
     def _ours(self) -> list[dict[str, Any]]:
-        """Repeated designs under our detector: as fast as it goes, and in real time at a pace that it sustains."""
-        press, designs, sheets = (
-            self._press("one", self.one, "prototype.toml"),
-            self.plan.designs,
-            self.plan.live_sheets,
-        )
-        prints = self._ring(
-            press, f"1-{self.plan.prints}", designs, designs, repeated=True
-        )  # those that all differ
-        press = self._trained_a4()
-        fast = self._row("repeated designs", press, prints, None, sheets // 20)
-        rate = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
-        return [self._row("repeated designs", press, prints, rate, sheets // 10), fast]
+        """Under our detector as `press build` makes it, misprints among the prints: as fast as it goes, and in real
+        time at the speed asked, or at what it sustains of that.
+        """
+        one, two = self._ready("one", self.one, "prototype.toml"), self._ready("two", self.two, TWO_SENSORS)
+        designs, prints = self.plan.designs, self.plan.our_prints
+        rows = []
+        for name, press, count, repeated, asked in (
+            ("repeated designs", one, designs, True, PAGES_PER_S),
+            ("all pages different", one, prints, False, OURS_PER_S),
+            ("repeated designs", two, designs, True, OURS_PER_S),
+        ):
+            shown = self._ring(
+                press,
+                f"ours-{len(press.sensors)}-{count}",
+                count,
+                prints,
+                repeated=repeated,
+                wrong_every=WRONG_EVERY,
+            )
+            fast = self._row(name, press, shown, None, max(self.plan.live_sheets // 10, prints))
+            sustained = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
+            rate = min(asked, max(sustained, 0.1))
+            rows += [self._row(name, press, shown, rate, self.plan.live_sheets), fast]
+        return rows
 
     def _row(self, name: str, press: Press, prints: Ring, rate: float | None, sheets: int) -> dict[str, Any]:
         row = live_row(
@@ -248,6 +268,7 @@ class Study:
         repeated: bool,
         designs: A4Designs | Pieces | None = None,
         sheets: int = 1,
+        wrong_every: int = 0,
     ) -> Ring:
         return ring(
             press,
@@ -259,6 +280,7 @@ class Study:
             repeated=repeated,
             seed=self.seed,
             shown=self._rendering,
+            wrong_every=wrong_every,
         )
 
     def _rendering(self, items: Iterator[None], total: int) -> Iterator[None]:
@@ -276,15 +298,15 @@ class Study:
             build_press(PressFile.preset(preset), seed=1).save(path)
         return Press.load(path)
 
-    def _trained_a4(self) -> Press:
-        """The press with one sensor, taught by A4 designs of its own, once, unless it came taught."""
-        press = self._press("one", self.one, "prototype.toml")
+    def _ready(self, name: str, given: Path | None, preset: str) -> Press:
+        """A press as `press build` makes it ready, once, unless it came taught."""
+        press = self._press(name, given, preset)
         if press.ours is not None:
             return press
-        path = self.cache / "running" / f"one-taught-{self.plan.taught_pages}.press"
+        path = self.cache / "running" / f"{name}-taught-{self.plan.taught_pages}.press"
         if not path.exists():
-            designs = A4Designs(seed=DESIGN_SEED + 4, dpi=press.dpi)
-            self.progress(f"teaching a press by {self.plan.taught_pages} A4 designs")
+            self.progress(f"making a press ready by {self.plan.taught_pages} designs")
+            designs = Corpus(seed=self.seed, dpi=press.dpi)
             trained(press, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
         return Press.load(path)
 

@@ -15,6 +15,7 @@ from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.pages.raster import Page
 from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import looked_up, predict
+from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
@@ -232,6 +233,25 @@ def test_a_shift_by_raster_pixels_is_the_raster_moved(
     np.testing.assert_allclose(
         by_placement.expected_dn[inside], by_raster.expected_dn[inside], atol=SINGLE_PRECISION_DN
     )
+
+
+@pytest.mark.parametrize("placement", [Placement(shift_mm=(0.1, -0.2)), Placement(skew_deg=0.2)])
+@pytest.mark.parametrize(
+    "planes",
+    [[(1, -2), (0, 0), (-3, 1), (0, 2)], [(0, 30), (0, 0), (-25, 0), (0, 0)]],
+    ids=["near", "beyond"],
+)
+def test_planes_that_lie_apart_are_predicted_as_of_the_raster_composed(
+    press: Press, odd_sensor: SensorModel, placement: Placement, planes: list[tuple[int, int]]
+) -> None:
+    cmyk = np.random.default_rng(6).integers(0, 256, (24, 21, 4))
+    cmyk[10:15] = cmyk[10]  # rows that are alike, which are looked up once
+    printed = PrintedPage(page=page_of(cmyk, 300.0), planes=np.array(planes))
+    how = {"sensors": [odd_sensor], "geometry": press.geometry, "placement": placement, "threads": 1}
+    by_rows, composed = predict(printed, **how), predict(printed.composed(), **how)
+    np.testing.assert_array_equal(by_rows.expected_dn, composed.expected_dn)
+    np.testing.assert_array_equal(by_rows.variance_dn2, composed.variance_dn2)
+    assert (composed.expected_dn != predict(printed.page, **how).expected_dn).any()
 
 
 def test_a_line_on_a_turned_page_is_seen_where_the_placement_says(

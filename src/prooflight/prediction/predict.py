@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.lines import (
     ColumnLevels,
@@ -22,6 +23,7 @@ from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.lens_correction import correct_light
+from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.prediction.sampling_grid import sampling_grid
 from prooflight.scans.placement import IN_PLACE
@@ -53,7 +55,7 @@ class Prediction:
 
 
 def predict(
-    page: Page,
+    page: Page | PrintedPage,
     *,
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
@@ -61,7 +63,7 @@ def predict(
     bins: int = 1,
     threads: int | None = None,
 ) -> Prediction:
-    """Expected lines of a whole page that lies as ``placement`` says.
+    """Expected lines of a whole page that lies as ``placement`` says, as designed or with its planes apart.
 
     The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not the signal
     of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
@@ -70,6 +72,7 @@ def predict(
     bins: so many pixels each way are taken together: what their mean must show; the last line goes on where a square
     is not full. threads: bands of lines run at once, default one a core.
     """
+    page, planes = _laid(page, placement)
     shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
     light = np.empty(shape, np.float32) if bins == 1 else unset(shape)
@@ -84,11 +87,23 @@ def predict(
     _in_bands(
         workers,
         shape[1],
-        [_filtering(page, sensor, where, table, backing, out) for sensor, table, backing, out in filtered],
+        [
+            _filtering(page, planes, sensor, where, table, backing, out)
+            for sensor, table, backing, out in filtered
+        ],
     )
     for sensor, _, _, out in filtered:
         correct_light(out, sensor.correction, threads=workers)
     return _in_columns(light, spread, sensors, bins, workers)
+
+
+def _laid(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
+    """A raster and its planes (4, 2) as ``PrintedPage`` has them; only pages that lie anyhow are composed by rows."""
+    if isinstance(page, PrintedPage):
+        if not placement.is_shift:
+            return page.page, page.planes
+        page = page.composed()
+    return page, np.zeros((INKS, 2), np.int64)
 
 
 def _in_columns(
@@ -220,6 +235,7 @@ def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) ->
 
 def _filtering(
     page: Page,
+    planes: NDArray[np.int64],
     sensor: SensorModel,
     where: SamplingGrid,
     table: NDArray[np.float32],
@@ -233,6 +249,7 @@ def _filtering(
     return partial(
         filter_moved_lines,
         page.packed,
+        planes,
         quantised_table(table),
         np.float32(backing),
         across,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.planes import compose_row
 from prooflight.kernels.prediction.aiming import begin_row, place_row, weights_at_phases, whole_eights
 from prooflight.kernels.prediction.filtering import filter_row
 from prooflight.kernels.prediction.lines import look_up_packed, same_row
@@ -35,7 +36,7 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "packed (H, _), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
+    "packed (H, _), planes (4, 2), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
     "quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
     "across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), bits, crossed, line_from, line_to, light (L, P)",
@@ -45,11 +46,12 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
     ),
 )
 def filter_moved_lines(  # type: ignore[no-untyped-def]
-    packed, quantised, backing, across, along, bits, crossed, line_from, line_to, light
+    packed, planes, quantised, backing, across, along, bits, crossed, line_from, line_to, light
 ):
     """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
 
-    Arguments as in ``filter_lines``; bits: a raster pixel has 2^bits phases; crossed:
+    Arguments as in ``filter_lines``; planes: as in ``compose_row``, by which each row is composed when it is
+    its turn, for to write and read a whole raster takes longer; bits: a raster pixel has 2^bits phases; crossed:
     raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
     sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
     behind the last. Rows and columns count from ``taps`` before the page on.
@@ -73,6 +75,9 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
     x_begins, x_weigh = x_first.reshape(-1), x_weights_at.reshape(-1)
     y_begins, y_weigh = y_first.reshape(-1), y_weights_at.reshape(-1)
+    apart = planes.any()
+    composed = np.empty((2 if apart else 0, columns), np.uint32)
+    before = few[0]
     next_row = -1
     looked_up = -2
     for line in range(line_from, line_to):
@@ -88,8 +93,13 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     continue
                 place_row(across.places, across.pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
-                if row - 1 != looked_up or not same_row(packed[row], packed[looked_up]):
-                    look_up_packed(packed[row], quantised, backing, few, source[taps : taps + columns])
+                here = packed[row]
+                if apart:
+                    here = composed[row % 2]
+                    compose_row(packed, row, planes, here)
+                if row - 1 != looked_up or not same_row(here, before):
+                    look_up_packed(here, quantised, backing, few, source[taps : taps + columns])
+                before = here
                 looked_up = row
                 filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
             slot = next_row % depth

@@ -16,7 +16,7 @@ from prooflight.kernels.residuals.residuals import (
     take_slopes,
     variances,
 )
-from prooflight.pages.planes import displaced
+from prooflight.prediction.printed import PrintedPage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -106,7 +106,7 @@ def residual_images(
 
 def in_register(
     page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
-) -> tuple[Page, NDArray[np.float64]]:
+) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
     """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
 
     By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
@@ -116,7 +116,7 @@ def in_register(
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm
-    return displaced(page, steps), planes_mm - steps * page.pixel_mm
+    return PrintedPage(page=page, planes=steps), planes_mm - steps * page.pixel_mm
 
 
 def _take_local_moves(

@@ -21,13 +21,16 @@ if TYPE_CHECKING:
 
     from prooflight_studies.harness.result_cache import Rows
 
-NAMES = ["box/add-C+/8", "streak/void/1/full", "ghost/C/0", "place/skew", "place/lost"]
+NAMES = ["box/void+/8", "streak/void/1/full", "ghost/C/0", "place/skew", "place/lost"]
 KINDS = "streak", "ghost-smear", "wrong-page"
 TREES = 8
 
 
 def made_up(designs: int, seed: int, *, first_day: int, times: float = 1.0) -> Rows:
-    """Four designs a day, of each a good print and a misprint that raises the statistic of its kind."""
+    """Four designs a day, of each a good print and a misprint that raises the statistic of its kind.
+
+    The first look is at those of the first two kinds, and at no ghosts.
+    """
     rng = np.random.default_rng(seed)
     design = np.repeat(np.arange(designs), 2)
     bad = np.arange(design.size) % 2 == 1

@@ -162,7 +162,10 @@ def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
 
 
 def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:
-    return tuple(step + by.get(at - INKS * axis, 0) for at, step in enumerate(steps))
+    moved = list(steps)
+    for ink, way in by.items():
+        moved[INKS * axis + ink] += way
+    return tuple(moved)
 
 
 def _lies_alone(overlaps: Overlaps, found: Steps) -> bool:

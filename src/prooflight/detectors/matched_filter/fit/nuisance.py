@@ -350,8 +350,10 @@ class _Blocks:
 def _summed(scan: PlacedScan) -> _Blocks:
     inside, colours = scan.where.inside, scan.colours
     rows, columns = (extent // BLOCK for extent in inside.shape)
-    cut = inside[: rows * BLOCK, : columns * BLOCK]
-    full = cut.reshape(rows, BLOCK, columns, BLOCK).sum(axis=(1, 3), dtype=np.int32)
+    cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
+    # Along, then across: both at once takes six times as long.
+    down = cut.reshape(rows, BLOCK, columns * BLOCK).sum(axis=1, dtype=np.uint8)
+    full = down.reshape(rows, columns, BLOCK).sum(axis=2, dtype=np.int32)
     used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
     used = used[:: max(used.size // BLOCKS, 1)]
     place = np.stack(np.divmod(used, columns))

@@ -170,7 +170,7 @@ class Patches:
                 quantised_table(sensor.mean_dn),
                 taps,
                 pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
-                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
+                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps),
                 not self.left,
                 sums[index],
             )

@@ -8,7 +8,6 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.look_up import look_up_light
-from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weigh
 
 if TYPE_CHECKING:
@@ -81,15 +80,17 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def laid(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
-    """A packed raster's planes displaced by right, down (4,): seen (rows, columns), of it from row top, column left."""
+def laid(packed, margin, right, down, seen):  # type: ignore[no-untyped-def]
+    """Planes of a packed raster (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height,
+    width).
+    """
     for row in range(seen.shape[0]):
         line = seen[row]
-        y = row + top
-        c = packed[y - down[0], left - right[0] : left - right[0] + line.size]
-        m = packed[y - down[1], left - right[1] : left - right[1] + line.size]
-        k = packed[y - down[2], left - right[2] : left - right[2] + line.size]
-        b = packed[y - down[3], left - right[3] : left - right[3] + line.size]
+        y = row + margin
+        c = packed[y - down[0], margin - right[0] : margin - right[0] + line.size]
+        m = packed[y - down[1], margin - right[1] : margin - right[1] + line.size]
+        k = packed[y - down[2], margin - right[2] : margin - right[2] + line.size]
+        b = packed[y - down[3], margin - right[3] : margin - right[3] + line.size]
         for i in range(line.size):
             line[i] = (
                 (c[i] & np.uint32(0xFF))
@@ -97,18 +98,6 @@ def laid(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
                 | (k[i] & np.uint32(0xFF0000))
                 | (b[i] & np.uint32(0xFF000000))
             )
-
-
-@inner_kernel(error_model="numpy")
-def footprint_pixels(taps, ratio, size):  # type: ignore[no-untyped-def]
-    """Raster pixels along one axis that ``size`` camera pixels see; taps (phases, taps) of one of them."""
-    return int(np.ceil((size - 1) * ratio)) + taps.shape[1] + 1
-
-
-@inner_kernel(error_model="numpy")
-def within(place, beyond):  # type: ignore[no-untyped-def]
-    """The raster pixel of a place [raster pixels], no further before 0 and past ``beyond`` than the margin allows."""
-    return min(max(int(np.floor(place)), -1), beyond + 1)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -128,7 +117,7 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
     "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
     "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
     "workspace.by_move (B), workspace.starts (Y), first, sums (N, SUMS)",
-    where="0 < patches.margin, W - 2 * patches.margin <= V, S <= 8 * D",
+    where="0 <= patches.margin, W - 2 * patches.margin <= V, S <= 8 * D",
     error_model="numpy",
 )
 def fringe_sums(patches, right, down, quantised, taps, noise, workspace, first, sums):  # type: ignore[no-untyped-def]
@@ -141,22 +130,17 @@ def fringe_sums(patches, right, down, quantised, taps, noise, workspace, first, 
     origins, moves = patches.origins, patches.moves
     size = light.shape[1]
     height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
-    # Of a window with room for displacements only what a patch sees where it lies is rendered.
-    high = min(footprint_pixels(taps.along, taps.along_ratio, size), height)
-    wide = (footprint_pixels(taps.across, taps.across_ratio, size) + FEW - 1) // FEW * FEW
-    wide = min(wide, width)
-    seen = np.empty((high, wide), np.uint32)
-    window = np.empty((high, wide), np.float32)
+    seen = np.empty((height, width), np.uint32)
+    window = np.empty((height, width), np.float32)
     image = np.empty((3, size, size), np.float32)
     flat = image.reshape(3, -1)
     error = np.empty(size * size, np.float32)
     zero = np.float32(0)
     for n in range(light.shape[0]):
-        x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
-        left, top = within(x, width - wide), within(y, height - high)
-        laid(packed[n], margin + top, margin + left, right, down, seen)
+        laid(packed[n], margin, right, down, seen)
         look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
-        render_tile(window, max(x - left, 0.0), max(y - top, 0.0), taps, workspace, image)
+        x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
+        render_tile(window, x, y, taps, workspace, image)
         weights, of_scan = patches.base[n].reshape(-1), light[n].reshape(-1)
         if first:
             inverse_variance(flat, noise, weights)

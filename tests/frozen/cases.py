@@ -47,12 +47,18 @@ SIGNS = 6
 
 
 def digest(values: NDArray[Any]) -> Figures:
-    """An array in a few numbers that last bits do not move: its shape, mean, norm, and sums with random signs."""
+    """An array in a few numbers that last bits do not move: its shape, mean, norm, and sums with random signs.
+
+    What is not known (NaN) counts as 0, and how many these are is a number more.
+    """
     flat = np.asarray(values, np.float64).ravel()
+    unknown = int(np.isnan(flat).sum())
+    flat = np.nan_to_num(flat)
     rng = np.random.default_rng(1)
     sums = [float((flat * rng.choice([-1.0, 1.0], flat.size)).sum()) for _ in range(SIGNS)]
     norm = float(np.linalg.norm(flat))
-    return {"shape": list(values.shape), "mean": float(flat.mean()), "norm": norm, "sums": sums}
+    found = {"shape": list(values.shape), "mean": float(flat.mean()), "norm": norm, "sums": sums}
+    return found | ({"unknown": unknown} if unknown else {})
 
 
 def sha(raster: NDArray[np.uint8]) -> str:

@@ -195,7 +195,7 @@ class ScanPage:
     def __call__(self, scanned: tuple[int, RecordedScan]) -> ScannedPage:
         """Inspect a page, by its number, in its scan; ScanError: it was made under other light than the press knows."""
         number, scan = scanned
-        page, inspector = self.work.page(number), self.work.inspector
+        page, inspector = self.work.page(number), _in_full(self.work.inspector)
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)
         score = inspection.verdict.score
@@ -211,3 +211,11 @@ class ScanPage:
             variation=inspection.variation(),
             digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
         )
+
+
+def _in_full(inspector: Inspector) -> Inspector:
+    """Our detector's that looks at every page for all statistics."""
+    ours = inspector.press.ours
+    assert ours is not None
+    press = replace(inspector.press, ours=ours.in_full())
+    return type(inspector).of(press, "ours").with_threads(inspector.detector.station.threads)

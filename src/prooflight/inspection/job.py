@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import numpy as np
 
 from prooflight.detectors.matched_filter.calibrated import ScannedPage
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
 from prooflight.inspection.promise import Judged, summary_of
@@ -215,7 +216,6 @@ class ScanPage:
 
 def _in_full(inspector: Inspector) -> Inspector:
     """Our detector's that looks at every page for all statistics."""
-    ours = inspector.press.ours
-    assert ours is not None
-    press = replace(inspector.press, ours=ours.in_full())
-    return type(inspector).of(press, "ours").with_threads(inspector.detector.station.threads)
+    ours = inspector.detector
+    assert isinstance(ours, MatchedFilterDetector)
+    return type(inspector)(inspector.press, replace(ours, in_full=True))

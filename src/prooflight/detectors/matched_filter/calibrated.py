@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -124,10 +124,6 @@ class CalibratedDetector:
             threshold=threshold,
             misprint_rate=misprint_rate,
         )
-
-    def in_full(self) -> CalibratedDetector:
-        """The same that looks at every page for all statistics, so that it can be learned from."""
-        return replace(self, model=replace(self.model, screen=None))
 
     @property
     def scores(self) -> PressScores:

@@ -56,6 +56,8 @@ class MatchedFilterDetector(StationDetector):
     """Copes with presses that drift and jitter; trained on what this press's good prints do."""
 
     calibrated: CalibratedDetector
+    in_full: bool = False
+    """Whether every page is looked at for all statistics, so that it can be learned from; verdicts are the same."""
 
     @property
     def name(self) -> str:
@@ -163,7 +165,8 @@ class MatchedFilterPage:
         pass, for it costs more than all the rest.
         """
         ours, model = self.detector.calibrated, self.model
-        modes = MODES if model.screen is None else SCREEN_MODES
+        looks_first = model.screen is not None and not self.detector.in_full
+        modes = SCREEN_MODES if looks_first else MODES
         analysis = analyse(
             self.known, scan.dn, residual_variance=ours.model.residual_variance, looked_at=modes
         )
@@ -175,7 +178,7 @@ class MatchedFilterPage:
             score = score_of(model, values, self.known.page_features, another=another)
             return statistics, ours.decide(score)
 
-        if model.screen is not None and not another:
+        if looks_first and not another:
             statistics, decision = decided(screen_statistics)
             if not np.isnan(decision.score) and not decision.misprint:
                 return analysis, statistics, decision

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from prooflight.kernels.prediction.lens_correction import FAR_BLOCK, FARTHER_BLOCK
-from prooflight.pages.sampling import LensCorrection
+from prooflight.pages.lens_correction import LensCorrection
 from prooflight.prediction import lens_correction as correct
 from prooflight.prediction.lens_correction import correct_light
 

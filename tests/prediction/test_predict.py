@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.raster import Page
-from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.predict import looked_up, predict
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table

@@ -9,12 +9,10 @@ from their neighbours (``LensCorrection``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
-
-from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,36 +29,6 @@ class Footprint:
     reach_mm: float
     across: NDArray[np.float64]
     along: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LensCorrection:
-    """Light as a short separable footprint sees it -> light as the lens gives it, at the camera's own pixels.
-
-    A pixel is the sum of its neighbours by ``near``; plus block means by ``far`` and ``farther``, each bilinear between
-    the blocks' centres. All weights are symmetric and together sum to 1: even light stays as it is.
-    """
-
-    near: NDArray[np.float32]
-    """(7, 7) of lines and pixels around."""
-    far: NDArray[np.float32]
-    """(n, n) of means over 4 x 4 pixels."""
-    farther: NDArray[np.float32]
-    """(m, m) of means over 16 x 16 pixels."""
-
-    @classmethod
-    def none(cls) -> Self:
-        """For footprints that miss nothing, or of which nothing else is known."""
-        near = np.zeros((2 * NEAR_REACH + 1,) * 2, np.float32)
-        near[NEAR_REACH, NEAR_REACH] = 1
-        zero = np.zeros((1, 1), np.float32)
-        return cls(near=near, far=zero, farther=zero)
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether it changes nothing."""
-        others = np.count_nonzero(self.near) + np.count_nonzero(self.far) + np.count_nonzero(self.farther)
-        return bool(others == 1 and self.near[NEAR_REACH, NEAR_REACH] == 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

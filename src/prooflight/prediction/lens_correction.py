@@ -20,7 +20,7 @@ from prooflight.pages.parallel import shared_out
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.pages.sampling import LensCorrection
+    from prooflight.pages.lens_correction import LensCorrection
 
 LINES_PER_BAND = 256
 

@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.cmyk import INKS
-from prooflight.kernels.memory import unset
 from prooflight.kernels.prediction.lines import (
     ColumnLevels,
     filter_lines,
     relight,
-    to_binned_columns,
     to_columns,
 )
 from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
@@ -60,7 +58,6 @@ def predict(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     placement: Placement = IN_PLACE,
-    bins: int = 1,
     threads: int | None = None,
 ) -> Prediction:
     """Expected lines of a whole page that lies as ``placement`` says, as designed or with its planes apart.
@@ -69,15 +66,12 @@ def predict(
     of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
     it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
     by its stretch. Displacements are linear between nodes 16 camera pixels apart (``sampling_grid``).
-    bins: so many pixels each way are taken together: what their mean must show; the last line goes on where a square
-    is not full. threads: bands of lines run at once, default one a core.
+    threads: bands of lines run at once, default one a core.
     """
     page, planes = _laid(page, placement)
     shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
-    light = np.empty(shape, np.float32) if bins == 1 else unset(shape)
-    kept = bins == 1 or any(shot_slope(sensor) == 0 for sensor in sensors)
-    spread = np.empty(shape, np.float32) if kept else light
+    light, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
     where = sampling_grid(page, geometry, placement)
     filtered = []
     for sensor, mean_out, variance_out in zip(sensors, light, spread, strict=True):
@@ -94,7 +88,12 @@ def predict(
     )
     for sensor, _, _, out in filtered:
         correct_light(out, sensor.correction, threads=workers)
-    return _in_columns(light, spread, sensors, bins, workers)
+    levels = [
+        partial(to_columns, levels_of(sensor), mean=mean, variance=variance)
+        for sensor, mean, variance in zip(sensors, light, spread, strict=True)
+    ]
+    _in_bands(workers, shape[1], levels)
+    return Prediction(expected_dn=light, variance_dn2=spread)
 
 
 def _laid(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
@@ -104,39 +103,6 @@ def _laid(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray
             return page.page, page.planes
         page = page.composed()
     return page, np.zeros((INKS, 2), np.int64)
-
-
-def _in_columns(
-    light: NDArray[np.float32],
-    spread: NDArray[np.float32],
-    sensors: Sequence[SensorModel],
-    bins: int,
-    workers: int,
-) -> Prediction:
-    """Light and its variance (sensors, lines, pixels), above the backing's -> what columns show."""
-    if bins == 1:
-        levels = [
-            partial(to_columns, levels_of(sensor), mean=mean, variance=variance)
-            for sensor, mean, variance in zip(sensors, light, spread, strict=True)
-        ]
-        _in_bands(workers, light.shape[1], levels)
-        return Prediction(expected_dn=light, variance_dn2=spread)
-    shape = (len(sensors), -(-light.shape[1] // bins), light.shape[2] // bins)
-    expected, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    levels = [
-        partial(
-            to_binned_columns,
-            levels_of(sensor),
-            bins,
-            light[i],
-            spread[i],
-            mean=expected[i],
-            variance=variance[i],
-        )
-        for i, sensor in enumerate(sensors)
-    ]
-    _in_bands(workers, shape[1], levels)
-    return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def predict_light(

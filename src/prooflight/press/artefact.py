@@ -32,7 +32,8 @@ from prooflight.detectors.paper.bayes import BayesDetector
 from prooflight.errors import PressError
 from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
-from prooflight.pages.sampling import Footprint, LensCorrection
+from prooflight.pages.lens_correction import LensCorrection
+from prooflight.pages.sampling import Footprint
 from prooflight.prediction.tables import SensorModel
 from prooflight.press.schema import check_press
 from prooflight.scans.geometry import ScanGeometry

@@ -12,7 +12,7 @@ from prooflight.kernels.registration.measuring import SUMS
 from prooflight.kernels.registration.shared_edges import (
     SensorPatches,
     fringe_sums,
-    shared_cost,
+    shared_costs,
     without_light,
 )
 from prooflight.prediction.quantised_table import quantised_table
@@ -20,6 +20,8 @@ from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Workspace, pixel_noise
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from prooflight.registration.landmarks import Landmarks
@@ -112,48 +114,64 @@ class Patches:
             moves=(moves - whole)[seen] * landmarks.ratio,
             base=np.empty(np.shape(light), np.float32),
         )
-        self.cost(IN_REGISTER)
         self.sharpen(IN_REGISTER)
         return self
 
-    def cost(self, steps: Steps) -> float:
-        """Minus the logarithm of the likelihood that planes lie so, and of that beforehand. [-]"""
-        return self._found(steps)[0]
+    def costs(self, many: Sequence[Steps]) -> list[float]:
+        """Minus the logarithm of the likelihood that planes lie so, and of that beforehand, each way. [-]"""
+        self._look_at(many)
+        return [self.known[steps][0] for steps in many]
+
+    def likeliest(self, many: Sequence[Steps]) -> Steps:
+        """The first that costs least."""
+        return many[int(np.argmin(self.costs(many)))]
 
     def shift_pixels(self, steps: Steps) -> NDArray[np.float64]:
         """(2,) by how much all lie further right and down than registration has it, if planes lie so."""
-        return self._centred(steps) / self.landmarks.ratio + self._found(steps)[1:]
+        self._look_at([steps])
+        return self._centred([steps])[0] / self.landmarks.ratio + self.known[steps][1:]
 
-    def _centred(self, steps: Steps) -> NDArray[np.float64]:
-        """Where the page lies if the placement, which is of planes as they count, is right. (2,) [raster pixels]"""
-        return -np.asarray((self.parts * np.array(steps).reshape(2, INKS)).sum(axis=1))
+    def _centred(self, many: Sequence[Steps]) -> NDArray[np.float64]:
+        """Where the page lies if the placement, which is of planes as they count, is right. (k, 2) [raster pixels]"""
+        return -np.asarray((self.parts * np.array(many).reshape(-1, 2, INKS)).sum(axis=2))
 
-    def _found(self, steps: Steps) -> tuple[float, float, float]:
-        if steps not in self.known:
-            if steps not in self.left:
-                self.left[steps] = self._rendered(steps)
-            costs = np.empty(len(self.packed))
-            total, x, y = shared_cost(self.left[steps], OWN_SD, COMMON_SD, self.most, costs)
-            off = np.array(steps) * self.overlaps.pixel_mm / PLANE_SD_MM
-            self.known[steps] = total / self.scale + float(off @ off) / 2, x, y
-        return self.known[steps]
+    def _look_at(self, many: Sequence[Steps]) -> None:
+        """Know what all of these cost."""
+        if new := [steps for steps in dict.fromkeys(many) if steps not in self.left]:
+            self.left.update(zip(new, self._rendered(new), strict=True))
+        if new := [steps for steps in dict.fromkeys(many) if steps not in self.known]:
+            found, _ = self._shared(new)
+            off = np.array(new) * (self.overlaps.pixel_mm / PLANE_SD_MM)
+            costs = found[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
+            moves = found[:, 1:].tolist()
+            self.known.update(
+                (steps, (cost, x, y)) for steps, cost, (x, y) in zip(new, costs.tolist(), moves, strict=True)
+            )
+
+    def _shared(self, many: Sequence[Steps]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """``shared_costs`` of what was rendered."""
+        left = np.stack([self.left[steps] for steps in many])
+        found, costs = np.empty((len(many), 3)), np.empty(left.shape[:2])
+        shared_costs(left, OWN_SD, COMMON_SD, self.most, found, costs)
+        return found, costs
 
     def sharpen(self, steps: Steps) -> None:
         """Take what is left with planes there for what a good patch leaves."""
-        costs = np.empty(len(self.packed))
-        shared_cost(self.left[steps], OWN_SD, COMMON_SD, self.most, costs)
+        self._look_at([steps])
+        _, (costs,) = self._shared([steps])
         self.misfit = float(np.median(costs)) / (PATCH_PIXELS**2 * len(self.light))
         cost = max(self.misfit, LEAST_COST)
         self.most = MOST_COSTS * cost * PATCH_PIXELS**2 * len(self.light)
         self.scale = 2 * TEMPER * cost
         self.known.clear()
 
-    def _rendered(self, steps: Steps) -> NDArray[np.float64]:
-        """``without_light`` of every patch with the planes there, (patches, 6)."""
+    def _rendered(self, many: Sequence[Steps]) -> NDArray[np.float64]:
+        """``without_light`` of every patch with the planes so, (k, patches, 6)."""
         landmarks, overlaps = self.landmarks, self.overlaps
-        right, down = np.array(steps).reshape(2, INKS)
+        right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
+        shifts = self._centred(many)
         halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
-        sums = np.empty((*self.light.shape[:2], SUMS), np.float32)
+        sums = np.empty((len(self.light), len(many), len(self.packed), SUMS), np.float32)
         for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
             patches = SensorPatches(
                 light=self.light[index],
@@ -161,21 +179,23 @@ class Patches:
                 packed=self.packed,
                 margin=overlaps.margin,
                 origins=self.origins,
-                moves=self.moves + self._centred(steps),
+                moves=self.moves,
             )
             fringe_sums(
                 patches,
                 right,
                 down,
+                shifts,
                 quantised_table(sensor.mean_dn),
                 taps,
                 pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
-                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps),
+                Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
                 not self.left,
                 sums[index],
             )
-        left = np.empty((len(self.packed), 6))
-        without_light(sums, np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors]), GAIN_SD, left)
+        left = np.empty((len(many), len(self.packed), 6))
+        level_sd = np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors])
+        without_light(sums.reshape(len(sums), -1, SUMS), level_sd, GAIN_SD, left.reshape(-1, 6))
         return left
 
 

@@ -8,6 +8,7 @@ pixels, and the displacements that leave least are taken.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
@@ -85,12 +86,12 @@ def _searched(patches: Patches, start: Steps) -> Steps:
     Where patches are then left worse than good prints' mostly are, that was no more than a hollow on the way, and
     descents from elsewhere are tried.
     """
-    best = _descended(patches, min([IN_REGISTER, start], key=patches.cost))
+    best = _descended(patches, patches.likeliest([IN_REGISTER, start]))
     patches.sharpen(best)
     if patches.misfit > HOLLOW:
         near = [other for axis in range(2) for other in _singles(patches, IN_REGISTER, axis)]
-        starts = sorted(near, key=patches.cost)[:TRIED]
-        best = min([best, *(_descended(patches, one) for one in starts)], key=patches.cost)
+        starts = [near[place] for place in np.argsort(patches.costs(near), kind="stable")[:TRIED]]
+        best = patches.likeliest([best, *(_descended(patches, one) for one in starts)])
     best = _descended(patches, best)
     patches.sharpen(best)
     return best
@@ -106,7 +107,7 @@ def _descended(patches: Patches, best: Steps) -> Steps:
         before = best
         # An axis is gone down to its end before the other's turn; planes go askew where neither goes down any more.
         for near in (_singles, _pairs, _many) if axes < 2 else (_askew,):
-            best = min([best, *near(patches, best, axis)], key=patches.cost)
+            best = patches.likeliest([best, *near(patches, best, axis)])
             if best != before:
                 break
         if best == before and axes == 2:
@@ -126,20 +127,30 @@ def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     """Steps of three planes or four that promise most, if what pairs do to each other adds up."""
-    here, ways = patches.cost(steps), _ways(patches, steps, axis)
-    more: dict[tuple[tuple[int, int], ...], float] = {}
-    for count in (1, 2):
-        for some in combinations(ways, count):
-            if len({ink for ink, _ in some}) == count:
-                parts = sum(more[one,] for one in some) if count == 2 else 0.0
-                more[some] = patches.cost(_stepped(steps, axis, dict(some))) - here - parts
-    promised = []
+    ways = _ways(patches, steps, axis)
+    here, *ones = patches.costs([steps, *_singles(patches, steps, axis)])
+    single = np.array(ones) - here
+    pair = np.zeros((len(ways), len(ways)))
+    pairs = _of_planes(tuple(ways), 2)
+    two = [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in pairs]
+    pair[tuple(np.array(pairs).reshape(-1, 2).T)] = patches.costs(two)
+    promised: list[tuple[float, Steps]] = []
     for count in (3, 4):
-        for some in combinations(ways, count):
-            if len({ink for ink, _ in some}) == count:
-                terms = [(one,) for one in some] + list(combinations(some, 2))
-                promised.append((sum(more[term] for term in terms), _stepped(steps, axis, dict(some))))
+        if more := _of_planes(tuple(ways), count):
+            i, j = np.array([list(combinations(some, 2)) for some in more]).transpose(2, 0, 1)
+            of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
+            promise = of_pairs + single[np.array(more)].sum(axis=1)
+            stepped = [_stepped(steps, axis, dict(ways[way] for way in some)) for some in more]
+            promised += zip(promise.tolist(), stepped, strict=True)
     return [other for _, other in sorted(promised)[:TRIED]]
+
+
+@lru_cache(maxsize=64)
+def _of_planes(ways: tuple[tuple[int, int], ...], count: int) -> list[tuple[int, ...]]:
+    """Which ``count`` of the ways, by their numbers, are of as many planes."""
+    return [
+        some for some in combinations(range(len(ways)), count) if len({ways[way][0] for way in some}) == count
+    ]
 
 
 def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -186,4 +197,5 @@ def _goes_further(patches: Patches, found: Steps) -> bool:
         for way in (-1, 1)
         if found[INKS * axis + ink] == way * patches.overlaps.reach
     ]
-    return any(patches.cost(other) < patches.cost(found) - FURTHER for other in beyond)
+    here, *there = patches.costs([found, *beyond])
+    return any(other < here - FURTHER for other in there)

@@ -40,10 +40,10 @@ class Workspace(NamedTuple):
     starts: NDArray[np.int64]
 
     @classmethod
-    def of(cls, width: int, taps: SensorTaps) -> Self:
-        """For windows so wide."""
+    def of(cls, width: int, taps: SensorTaps, *, size: int = TILE_PIXELS) -> Self:
+        """For windows so wide, of tiles of size x size pixels."""
         pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
-        blocks = TILE_PIXELS // EIGHT
+        blocks = size // EIGHT
         value, slope = np.zeros((2, width + pixels), np.float32)
         weights, by_move = np.empty((2, blocks * pixels * EIGHT), np.float32)
         begins, starts = np.empty(blocks, np.int64), np.empty(taps.along.shape[1], np.int64)

@@ -15,9 +15,9 @@ from prooflight.camera.lens_correction import transfers
 from prooflight.camera.sensor import draw_fixed_pattern
 from prooflight.commissioning.build import build_press
 from prooflight.errors import RequestError
+from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
-from prooflight.pages.sampling import LensCorrection
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -62,7 +62,8 @@ def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
     cmyk[50:-50, 60:-60, 3] = 255 * np.kron(rng.random((50, 40)) < 0.3, np.ones((10, 13)))
     page = Page(cmyk=cmyk, dpi=481.8, name="bars", number=1)
     sensors, geometry = press.sensors, press.geometry
-    taken_as = [binned_sensor(sensor, BINS, geometry.pixel_pitch_mm) for sensor in sensors]
+    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    taken_as = [binned_sensor(sensor, BINS, pitch_mm) for sensor in sensors]
     found = prepare_modes(thinned(page, BINS), sensors=taken_as, geometry=binned_geometry(geometry, BINS))
     asked = prepare_modes(page, sensors=sensors, geometry=geometry)
     of_binned = AddedInks(page, sensors=taken_as, geometry=binned_geometry(geometry, BINS), bins=BINS)
@@ -76,19 +77,40 @@ def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:
 
 @pytest.mark.parametrize("bins", [2, 3])
 @pytest.mark.parametrize("straight", [True, False])
+@pytest.mark.parametrize("line_mm_a_pixel_mm", [1.0, 1.25])
 def test_binned_pixels_are_predicted_as_means_of_predictions(
-    press: Press, page: Page, bins: int, straight: bool
+    press: Press, page: Page, bins: int, straight: bool, line_mm_a_pixel_mm: float
 ) -> None:
-    """Also where variance is no straight line over the light, and is looked up."""
+    """Also where variance is no straight line over the light, and where lines lie further apart than pixels.
+
+    At edges a pixel's own gain, off its neighbours' by a few per cent, is taken with the mean of their light.
+    """
     sensor = press.sensors[0]
     if not straight:
         sensor = replace(sensor, variance_dn2=sensor.variance_dn2 * (1 + 0.1 * (sensor.mean_dn > 1000)))
     assert (shot_slope(sensor) > 0) == straight
-    geometry = replace(press.geometry, pixels=399)
+    pitch_mm = press.geometry.pixel_pitch_mm
+    geometry = replace(press.geometry, pixels=399, line_pitch_mm=line_mm_a_pixel_mm * pitch_mm)
     columns = {"column_gain": sensor.column_gain[:399], "column_offset_dn": sensor.column_offset_dn[:399]}
-    how: dict[str, Any] = {"sensors": [replace(sensor, **columns)], "geometry": geometry, "placement": MOVED}
-    fine, own = predict(page, **how), predict(page, **how, bins=bins, threads=1)
-    np.testing.assert_array_equal(own.expected_dn, binned(fine.expected_dn, bins))
-    np.testing.assert_array_equal(own.variance_dn2, binned(fine.variance_dn2, bins) / np.float32(bins**2))
-    shared = predict(page, **how, bins=bins, threads=3)
-    np.testing.assert_allclose(shared.expected_dn, own.expected_dn, rtol=1e-5)
+    sensor = replace(sensor, **columns)
+    if bins == 2:
+        sensor = replace(sensor, **{name: values[:398] for name, values in columns.items()})
+        geometry = replace(geometry, pixels=398)
+    fine = predict(page, sensors=[sensor], geometry=geometry, placement=MOVED)
+    together = binned_sensor(sensor, bins, (pitch_mm, line_mm_a_pixel_mm * pitch_mm))
+    own = predict(page, sensors=[together], geometry=binned_geometry(geometry, bins), placement=MOVED)
+    off = (own.expected_dn - binned(fine.expected_dn, bins))[:, 1:-1] / sensor.white_dn
+    assert np.sqrt((off**2).mean()) < 1e-3
+    assert np.abs(off).max() < 0.01
+    variance = binned(fine.variance_dn2, bins) / np.float32(bins**2)
+    np.testing.assert_allclose(own.variance_dn2[:, 1:-1], variance[:, 1:-1], rtol=0.05)
+
+
+def test_pixels_taken_together_see_what_a_lens_scatters_far(press: Press) -> None:
+    """Their correction is the fine one's, at the frequencies that they have."""
+    sensor, pitch_mm = press.sensors[0], press.geometry.pixel_pitch_mm
+    together = binned_sensor(sensor, BINS, (pitch_mm, pitch_mm))
+    frequency = np.linspace(0, 0.4, 9)
+    found, asked = together.correction.transfer(frequency), sensor.correction.transfer(frequency / BINS)
+    np.testing.assert_allclose(found, asked, atol=2e-3)
+    assert np.abs(asked - 1).max() > 0.01

@@ -89,8 +89,8 @@ class PreparedPage:
 
 def _binned(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
     """What ``bins_of`` pixels of each see together."""
-    bins = bins_of(geometry)
-    return tuple(binned_sensor(sensor, bins, geometry.pixel_pitch_mm) for sensor in sensors)
+    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
 
 def prepare_page(
@@ -161,7 +161,7 @@ def analyse(
     alone. looked_at: those of ``MODES`` that are summed up at once, light the first.
     """
     page, prior, residual_variance = prepared.page, prepared.prior, residual_variance or ResidualVariance()
-    sensors, geometry, at = prepared.landmarks.sensors, prepared.landmarks.geometry, prepared.binned_geometry
+    geometry, at = prepared.landmarks.geometry, prepared.binned_geometry
     bins = bins_of(geometry)
     found = register(prepared.landmarks, scan)
     if residual_variance.exact:
@@ -172,11 +172,11 @@ def analyse(
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
-    seen = predict(printed, sensors=sensors, geometry=geometry, placement=placement, bins=bins, threads=1)
+    seen = predict(printed, sensors=prepared.binned_sensors, geometry=at, placement=placement, threads=1)
     placed = PlacedScan(
         measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
         seen=seen,
-        modes=Modes(images=moved(prepared.images, where), sensors=len(sensors)),
+        modes=Modes(images=moved(prepared.images, where), sensors=len(seen.expected_dn)),
         where=where,
         sensors=prepared.binned_sensors,
         colours=prepared.colours,

@@ -17,7 +17,6 @@ from prooflight.kernels.prediction.filtering import (
     filter_row,
 )
 from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
-from prooflight.kernels.residuals.binning import add_row, gather_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -184,35 +183,6 @@ def to_columns(sensor, line_from, line_to, mean, variance):  # type: ignore[no-u
     """
     for line in range(line_from, line_to):
         level_row(sensor, mean[line], variance[line])
-
-
-@kernel(
-    "sensor.column_offset (P), sensor.column_gain (P), bins, light (L, P), spread (L, P), line_from, line_to, "
-    "mean (-(-L // bins), P // bins), variance (-(-L // bins), P // bins)",
-    where="0 <= line_from, bins * (line_to - 1) < L",
-)
-def to_binned_columns(sensor, bins, light, spread, line_from, line_to, mean, variance):  # type: ignore[no-untyped-def]
-    """The same of means over bins x bins pixels, written to mean, variance, lines line_from .. line_to - 1 of these.
-
-    light, spread (lines, pixels) stay as they are; their last line goes on where a square is not full.
-    """
-    pixels = light.shape[1]
-    means, variances = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
-    mean_sums, variance_sums = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
-    for line in range(line_from, line_to):
-        mean_sums[:] = 0
-        variance_sums[:] = 0
-        for i in range(line * bins, (line + 1) * bins):
-            fine = min(i, light.shape[0] - 1)
-            copy_row(light[fine], means)
-            copy_row(spread[fine], variances)
-            level_row(sensor, means, variances)
-            add_row(means, mean_sums)
-            add_row(variances, variance_sums)
-        gather_row(mean_sums, bins, 0, mean[line])
-        gather_row(variance_sums, bins, 0, variance[line])
-        for i in range(variance.shape[1]):
-            variance[line, i] /= np.float32(bins * bins)
 
 
 @kernel(

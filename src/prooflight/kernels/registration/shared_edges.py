@@ -8,6 +8,7 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.look_up import look_up_light
+from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weigh
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ PAIRS = 6
 EDGES = 10
 """Kinds of them: shared by a pair of planes, or of any plane, CMYK."""
 ROUNDS = 5
+LAST_PHASE = 1 - 2.0**-20
+"""Of a raster pixel, before the next begins."""
 
 
 class SensorPatches(NamedTuple):
@@ -80,17 +83,15 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def laid(packed, margin, right, down, seen):  # type: ignore[no-untyped-def]
-    """Planes of a packed raster (height + 2 margin, width + 2 margin) displaced by right, down (4,) -> seen (height,
-    width).
-    """
+def laid(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
+    """A packed raster's planes displaced by right, down (4,): seen (rows, columns), of it from row top, column left."""
     for row in range(seen.shape[0]):
         line = seen[row]
-        y = row + margin
-        c = packed[y - down[0], margin - right[0] : margin - right[0] + line.size]
-        m = packed[y - down[1], margin - right[1] : margin - right[1] + line.size]
-        k = packed[y - down[2], margin - right[2] : margin - right[2] + line.size]
-        b = packed[y - down[3], margin - right[3] : margin - right[3] + line.size]
+        y = row + top
+        c = packed[y - down[0], left - right[0] : left - right[0] + line.size]
+        m = packed[y - down[1], left - right[1] : left - right[1] + line.size]
+        k = packed[y - down[2], left - right[2] : left - right[2] + line.size]
+        b = packed[y - down[3], left - right[3] : left - right[3] + line.size]
         for i in range(line.size):
             line[i] = (
                 (c[i] & np.uint32(0xFF))
@@ -98,6 +99,22 @@ def laid(packed, margin, right, down, seen):  # type: ignore[no-untyped-def]
                 | (k[i] & np.uint32(0xFF0000))
                 | (b[i] & np.uint32(0xFF000000))
             )
+
+
+@inner_kernel(error_model="numpy")
+def footprint_pixels(taps, ratio, size):  # type: ignore[no-untyped-def]
+    """Raster pixels along one axis that ``size`` camera pixels see; taps (phases, taps) of one of them."""
+    return int(np.ceil((size - 1) * ratio)) + taps.shape[1] + 1
+
+
+@inner_kernel(error_model="numpy")
+def within(place, pixels, part, whole):  # type: ignore[no-untyped-def]
+    """Where a part of a window begins in which ``pixels`` from a place on are seen, and the place in it.
+
+    part, whole: how long they are. A place that is displaced beyond the window is brought to its end. [raster pixels]
+    """
+    first = min(max(int(np.floor(place)), 0), whole - part)
+    return first, min(max(place - first, 0.0), part - pixels + LAST_PHASE)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -112,44 +129,53 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
 
 @kernel(
     "patches.light (N, S, S), patches.base (N, S, S), patches.packed (N, H, W), patches.margin, "
-    "patches.origins (N, 2), patches.moves (N, 2), right (4), down (4), quantised.codes (65536, 16), "
-    "quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), taps.across (_, X), "
-    "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
+    "patches.origins (N, 2), patches.moves (N, 2), right (K, 4), down (K, 4), shifts (K, 2), "
+    "quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), quantised.bits (4), "
+    "taps.across (_, X), taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), noise (4), "
     "workspace.value (V), workspace.slope (V), workspace.begins (D), workspace.weights (B), "
-    "workspace.by_move (B), workspace.starts (Y), first, sums (N, SUMS)",
+    "workspace.by_move (B), workspace.starts (Y), first, sums (K, N, SUMS)",
     where="0 <= patches.margin, W - 2 * patches.margin <= V, S <= 8 * D",
     error_model="numpy",
 )
-def fringe_sums(patches, right, down, quantised, taps, noise, workspace, first, sums):  # type: ignore[no-untyped-def]
-    """``weigh``'s sums of every patch of one sensor if its planes lie so.
+def fringe_sums(  # type: ignore[no-untyped-def]
+    patches, right, down, shifts, quantised, taps, noise, workspace, first, sums
+):
+    """``weigh``'s sums of every patch of one sensor, for each of k ways in which its planes may lie.
 
-    patches: ``SensorPatches``, whose inverse variance is made where ``first`` says so; right, down (4,) raster pixels;
-    taps: ``SensorTaps``; noise: as in ``SensorLight``; workspace: ``Workspace``. sums (patches, SUMS) is written.
+    patches: ``SensorPatches``, whose inverse variance is made of the first way where ``first`` says so; right, down
+    (k, 4) of planes, shifts (k, 2) of the page beyond its ``moves``: raster pixels; taps: ``SensorTaps``; noise: as in
+    ``SensorLight``; workspace: ``Workspace``. sums (k, patches, SUMS) is written.
     """
     light, packed, margin = patches.light, patches.packed, patches.margin
     origins, moves = patches.origins, patches.moves
     size = light.shape[1]
     height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
-    seen = np.empty((height, width), np.uint32)
-    window = np.empty((height, width), np.float32)
+    # Of a window with room for displacements only what a patch sees where it lies is rendered.
+    rows = min(footprint_pixels(taps.along, taps.along_ratio, size), height)
+    columns = min(footprint_pixels(taps.across, taps.across_ratio, size), width)
+    wide = min((columns + FEW - 1) // FEW * FEW, width)
+    seen = np.empty((rows, wide), np.uint32)
+    window = np.empty((rows, wide), np.float32)
     image = np.empty((3, size, size), np.float32)
     flat = image.reshape(3, -1)
     error = np.empty(size * size, np.float32)
     zero = np.float32(0)
     for n in range(light.shape[0]):
-        laid(packed[n], margin, right, down, seen)
-        look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
-        x, y = origins[n, 0] - moves[n, 0], origins[n, 1] - moves[n, 1]
-        render_tile(window, x, y, taps, workspace, image)
         weights, of_scan = patches.base[n].reshape(-1), light[n].reshape(-1)
-        if first:
-            inverse_variance(flat, noise, weights)
-        total = zero
-        for i in range(error.size):
-            error[i] = of_scan[i] - flat[0, i]
-            total += flat[0, i]
-        mean = total / np.float32(error.size)
-        weigh(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[n])
+        for k in range(right.shape[0]):
+            left, x = within(origins[n, 0] - (moves[n, 0] + shifts[k, 0]), columns, wide, width)
+            top, y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, rows, height)
+            laid(packed[n], margin + top, margin + left, right[k], down[k], seen)
+            look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
+            render_tile(window, x, y, taps, workspace, image)
+            if first and k == 0:
+                inverse_variance(flat, noise, weights)
+            total = zero
+            for i in range(error.size):
+                error[i] = of_scan[i] - flat[0, i]
+                total += flat[0, i]
+            mean = total / np.float32(error.size)
+            weigh(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[k, n])
 
 
 @kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")
@@ -177,7 +203,7 @@ def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped
             left[n, 5] += s[9] - s[3] * level_y - s[6] * gain_y
 
 
-@kernel("left (N, 6), own_sd, common_sd, most, costs (N)", error_model="numpy")
+@inner_kernel(error_model="numpy")
 def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untyped-def]
     """What patches (n, 6) of ``without_light`` leave together, and the displacement (x, y) common to them. [-, pixels]
 
@@ -215,3 +241,10 @@ def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untype
         whole = xx * yy - xy * xy
         move_x, move_y = (yy * push_x - xy * push_y) / whole, (xx * push_y - xy * push_x) / whole
     return total, move_x, move_y
+
+
+@kernel("left (K, N, 6), own_sd, common_sd, most, found (K, 3), costs (K, N)", error_model="numpy")
+def shared_costs(left, own_sd, common_sd, most, found, costs):  # type: ignore[no-untyped-def]
+    """``shared_cost`` of each of k ways in which planes may lie: found (k, 3), costs (k, patches) are written."""
+    for k in range(left.shape[0]):
+        found[k] = shared_cost(left[k], own_sd, common_sd, most, costs[k])

@@ -53,6 +53,14 @@ def level_of(area):  # type: ignore[no-untyped-def]
     return np.int32(min(max(area, np.float32(0)), np.float32(1)) * _MOST + _HALF)
 
 
+@inner_kernel(fastmath=True, error_model="numpy")
+def add_bells(recipe, light, bells, shapes):  # type: ignore[no-untyped-def]
+    """Add bells of one recipe (levels of CMYK) times light to shapes (SHAPES,)."""
+    c, m, y, k = bells[0, recipe[0]], bells[1, recipe[1]], bells[2, recipe[2]], bells[3, recipe[3]]
+    for j in range(SHAPES):
+        shapes[j] += c[j] * m[j] * y[j] * k[j] * light
+
+
 @kernel(
     "measured (L, P), expected (L, P), offset (P), variance (L, P), inks.gain (4, L, P), "
     "inks.dot (4, L, P), inks.texture (L, P), inks.cover (4, L, P), inside (L, P), bells (4, LEVELS, SHAPES), "
@@ -72,39 +80,59 @@ def block_sums(  # type: ignore[no-untyped-def]
     """
     lines, pixels = measured.shape
     gain, dot, texture, cover = inks
-    shapes = np.empty(SHAPES, np.float32)
-    for block in range(corners.shape[0]):
-        sums = out[block]
-        sums[:] = np.float32(0)
-        shapes[:] = np.float32(0)
-        for line in range(max(corners[block, 0], 1), min(corners[block, 0] + side, lines - 1)):
-            for x in range(max(corners[block, 1], 1), min(corners[block, 1] + side, pixels - 1)):
-                if not inside[line, x]:
-                    continue
-                light = expected[line, x] - offset[x]
-                across = (expected[line, x + 1] - expected[line, x - 1]) * _HALF
-                along = (expected[line + 1, x] - expected[line - 1, x]) * _HALF
-                sums[0] += np.float32(1)
-                sums[1] += measured[line, x] - expected[line, x]
-                sums[2] += light
-                sums[3] += variance[line, x]
-                sums[4] += across * across + along * along
-                sums[5] += texture[line, x]
-                c, m = bells[0, level_of(cover[0, line, x])], bells[1, level_of(cover[1, line, x])]
-                y, k = bells[2, level_of(cover[2, line, x])], bells[3, level_of(cover[3, line, x])]
-                for j in range(SHAPES):
-                    shapes[j] += c[j] * m[j] * y[j] * k[j] * light
-                for ink in range(INKS):
-                    if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
+    out[:] = np.float32(0)
+    begin = 0
+    while begin < corners.shape[0]:
+        top, end = corners[begin, 0], begin
+        while end < corners.shape[0] and corners[end, 0] == top:
+            end += 1
+        # Blocks side by side line after line, for a page's lines lie far apart in memory.
+        for line in range(max(top, 1), min(top + side, lines - 1)):
+            for block in range(begin, end):
+                sums = out[block]
+                shapes = sums[SHAPE_AT:SLOPE_AT]
+                none = np.float32(0)
+                count, off, bright, scatter, steep, grain, alike = none, none, none, none, none, none, none
+                recipe = np.int32(0), np.int32(0), np.int32(0), np.int32(0)
+                for x in range(max(corners[block, 1], 1), min(corners[block, 1] + side, pixels - 1)):
+                    if not inside[line, x]:
                         continue
-                    here = cover[ink, line, x]
-                    sums[GAIN_AT + ink] += gain[ink, line, x]
-                    sums[DOT_AT + ink] += dot[ink, line, x]
-                    if here > np.float32(0.02):
-                        per_area = gain[ink, line, x] / here * _HALF
-                        right, left = cover[ink, line, x + 1], cover[ink, line, x - 1]
-                        below, above = cover[ink, line + 1, x], cover[ink, line - 1, x]
-                        sums[SLOPE_AT + ink] += per_area * (right - left)
-                        sums[SLOPE_AT + INKS + ink] += per_area * (below - above)
-        for j in range(SHAPES):
-            sums[SHAPE_AT + j] = shapes[j]
+                    light = expected[line, x] - offset[x]
+                    across = (expected[line, x + 1] - expected[line, x - 1]) * _HALF
+                    along = (expected[line + 1, x] - expected[line - 1, x]) * _HALF
+                    count += np.float32(1)
+                    off += measured[line, x] - expected[line, x]
+                    bright += light
+                    scatter += variance[line, x]
+                    steep += across * across + along * along
+                    grain += texture[line, x]
+                    here = (
+                        level_of(cover[0, line, x]),
+                        level_of(cover[1, line, x]),
+                        level_of(cover[2, line, x]),
+                        level_of(cover[3, line, x]),
+                    )
+                    if here != recipe:
+                        add_bells(recipe, alike, bells, shapes)
+                        recipe, alike = here, np.float32(0)
+                    alike += light
+                    for ink in range(INKS):
+                        if gain[ink, line, x] == 0 and dot[ink, line, x] == 0:
+                            continue
+                        area = cover[ink, line, x]
+                        sums[GAIN_AT + ink] += gain[ink, line, x]
+                        sums[DOT_AT + ink] += dot[ink, line, x]
+                        if area > np.float32(0.02):
+                            per_area = gain[ink, line, x] / area * _HALF
+                            right, left = cover[ink, line, x + 1], cover[ink, line, x - 1]
+                            below, above = cover[ink, line + 1, x], cover[ink, line - 1, x]
+                            sums[SLOPE_AT + ink] += per_area * (right - left)
+                            sums[SLOPE_AT + INKS + ink] += per_area * (below - above)
+                add_bells(recipe, alike, bells, shapes)
+                sums[0] += count
+                sums[1] += off
+                sums[2] += bright
+                sums[3] += scatter
+                sums[4] += steep
+                sums[5] += grain
+        begin = end

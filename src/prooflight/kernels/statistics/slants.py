@@ -21,13 +21,13 @@ def doubled(sums, out):  # type: ignore[no-untyped-def]
     width = sums.shape[2]
     for k in range(out.shape[0]):
         for a in range(out.shape[1]):
-            above, below, row = sums[2 * k, a // 2], sums[2 * k + 1, a // 2], out[k, a]
-            step = min((a + 1) // 2, width)
-            within = width - step
-            for x in range(within):
-                row[x] = above[x] + below[x + step]
-            for x in range(within, width):
-                row[x] = above[x]
+            above, row = sums[2 * k, a // 2], out[k, a]
+            below = sums[2 * k + 1, a // 2, min((a + 1) // 2, width) :]
+            for x in range(below.size):
+                row[x] = above[x] + below[x]
+            beyond, rest = above[below.size :], row[below.size :]
+            for x in range(rest.size):
+                rest[x] = beyond[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -39,16 +39,19 @@ def signed_squares(above, above_known, below, below_known, lean, least, most_of_
     not agree, or where it leaves the page.
     """
     zero = np.float32(0)
-    greatest, smallest = zero, zero
     within, step = max(out.size - lean, 0), (lean + 1) // 2
-    for x in range(within):
-        n, m, d, e = above[x], below[x + step], above_known[x], below_known[x + step]
+    # Slices of one length: the compiler then knows that no index is negative, and the loops run in vectors.
+    above, above_known, line = above[:within], above_known[:within], out[:within]
+    below, below_known = below[step : step + within], below_known[step : step + within]
+    for x in range(line.size):
+        n, m, d, e = above[x], below[x], above_known[x], below_known[x]
         one, other = n * abs(n) / max(d, least), m * abs(m) / max(e, least)
         value = (n + m) * abs(n + m) / max(d + e, least)
         more, fewer = max(min(one, other), zero), min(max(one, other), zero)
-        value = min(max(value, zero), most_of_half * more) + max(min(value, zero), most_of_half * fewer)
-        out[x] = value
-        greatest, smallest = max(greatest, value), min(smallest, value)
+        line[x] = min(max(value, zero), most_of_half * more) + max(min(value, zero), most_of_half * fewer)
+    greatest, smallest = zero, zero
+    for x in range(line.size):
+        greatest, smallest = max(greatest, line[x]), min(smallest, line[x])
     out[within:] = zero
     return greatest, smallest
 

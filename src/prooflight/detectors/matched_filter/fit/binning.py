@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.residuals.binning import binned_rows, take_turns
-from prooflight.pages.sampling import Footprint, LensCorrection
+from prooflight.pages.lens_correction import correction_frequencies, correction_to
+from prooflight.pages.sampling import Footprint, transfer
+from prooflight.prediction.tables import SameArray
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.pages.lens_correction import LensCorrection
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel
 
@@ -59,36 +62,65 @@ def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
 
 
 @lru_cache(maxsize=16)
-def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: float) -> SensorModel:
-    """A sensor of which one pixel is so many each way, ``pitch_mm`` apart; its tables are of one of them.
-
-    What the footprint misses of the lens is left to ``predict``.
-    """
+def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: tuple[float, float]) -> SensorModel:
+    """A sensor of which one pixel is the mean of so many each way, that lie ``pitch_mm`` apart across and along."""
     if bins == 1:
         return sensor
     offset, gain = (
         one.reshape(-1, bins).mean(axis=1, dtype=np.float64).astype(np.float32)
         for one in (sensor.column_offset_dn, sensor.column_gain)
     )
+    footprint, correction = _seen_together(sensor.footprint, sensor.correction, bins, pitch_mm)
     return replace(
         sensor,
         column_offset_dn=offset,
         column_gain=gain,
-        footprint=widened(sensor.footprint, bins, pitch_mm),
-        correction=LensCorrection.none(),
+        footprint=footprint,
+        correction=correction,
+        variance_dn2=_of_mean(SameArray(sensor.variance_dn2), bins),
+        dark_variance_dn2=sensor.dark_variance_dn2 / bins**2,
+        backing_variance_dn2=sensor.backing_variance_dn2 / bins**2,
     )
 
 
-def widened(footprint: Footprint, bins: int, pitch_mm: float) -> Footprint:
-    """What so many pixels side by side see together."""
-    begins = (np.arange(bins) - (bins - 1) / 2) * pitch_mm
-    reach_mm = footprint.reach_mm + float(begins[-1])
+@lru_cache(maxsize=16)
+def _of_mean(variance: SameArray, bins: int) -> NDArray[np.float32]:
+    """Variance of the mean of bins x bins pixels; made once, for its table is quantised once."""
+    return variance.array / np.float32(bins**2)
+
+
+@lru_cache(maxsize=16)
+def _seen_together(
+    footprint: Footprint, correction: LensCorrection, bins: int, pitch_mm: tuple[float, float]
+) -> tuple[Footprint, LensCorrection]:
+    """Footprint and correction of so many pixels together."""
+    wide = widened(footprint, bins, pitch_mm)
+    if correction.is_identity:
+        return wide, correction
+    frequency = correction_frequencies()
+    across, along = (
+        transfer(of, wide.reach_mm / (bins * pitch), frequency)
+        for of, pitch in zip((wide.across, wide.along), pitch_mm, strict=True)
+    )
+    ours = along[:, None] * across
+    return wide, correction_to(correction.transfer(frequency / bins) * ours, ours)
+
+
+def widened(footprint: Footprint, bins: int, pitch_mm: tuple[float, float]) -> Footprint:
+    """What so many pixels side by side see together; pitch_mm: across and along."""
+    reach_mm = footprint.reach_mm + (bins - 1) / 2 * max(pitch_mm)
     places = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
     steps = round(reach_mm / footprint.reach_mm * (footprint.across.size - 1) / 2)
     wide = np.linspace(-reach_mm, reach_mm, 2 * steps + 1)
     across, along = (
-        np.mean([np.interp(wide - begin, places, of, left=0, right=1) for begin in begins], axis=0)
-        for of in (footprint.across, footprint.along)
+        np.mean(
+            [
+                np.interp(wide - begin * pitch, places, of, left=0, right=1)
+                for begin in np.arange(bins) - (bins - 1) / 2
+            ],
+            axis=0,
+        )
+        for of, pitch in zip((footprint.across, footprint.along), pitch_mm, strict=True)
     )
     return Footprint(reach_mm=reach_mm, across=across, along=along)
 

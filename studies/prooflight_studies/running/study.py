@@ -42,7 +42,7 @@ OURS_PER_S: Final = 3.0
 """Asked of our detector where every page is another, or two sensors look on."""
 OURS_SHARE: Final = 0.8
 """Of its highest sustained speed, at which our detector is run in real time where that is below what is asked."""
-WRONG_EVERY: Final = 5
+WRONG_EVERY: Final = 10
 """Of the prints that our detector is shown, one in so many is a misprint."""
 
 

@@ -14,6 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from prooflight.pages.heap import keep_memory
 
+SWITCH_S: Final = 5e-4
+"""For which a thread may keep the interpreter while another waits: a tenth of Python's own. A page calls a thousand
+kernels, and after each must have the interpreter again; two threads inspect a tenth more pages so."""
 TOUCHED_BYTES: Final = 1_500_000_000
 """Well below ``heap.KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
 MODEST: Final = 5
@@ -30,6 +33,7 @@ def settle_process() -> None:
     """
     cv2.setNumThreads(1)
     threadpool_limits(limits=1)
+    sys.setswitchinterval(SWITCH_S)
     keep_memory()
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prooflight.commissioning.training.adapting import adapted
+from prooflight.commissioning.training.adapting import PASSED_ON, adapted, sparing
 from prooflight.commissioning.training.learn import Pages, learn_model
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import score_of
@@ -88,6 +88,27 @@ def passing(model: DetectorModel, share: float) -> DetectorModel:
 
 
 # --- the score of both looks ---
+
+
+@pytest.mark.parametrize("shipped", [0.3, 0.01])
+def test_a_press_passes_few_of_its_own_good_pages_on_and_no_more_than_the_ranking_says(
+    taught: DetectorModel, shipped: float
+) -> None:
+    """Of 200 own pages 10; of what others it passes on scores are the same, and of all the rest no higher."""
+    model, own = passing(taught, shipped), drawn(200, 6)
+    spared = sparing(model, own)
+    assert spared.screen is not None
+    assert model.screen is not None
+    first = spared.first_look(own.values, own.page_features)
+    before = (first > model.screen.least).sum()
+    assert (first > spared.screen.least).sum() == min(before, round(200 * PASSED_ON))
+    other = drawn(300, 7, wrong=True)
+    at_first, score = (one.score(other.values, other.page_features) for one in (model, spared))
+    passed = spared.first_look(other.values, other.page_features) > spared.screen.least
+    np.testing.assert_array_equal(score[passed], at_first[passed])
+    assert (score <= at_first).all()
+    everything = replace(model, screen=None)
+    assert sparing(everything, own) is everything
 
 
 @given(

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 LEAST_EXACT: Final = 0.1
 """The same where good prints are exact: there hardly anything scatters. (assumed)"""
 FOLDS: Final = 5
+PASSED_ON: Final = 0.05
+"""Of a press's own good pages, at most so many are worth a second look. In the ranking's trials that catches as many
+misprints as looking twice at all of them (docs/results/ranking.md)."""
 
 
 def adapted(model: DetectorModel, good: Pages) -> DetectorModel:
@@ -35,6 +38,18 @@ def adapted(model: DetectorModel, good: Pages) -> DetectorModel:
     least = LEAST_EXACT if model.residual_variance.exact else LEAST_SCALE
     shift, scale = shift_and_scale(deviations, least_scale=least)
     return replace(model, shift=shift, scale=scale)
+
+
+def sparing(model: DetectorModel, good: Pages) -> DetectorModel:
+    """The model whose first look passes no more than ``PASSED_ON`` of this press's good pages on.
+
+    A page that is no longer passed on scores below all that are: so this makes no false alarm, whatever the threshold.
+    """
+    if model.screen is None:
+        return model
+    first = model.first_look(good.values, good.page_features)
+    least = max(model.screen.least, float(np.quantile(first, 1 - PASSED_ON)))
+    return replace(model, screen=replace(model.screen, least=least))
 
 
 def fit_for(
@@ -54,7 +69,7 @@ def fit_for(
     """
     own = GoodScores.of(own_scores(model, good, another), good.design)
     return CalibratedDetector.calibrated(
-        adapted(model, good),
+        sparing(adapted(model, good), good),
         own,
         references=references,
         pages=GoodPages(values=good.values, page_features=good.page_features),

@@ -57,7 +57,7 @@ def _ours() -> CalibratedDetector:
     )
     model = learn_model(pages, names=STATISTICS, scatter=Scatter.white(), rng=rng, looks_first=True, trees=6)
     assert model.screen is not None
-    model = replace(model, screen=replace(model.screen, least=0.0))
+    model = replace(model, screen=replace(model.screen, least=0.0, least_taught=-1.0))
     return fit_for(
         model,
         ReferenceScores(pages=np.array([20, 40]), worst=np.sort(rng.standard_normal((2, 50)))),

@@ -174,7 +174,7 @@ def run_ranking_study(
     model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
     assert model.screen is not None
     least = _least(judged.first[SIZES.index(OF_A_PRESS), ~pages.bad], PASSED_ON)
-    model = replace(model, screen=replace(model.screen, least=least))
+    model = replace(model, screen=replace(model.screen, least=least, least_taught=least))
     ranking = ShippedRanking(
         model=model,
         references=ReferenceScores(

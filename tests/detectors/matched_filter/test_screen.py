@@ -84,7 +84,7 @@ def passing(model: DetectorModel, share: float) -> DetectorModel:
     assert model.screen is not None
     good = drawn(500, 3)
     least = float(np.quantile(model.first_look(good.values, good.page_features), 1 - share))
-    return replace(model, screen=replace(model.screen, least=least))
+    return replace(model, screen=replace(model.screen, least=least, least_taught=least))
 
 
 # --- the score of both looks ---
@@ -107,6 +107,8 @@ def test_a_press_passes_few_of_its_own_good_pages_on_and_no_more_than_the_rankin
     passed = spared.first_look(other.values, other.page_features) > spared.screen.least
     np.testing.assert_array_equal(score[passed], at_first[passed])
     assert (score <= at_first).all()
+    again = spared.screen.as_taught()
+    assert (again.least, again.least_taught) == (model.screen.least, model.screen.least)
     everything = replace(model, screen=None)
     assert sparing(everything, own) is everything
 
@@ -189,6 +191,18 @@ def test_it_comes_back_from_its_file(taught: DetectorModel) -> None:
     np.testing.assert_array_equal(
         again.score(pages.values, pages.page_features), model.score(pages.values, pages.page_features)
     )
+    spared = sparing(model, drawn(200, 6))
+    told = spared.facts() | {"threshold": None}
+    kept = DetectorModel.from_parts(spared.arrays(), told).screen
+    assert kept is not None
+    assert spared.screen is not None
+    assert (kept.least, kept.least_taught) == (spared.screen.least, spared.screen.least_taught)
+    with pytest.raises(Misfit, match="no more than"):
+        DetectorModel.check(spared.arrays(), told | {"taught_passed_on_above": kept.least + 1})
+    older = {name: fact for name, fact in told.items() if name != "taught_passed_on_above"}
+    before = DetectorModel.from_parts(spared.arrays(), older).screen
+    assert before is not None
+    assert before.least_taught == kept.least
     without = {name: array for name, array in arrays.items() if not name.startswith(("first.", "screen"))}
     DetectorModel.check(without, facts | {"passed_on_above": None})
     assert DetectorModel.from_parts(without, facts | {"passed_on_above": None}).screen is None

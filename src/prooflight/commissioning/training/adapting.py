@@ -48,7 +48,7 @@ def sparing(model: DetectorModel, good: Pages) -> DetectorModel:
     if model.screen is None:
         return model
     first = model.first_look(good.values, good.page_features)
-    least = max(model.screen.least, float(np.quantile(first, 1 - PASSED_ON)))
+    least = max(model.screen.least_taught, float(np.quantile(first, 1 - PASSED_ON)))
     return replace(model, screen=replace(model.screen, least=least))
 
 
@@ -67,6 +67,8 @@ def fit_for(
     model: not adapted to any press, or to this one by other pages; references: its scores of those that taught it.
     another: whether a scan showed another page.
     """
+    if model.screen is not None:
+        model = replace(model, screen=model.screen.as_taught())
     own = GoodScores.of(own_scores(model, good, another), good.design)
     return CalibratedDetector.calibrated(
         sparing(adapted(model, good), good),

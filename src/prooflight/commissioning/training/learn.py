@@ -282,6 +282,7 @@ def _screen(
         forest=forest,
         kind_forests=kind_forests,
         least=-np.inf,
+        least_taught=-np.inf,
     )
 
 

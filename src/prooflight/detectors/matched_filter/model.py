@@ -222,6 +222,7 @@ class DetectorModel:
             "threshold": self.threshold,
             "good_designs": self.good_designs,
             "passed_on_above": None if self.screen is None else self.screen.least,
+            "taught_passed_on_above": None if self.screen is None else self.screen.least_taught,
         }
 
     @staticmethod
@@ -254,6 +255,7 @@ class DetectorModel:
         statistics = tuple(map(Statistic.parse, facts["names"]))
         screen = None
         if facts.get("passed_on_above") is not None:
+            taught = facts.get("taught_passed_on_above")
             screen = Screen(
                 **part_of(arrays, "first."),
                 families=screened(statistics)[1],
@@ -261,6 +263,7 @@ class DetectorModel:
                 forest=forest("screen"),
                 kind_forests=tuple(forest(f"screenkind{index}") for index in range(len(facts["kinds"]))),
                 least=facts["passed_on_above"],
+                least_taught=facts["passed_on_above"] if taught is None else taught,
             )
         return cls(
             **{name: arrays[name] for name in ARRAYS},
@@ -368,6 +371,8 @@ class ModelFacts(Block):
     good_designs: Count
     passed_on_above: Number | None = None
     """``Screen.least``; None: there is none."""
+    taught_passed_on_above: Number | None = None
+    """``Screen.least_taught``; None: the same."""
 
     def check(self, under: str) -> None:
         """Misfit unless its parts fit each other."""
@@ -379,6 +384,9 @@ class ModelFacts(Block):
             raise Misfit(f"{under}kinds", "must differ from each other")
         if self.kinds and not self.ranked:
             raise Misfit(f"{under}ranked", "must be true where there are kinds")
+        passed, taught = self.passed_on_above, self.taught_passed_on_above
+        if passed is not None and taught is not None and taught > passed:
+            raise Misfit(f"{under}taught_passed_on_above", "must be no more than passed_on_above")
         if self.passed_on_above is not None and not self.ranked:
             raise Misfit(f"{under}ranked", "must be true where pages are looked at twice")
 

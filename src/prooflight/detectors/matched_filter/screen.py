@@ -6,7 +6,7 @@ promises is promised of both together: good pages are scored as every page is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -52,7 +52,13 @@ class Screen:
     forest: Forest
     kind_forests: tuple[Forest, ...]
     least: float
-    """Score above which pages are passed on."""
+    """Score above which pages are passed on ..."""
+    least_taught: float
+    """... and were where reference pages were scored; a press may pass fewer on."""
+
+    def as_taught(self) -> Screen:
+        """The first look by which reference pages were scored."""
+        return replace(self, least=self.least_taught)
 
     def evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """(pages, families) from deviations of all the model's statistics, of which others than its own may be NaN."""

@@ -413,6 +413,33 @@ def test_a_page_that_is_not_known_yet_is_not_guessed(job: Job) -> None:
     assert (pager.to_come, pager.missing) == (PAGES - 8, 0)
 
 
+@dataclass
+class KnownInTime:
+    """Thumbnails of pages that were due at one time or another; what is made ready ahead is no more."""
+
+    thumbnails: tuple[Thumbnail, ...]
+    due: int = 0
+
+    def __len__(self) -> int:
+        return len(self.thumbnails)
+
+    def __getitem__(self, job_page: int) -> Thumbnail | None:
+        return self.thumbnails[job_page] if job_page <= self.due else None
+
+
+def test_a_run_stays_in_step_behind_strange_sheets_though_pages_are_known_when_due(job: Job) -> None:
+    """Pages 2 and 3 are printed as others; nobody knew page 4 until it was due in spite of them."""
+    expected, scans = KnownInTime(job.thumbnails), list(job.scans)
+    scans[1] = scans[2] = job.foreign
+    pager, found = Pager(job.press, expected=expected), list[SeenPage | MissingPage]()
+    for block in Drum(scans, press=job.press, passing=turns(PAGES, {})).blocks():
+        found += pager.push(block)
+        expected.due = max(expected.due, pager.next_page)
+    found += pager.flush()
+    assert pages_of(found) == [0, None, None, 3, 4, 5, 6, 7]
+    assert missing_of(found) == [1, 2]
+
+
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_sheet_within_which_the_lines_end_is_said_to_be_cut_short(job: Job, share: float) -> None:
     pager, whole = Pager(job.press, expected=list(job.thumbnails)), job.scans[0].shape[1]

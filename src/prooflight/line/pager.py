@@ -112,7 +112,7 @@ class Pager:
     @property
     def next_page(self) -> int:
         """The page of ``expected`` that should come next."""
-        return self._following.frontier
+        return self._following.due
 
     @property
     def to_come(self) -> int:
@@ -177,7 +177,7 @@ class Pager:
             of_order, gone = self._following.arrived(match.job_page, count)
             faults += of_order
         elif match.taken_for is not None:
-            self._following.taken(match.taken_for)
+            gone = self._following.taken(match.taken_for, count)
         elif match.blank:
             faults.append(Fault(kind="blank", first_line=count, detail="nothing is printed on the sheet"))
             self._following.stray("a blank sheet came in its place")
@@ -201,7 +201,7 @@ class Pager:
         first, scan, _ = self._cut(sheet, page)
         expected = self._following.frontier if self.to_come else None
         if expected is not None:
-            self._following.taken(expected)
+            self._following.taken(expected, self._store.count_at(first))
         return SeenPage(
             scan=scan,
             first_line=self._store.count_at(first),

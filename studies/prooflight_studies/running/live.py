@@ -142,6 +142,7 @@ def live_row(
 
 def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], ring: Ring) -> dict[str, Any]:
     """Of good prints and of misprints, how many were played, how many of these sheets alarmed, and how many prints."""
+    outcomes = [one for one in outcomes if one[3]]  # a page that did not come was not played
     wrong = np.array([ring.is_wrong(sheet) for sheet in range(len(outcomes))], bool)
     alarm = np.array([verdict == "misprint" for _, verdict, _, _ in outcomes], bool)
     of_print = np.arange(len(outcomes)) % len(ring.scans)

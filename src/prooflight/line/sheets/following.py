@@ -79,6 +79,11 @@ class Following:
     strays: list[str] = field(default_factory=list)
     """What came since the last page of the job: sheets that show none of its pages."""
 
+    @property
+    def due(self) -> int:
+        """The page that should come next if every stray sheet came in the place of one; no further than ``AHEAD``."""
+        return self.frontier + min(len(self.strays), AHEAD)
+
     def next_page(self) -> Thumbnail | None:
         """Of the page expected next; None: not known, or the job is over."""
         return self.expected[self.frontier] if self.frontier < len(self.expected) else None
@@ -111,7 +116,8 @@ class Following:
             wide = self._designs(self._wide(light), skipped)
             best = max(best, self._liken(light, wide, longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE or best.fit is None:
-            return Match(job_page=None, likeness=best.likeness)
+            unknown = self.due < len(self.expected) and self.expected[self.due] is None
+            return Match(job_page=None, taken_for=self.due if unknown else None, likeness=best.likeness)
         return self._weighed(light, best, best.fit, near, longer)
 
     def _weighed(
@@ -224,9 +230,16 @@ class Following:
                 gone.append(self._gone(absent, first_line, f"page {absent + 1} has not come"))
         return faults, gone
 
-    def taken(self, job_page: int) -> None:
-        """A sheet passed in the place of a page whose look is not known: it is taken to be it."""
-        self.frontier = job_page + 1
+    def taken(self, job_page: int, first_line: int) -> list[MissingPage]:
+        """A sheet passed in the place of a page whose look is not known: it is taken to be it. Pages in whose places
+        strays came.
+        """
+        gone = [
+            self._gone(absent, first_line, stray)
+            for absent, stray in zip(range(self.frontier, job_page), self.strays, strict=False)
+        ]
+        self.frontier, self.strays = job_page + 1, []
+        return gone
 
     def stray(self, what: str) -> None:
         """A sheet passed that shows no page of the job."""

@@ -207,6 +207,6 @@ def test_a_hole_in_the_padding_loses_no_line() -> None:
 def test_another_width_is_refused_in_one_line() -> None:
     counter = LineCounter(name="cam 1", pixels=2048, sensors=1)
     with pytest.raises(
-        ScanError, match="^cam 1: sends 1 sensors x 16 pixels; set it to 1 sensors x 2048 pixels"
+        ScanError, match=r"^cam 1: sends 1 sensors x 16 pixels; set it to 1 sensors x 2048 pixels"
     ):
         counted(counter, grab(0))

@@ -25,7 +25,7 @@ CameraId = Annotated[
 
 
 def found(
-    backend: Annotated[str | None, typer.Option(metavar="NAME", help="aravis; default all.")] = None,
+    backend: Annotated[str | None, typer.Option(metavar="NAME", help="aravis or viva; default all.")] = None,
     json: Json = False,
 ) -> None:
     """Cameras that answer."""

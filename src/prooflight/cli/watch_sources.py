@@ -85,13 +85,28 @@ def open_source(
         return Opened(source=open_raw(address, sensors=sensors, pixels=pixels, framed=framed), waits=True)
     if kind == "camera" and rest:
         lines = camera_lines(rest, settings)
-        if (lines.sensors, lines.pixels) != (sensors, pixels):
+        try:
+            _refuse_other(text, lines, press)
+        except RequestError:
             lines.close()
-            what = f"sends {lines.sensors} sensors x {lines.pixels} pixels"
-            remedy = f"press {press.name} has {sensors} sensors x {pixels} pixels: set Width and PixelFormat"
-            raise RequestError(text, what, remedy=remedy)
+            raise
         return Opened(source=lines, waits=False, camera=lines)
     raise RequestError("source", f"there is no {text!r}", remedy=REMEDY)
+
+
+def _refuse_other(text: str, lines: CameraLines, press: Press) -> None:
+    """RequestError: a camera's lines are not those that the press was made for."""
+    sensors, pixels = len(press.sensors), press.geometry.pixels
+    if (lines.sensors, lines.pixels) != (sensors, pixels):
+        what = f"sends {lines.sensors} sensors x {lines.pixels} pixels"
+        remedy = f"press {press.name} has {sensors} sensors x {pixels} pixels: set Width and PixelFormat"
+        raise RequestError(text, what, remedy=remedy)
+    top_dn = max(sensor.top_code_dn for sensor in press.sensors)
+    # 16 bits may hold the numbers of a converter of fewer.
+    if lines.form.top_code_dn != top_dn and lines.form.bits < 16:
+        what = f"sends {lines.form.name}, numbers up to {lines.form.top_code_dn}"
+        remedy = f"those of press {press.name} go up to {top_dn}: set PixelFormat, or sensor bits"
+        raise RequestError(text, what, remedy=remedy)
 
 
 def camera_lines(name: str, settings: Path | None) -> CameraLines:

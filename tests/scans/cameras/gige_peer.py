@@ -1,7 +1,7 @@
 """A GigE Vision camera on loopback that plays lines of our own: Aravis' simulated camera in a process of its own.
 
-``python gige_peer.py LINES.npy DESCRIPTION.xml LOST`` says ``ready`` and plays until its standard input ends. Each block
-shows the next lines of the file (lines, bytes), over and over. It knows more features than Aravis' own description.
+``python gige_peer.py LINES.npy DESCRIPTION.xml LOST`` says ``ready`` and plays until its standard input ends. Blocks
+show the next lines of the file (lines, bytes), over and over. It knows more features than Aravis' own description.
 """
 
 from __future__ import annotations

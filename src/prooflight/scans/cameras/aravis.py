@@ -209,13 +209,13 @@ class AravisCamera:
 
     def close(self) -> None:
         """See ``Camera``; takes seconds where the camera does not answer any more."""
-        camera, stream = self._camera, self._stream
-        self._camera = self._stream = 0
+        camera, stream, taken = self._camera, self._stream, self._taken
+        self._camera = self._stream = self._taken = 0
         if stream:
             with contextlib.suppress(AravisError):
                 called("arv_camera_stop_acquisition", None, (POINTER,), camera)
-        unref(stream)
-        unref(camera)
+        for thing in (taken, stream, camera):
+            unref(thing)
         self._buffers.clear()
 
     # --- parts ---
@@ -275,6 +275,8 @@ class AravisCamera:
     # --- its own description ---
 
     def _node(self, name: str) -> int | None:
+        if not self._camera:
+            return None  # its description has gone with it
         found: int | None = plainly("arv_gc_get_node", POINTER, (POINTER, TEXT), self._genicam, name.encode())
         return found if found and is_a(found, "arv_gc_feature_node") else None
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import RequestError
 from prooflight.scans.cameras.aravis import Aravis
+from prooflight.scans.cameras.viva import Viva
 
 if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Backend, Camera, FoundCamera
 
-BACKENDS: Final[tuple[Backend, ...]] = (Aravis(),)
+BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva())
 """The one that is asked first comes first."""
 
 
@@ -30,15 +31,21 @@ def usable(name: str | None = None) -> list[Backend]:
 
 def found_cameras(backend: str | None = None) -> list[FoundCamera]:
     """Cameras that answer, each once: the first backend's where several find it."""
-    seen: dict[str, FoundCamera] = {}
+    found: list[FoundCamera] = []
     for one in usable(backend):
-        for camera in one.find():
-            seen.setdefault(camera.serial or camera.id, camera)
-    return list(seen.values())
+        known = {camera.address for camera in found}
+        found += [camera for camera in one.find() if camera.address not in known]
+    return found
 
 
 def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
-    """The camera of that ID, serial number or address; RequestError names those that answer."""
+    """The camera of that ID, serial number or address, after its backend and a colon or alone.
+
+    RequestError names those that answer.
+    """
+    head, colon, rest = name.partition(":")
+    if colon and head in {one.name for one in BACKENDS}:
+        name, backend = rest, head
     cameras = found_cameras(backend)
     for one in cameras:
         if name in one.names:

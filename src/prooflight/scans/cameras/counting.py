@@ -136,9 +136,10 @@ class LineCounter:
             if end > begin and lines is not None:
                 faults, self._to_say = tuple(self._to_say), []
                 piece = lines if end - begin == grab.lines else np.ascontiguousarray(lines[:, begin:end])
-                yield LineBlock(first_line=self.next_line, lines=piece, time_s=grab.time_s, faults=faults)
+                block = LineBlock(first_line=self.next_line, lines=piece, time_s=grab.time_s, faults=faults)
                 self.next_line += end - begin
                 self.lines += end - begin
+                yield block
             at = end
         self.next_line += ignored
 

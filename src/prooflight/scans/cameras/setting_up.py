@@ -107,7 +107,7 @@ def _own(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str
         field_name = f"{where}, camera.features.{name}"
         one = camera.feature(name)
         if one is None:
-            raise _lacks(camera, field_name, (name,))
+            raise _lacks(camera, field_name, (name,), nameable=False)
         found.append((one, _text(value), field_name))
     return _checked(camera, found)
 
@@ -170,16 +170,16 @@ def _checked(camera: Camera, asked: list[tuple[Feature, str, str]]) -> list[tupl
     return [(one.name, value) for one, value, _ in asked]
 
 
-def _lacks(camera: Camera, where: str, names: tuple[str, ...]) -> RequestError:
-    """Says what the camera lacks, and what it has instead."""
+def _lacks(camera: Camera, where: str, names: tuple[str, ...], *, nameable: bool = True) -> RequestError:
+    """Says what the camera lacks, and what it has instead; nameable: whether a press file may name it otherwise."""
     known = tuple(camera.features())
     near = dict.fromkeys(
         [one for name in names for one in difflib.get_close_matches(name, known, n=4, cutoff=0.5)]
     )
-    what = f"{camera.found.id} has no feature {' or '.join(names)}"
+    what = f"{camera.found.id} has no feature {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}"
     has = f"it has {shown(tuple(near))}" if near else LOOK
-    model = camera.found.model
-    return RequestError(where, what, remedy=f'{has}; name its own under [camera.names."{model}"]')
+    own = f'; name its own under [camera.names."{camera.found.model}"]' if nameable else ""
+    return RequestError(where, what, remedy=f"{has}{own}")
 
 
 def _text(value: Value) -> str:

@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Final, Literal
 from prooflight.errors import ScanError
 from prooflight.scans.cameras.camera import Health
 from prooflight.scans.cameras.counting import LineCounter
+from prooflight.scans.cameras.pixel_formats import pixel_format
 from prooflight.scans.cameras.setting_up import LOOK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
     from prooflight.scans.cameras.camera import Camera, Grab
     from prooflight.scans.lines import LineBlock
@@ -72,13 +73,14 @@ class CameraLines:
         self._reading = False
         try:
             self.pixels = int(_value(self._camera, "Width"))
-            self.sensors = 3 if _value(self._camera, "PixelFormat").startswith("RGB") else 1
+            self.form = pixel_format(_value(self._camera, "PixelFormat"), where=name)
         except BaseException:
             self._camera.close()
             raise
+        self.sensors = self.form.sensors
         self._counter.pixels, self._counter.sensors = self.pixels, self.sensors
 
-    def blocks(self) -> Iterator[LineBlock]:
+    def blocks(self) -> Generator[LineBlock, None, None]:
         """See ``LineSource``; ends only by ``close``. ScanError: the camera cannot be started, or its lines read."""
         camera, self._reading = self._camera, True
         if camera is None:

@@ -248,7 +248,7 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
     evidence = PageEvidence(values={"gain-cyan": 9.0})
 
     class Loud(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
             return SheetResult(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
 
     _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
@@ -273,7 +273,7 @@ class Third:
 class Summing(SheetInspector):
     """Sheet n adds n to its run, whatever is said of it."""
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
         said = super().inspect(ready, scan, name=name, seed=seed)
         word: Word = "misprint" if name == "sheet 3" else "good"
         evidence = PageEvidence(summary=np.array([float(name.removeprefix("sheet "))]))

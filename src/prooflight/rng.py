@@ -107,6 +107,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
         "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
+        "lost-lines": Purpose("the camera's noise where it lost lines", (SEED, FREE + 16)),
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
         "piece-places": Purpose("where small pages are cut from a design", (SEED, "design", 1)),
         "pilot-print": Purpose("a good print and its scan, to learn variation from", (SEED, "design", 0)),

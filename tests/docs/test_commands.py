@@ -46,6 +46,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "watch": ("job.pdf", "my.press"),
     "journal": ("job.pdf", "my.press"),
     "golden": ("job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
+    "line-cameras": (),
     "index": (),
 }
 """What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of

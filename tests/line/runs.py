@@ -63,6 +63,6 @@ class SheetInspector:
     def renewed(self, ready: Any) -> Any:
         return ready
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
         self.first(name)
         return SheetResult(verdict=Verdict(page=f"design {ready.page}", verdict="good", action="accept"))

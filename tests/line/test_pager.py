@@ -16,7 +16,7 @@ from prooflight.line.sheets.thumbnails import thumbnail_of
 from prooflight.pages.raster import turned
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
-from prooflight.scans.lines import LineBlock
+from prooflight.scans.lines import LineBlock, LineFault
 from prooflight.simulation.drum import LINE_FAULTS, Drum, DrumFault, turns
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
@@ -509,3 +509,99 @@ def test_two_sensors_are_paged_as_one(two_sensor_press: Press, make_page: Callab
     pager = Pager(two_sensor_press, expected=RepeatedJob(thumbnails, 9))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
     assert pages_of(found) == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8]
+
+
+def away(job: Job, first: float, last: float, *, restart: int = 0) -> list[LineBlock]:
+    """The job's lines where the camera gave none between two places, in sheets; it then counts on by about as many."""
+    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    page_lines = job.scans[0].shape[1]
+    kept = [block for block in blocks if not first * page_lines < block.first_line < last * page_lines]
+    back = next(n for n, block in enumerate(kept) if block.first_line >= last * page_lines)
+    before, due = kept[back - 1], kept[back].first_line + restart
+    lost = LineFault(
+        kind="camera-away",
+        first_line=before.next_line,
+        lines=due - before.next_line,
+        detail="the camera was away",
+    )
+    moved = [replace(block, first_line=block.first_line + restart) for block in kept[back:]]
+    return [*kept[:back], replace(moved[0], faults=(lost,)), *moved[1:]]
+
+
+@pytest.mark.parametrize("restart", [0, 37])
+def test_sheets_that_pass_while_the_camera_is_away_are_named_and_no_other(job: Job, restart: int) -> None:
+    found = job.paged(away(job, 2.4, 5.3, restart=restart))
+    came = [page for page in found if isinstance(page, SeenPage)]
+    assert [(page.job_page, page.torn, page.taken_for) for page in came] == [
+        (0, False, None),
+        (1, False, None),
+        (None, True, 2),
+        (None, True, None),
+        (6, False, None),
+        (7, False, None),
+    ]
+    assert [page.job_page for page in found if isinstance(page, MissingPage)] == [3, 4, 5]
+    assert {fault.detail for page in found if isinstance(page, MissingPage) for fault in page.faults} == {
+        "the camera gave no lines when it passed"
+    }
+    assert {fault.kind for page in came for fault in page.faults} == {"lost-lines"}
+    assert all(page.unseen == () for page in came if not page.torn)
+
+
+def test_a_camera_that_is_away_between_sheets_tears_none(job: Job) -> None:
+    scans = [np.concatenate([job.scans[0][:, :0], scan], axis=1) for scan in job.scans]
+    gap = np.repeat(job.scans[0][:, -1:], 300, axis=1)
+    scans[3] = np.concatenate([scans[3], gap], axis=1)
+    blocks = list(Drum(scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    between = sum(scan.shape[1] for scan in scans[:4]) - 150
+    back = next(n for n, block in enumerate(blocks) if block.first_line >= between)
+    lost = LineFault(
+        kind="camera-away", first_line=blocks[back].first_line, lines=5, detail="the camera was away"
+    )
+    anew = [replace(block, first_line=block.first_line + 5) for block in blocks[back:]]
+    found = job.paged([*blocks[:back], replace(anew[0], faults=(lost,)), *anew[1:]])
+    assert pages_of(found) == list(range(PAGES))
+    assert not any(page.torn for page in found if isinstance(page, SeenPage))
+
+
+def test_lost_lines_are_told_where_they_lie_in_the_sheet(job: Job) -> None:
+    """By the camera's own word, or by its count alone."""
+    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    middle = next(n for n, block in enumerate(blocks) if block.first_line > 3.4 * job.scans[0].shape[1])
+    block = blocks[middle]
+    head, tail = (
+        replace(block, lines=block.lines[:, :10]),
+        replace(block, first_line=block.first_line + 13, lines=block.lines[:, 13:]),
+    )
+    lost = LineFault(kind="lost-packets", first_line=block.first_line + 10, lines=3, detail="three lost")
+    for said, detail in (
+        ((lost,), "three lost"),
+        ((), f"lines {block.first_line + 10} to {block.first_line + 12} "),
+    ):
+        found = job.paged([*blocks[:middle], head, replace(tail, faults=said), *blocks[middle + 1 :]])
+        assert pages_of(found) == list(range(PAGES))
+        sheet = found[3]
+        assert isinstance(sheet, SeenPage)
+        first = block.first_line + 10 - sheet.first_line
+        assert sheet.unseen == ((first, first + 3),)
+        (fault,) = sheet.faults
+        assert fault.kind == "lost-lines"
+        assert fault.detail.startswith(detail)
+        assert not any(page.unseen for page in found if isinstance(page, SeenPage) and page is not sheet)
+
+
+def test_lines_that_came_too_late_are_lost_once_and_said_twice(job: Job) -> None:
+    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    middle = next(n for n, block in enumerate(blocks) if block.first_line > 3.4 * job.scans[0].shape[1])
+    gone, after = blocks[middle], blocks[middle + 1]
+    lost = LineFault(kind="lost-blocks", first_line=gone.first_line, lines=64, detail="a block did not come")
+    late = LineFault(kind="late-lines", first_line=gone.first_line, lines=64, detail="it came too late")
+    found = job.paged([*blocks[:middle], replace(after, faults=(lost, late)), *blocks[middle + 2 :]])
+    assert pages_of(found) == list(range(PAGES))
+    sheet = found[3]
+    assert isinstance(sheet, SeenPage)
+    assert [(fault.kind, fault.detail) for fault in sheet.faults] == [
+        ("lost-lines", "a block did not come"),
+        ("extra-lines", "it came too late"),
+    ]
+    assert [end - first for first, end in sheet.unseen] == [64]

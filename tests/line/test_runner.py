@@ -248,7 +248,7 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
     evidence = PageEvidence(values={"gain-cyan": 9.0})
 
     class Loud(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
             return SheetResult(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
 
     _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
@@ -273,7 +273,7 @@ class Third:
 class Summing(SheetInspector):
     """Sheet n adds n to its run, whatever is said of it."""
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> SheetResult:
+    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
         said = super().inspect(ready, scan, name=name, seed=seed)
         word: Word = "misprint" if name == "sheet 3" else "good"
         evidence = PageEvidence(summary=np.array([float(name.removeprefix("sheet "))]))
@@ -466,3 +466,35 @@ def test_times_are_known_to_two_percent() -> None:
     assert times.quantile_s(0.5) == pytest.approx(0.5, rel=0.03)
     assert times.quantile_s(0.999) == pytest.approx(0.999, rel=0.03)
     assert times.stage().greatest_ms == 1000
+
+
+def lost(page: int | None, *unseen: tuple[int, int], torn: bool = False, lines: int = 100) -> SeenPage:
+    """A sheet of which the camera lost lines."""
+    fault = Fault(
+        kind="lost-lines", first_line=7, detail="lines 7 to 9 were lost: parts of block 3 did not arrive"
+    )
+    scan = np.zeros((1, lines, 1), np.uint16)
+    return replace(seen(page), scan=scan, faults=(fault,), unseen=unseen, torn=torn)
+
+
+def test_a_sheet_with_lost_lines_is_judged_where_it_was_seen_and_says_so() -> None:
+    asked: list[Any] = []
+
+    class Asked(SheetInspector):
+        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
+            asked.append(unseen)
+            return super().inspect(ready, scan, name=name, seed=seed)
+
+    _, told = run([seen(0), lost(1, (7, 10))], inspector=Asked())
+    assert [one.record.verdict.verdict for one in told] == ["good", "good"]
+    assert sorted(asked) == [(), ((7, 10),)]
+    assert told[1].record.faults == ("lost-lines",)
+    assert told[1].record.notes == ("lines lost: lines 7 to 9 were lost: parts of block 3 did not arrive",)
+
+
+def test_a_sheet_of_which_too_much_was_lost_is_not_inspected_and_no_misprint() -> None:
+    _, told = run([lost(0, (10, 40)), lost(None, (7, 10)), lost(None, (7, 8)), lost(None, (0, 1), torn=True)])
+    said = [(one.record.verdict.verdict, one.record.verdict.reason) for one in told]
+    assert [word for word, _ in said] == ["not-inspected", "not-inspected", "misprint", "not-inspected"]
+    assert said[0][1].endswith("30% of the sheet was not seen")
+    assert said[3][1].startswith("lines lost: lines 7 to 9 ")

@@ -265,7 +265,7 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
     class Odd(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int) -> Any:
+        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> Any:
             return None if ready.page == 1 else super().inspect(ready, scan, name=name, seed=seed)
 
     run = run_of(Book(3), inspector=Odd())

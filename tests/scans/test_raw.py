@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.errors import RequestError, ScanError
-from prooflight.scans.lines import LineBlock, check_block
+from prooflight.scans.lines import LineBlock, LineFault, check_block
 from prooflight.scans.raw import HEADER, RawLines, open_raw, write_block
 
 if TYPE_CHECKING:
@@ -209,3 +209,18 @@ def test_a_closed_source_ends() -> None:
     found.close()
     found.close()
     assert list(blocks) == []
+
+
+def test_faults_travel_with_the_block_that_they_precede() -> None:
+    lost = LineFault(kind="lost-packets", first_line=7, lines=3, detail="lines 7 to 9 were lost")
+    away = LineFault(kind="camera-away", first_line=10, lines=90, detail="away, for 0.1 s — einen Augenblick")
+    sent = [
+        LineBlock(first_line=0, lines=lines(7), time_s=1.0),
+        LineBlock(first_line=100, lines=lines(4), time_s=2.0, faults=(lost, away)),
+    ]
+    found = list(source(io.BytesIO(framed(*sent)), framed=True).blocks())
+    assert [(block.first_line, block.faults) for block in found] == [(0, ()), (100, (lost, away))]
+    cut = framed(sent[1])[: HEADER.size + 5]
+    assert "ends within the words of a fault" in refused(cut, framed=True)
+    unknown = HEADER.pack(b"PLLF", 99, 0, 1, 0, 0.0)
+    assert "is no header of a block" in refused(unknown, framed=True)

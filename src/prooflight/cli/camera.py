@@ -1,4 +1,7 @@
-"""``prooflight camera``: what a camera answers, how sharp it is, how it could be, and what its exposures say it is."""
+"""``prooflight camera``: what a camera answers, how sharp it is, how it could be, and what its exposures say it is.
+
+What talks to a camera that is plugged in is in ``line_cameras``.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from prooflight.cli import camera_tables, show
+from prooflight.cli import camera_tables, line_cameras, show
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
@@ -32,6 +35,9 @@ Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the cu
 
 def register(program: typer.Typer) -> None:
     """Add these commands to the program."""
+    app.command("list")(line_cameras.found)
+    app.command("features")(line_cameras.features)
+    app.command("record")(line_cameras.record)
     program.add_typer(app, name="camera")
 
 

@@ -7,6 +7,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, cast
 
 import typer
@@ -21,7 +22,6 @@ from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from prooflight.inspection.inspector import Inspector
     from prooflight.line.recording import Recorder
@@ -90,6 +90,10 @@ def watch(
         ),
     ] = None,
     framed: Annotated[bool, typer.Option("--framed", help="Raw lines come in blocks with headers.")] = False,
+    camera: Annotated[
+        Path | None,
+        typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets up the camera of --source."),
+    ] = None,
     threads: Annotated[
         int | None, typer.Option(help="That inspect; default one a core.", min=1, max=MOST_THREADS)
     ] = None,
@@ -121,6 +125,7 @@ def watch(
     from prooflight.cli.watch_view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.line.book import JobBook
+    from prooflight.line.notices import Notice
     from prooflight.line.pager import SheetEdge, TriggerCount
     from prooflight.line.watching import watched
     from prooflight.pages.job import JobSource
@@ -141,6 +146,7 @@ def watch(
         press=loaded,
         job=job_source,
         framed=framed,
+        settings=camera,
         wishes=DrumWishes(
             pages=pages,
             sheets=count,
@@ -187,6 +193,8 @@ def watch(
             flaws={number - 1: error for number, error in flaws.items() if number <= count},
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
         )
+        if given.camera is not None:
+            given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
         stopped = console.until_ended(running)
         status = running.status()
         if recorder is not None:

@@ -13,11 +13,13 @@ if TYPE_CHECKING:
 
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
+    from prooflight.scans.cameras.camera import Camera
+    from prooflight.scans.cameras.source import CameraLines
     from prooflight.scans.lines import LineSource
     from prooflight.simulation.drum import Turn
     from prooflight.simulation.scans import SimulatedScan
 
-REMEDY = "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input) or tcp:HOST:PORT"
+REMEDY = "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input), tcp:HOST:PORT or camera:ID"
 
 SLOWEST, FASTEST = 0.001, 1000.0
 """Of the drum. [pages/s]"""
@@ -47,6 +49,8 @@ class Opened:
     source: LineSource
     waits: bool
     """Whether it can be made to wait."""
+    camera: CameraLines | None = None
+    """The source, where it is a camera: it says when it is away."""
 
 
 def open_source(
@@ -55,10 +59,14 @@ def open_source(
     press: Press,
     job: JobSource,
     framed: bool,
+    settings: Path | None = None,
     wishes: DrumWishes,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
 ) -> Opened:
-    """What ``--source`` names; RequestError if there is no such thing. shown: shows how rendering goes on."""
+    """What ``--source`` names; RequestError if there is no such thing.
+
+    settings: the press file by which a camera is set up. shown: shows how rendering goes on.
+    """
     kind, _, rest = text.partition(":")
     sensors, pixels = len(press.sensors), press.geometry.pixels
     if kind == "drum":
@@ -75,7 +83,52 @@ def open_source(
 
         address = rest if kind == "raw" else text
         return Opened(source=open_raw(address, sensors=sensors, pixels=pixels, framed=framed), waits=True)
+    if kind == "camera" and rest:
+        lines = camera_lines(rest, settings)
+        try:
+            _refuse_other(text, lines, press)
+        except RequestError:
+            lines.close()
+            raise
+        return Opened(source=lines, waits=False, camera=lines)
     raise RequestError("source", f"there is no {text!r}", remedy=REMEDY)
+
+
+def _refuse_other(text: str, lines: CameraLines, press: Press) -> None:
+    """RequestError: a camera's lines are not those that the press was made for."""
+    sensors, pixels = len(press.sensors), press.geometry.pixels
+    if (lines.sensors, lines.pixels) != (sensors, pixels):
+        what = f"sends {lines.sensors} sensors x {lines.pixels} pixels"
+        remedy = f"press {press.name} has {sensors} sensors x {pixels} pixels: set Width and PixelFormat"
+        raise RequestError(text, what, remedy=remedy)
+    top_dn = max(sensor.top_code_dn for sensor in press.sensors)
+    # 16 bits may hold the numbers of a converter of fewer.
+    if lines.form.top_code_dn != top_dn and lines.form.bits < 16:
+        what = f"sends {lines.form.name}, numbers up to {lines.form.top_code_dn}"
+        remedy = f"those of press {press.name} go up to {top_dn}: set PixelFormat, or sensor bits"
+        raise RequestError(text, what, remedy=remedy)
+
+
+def camera_lines(name: str, settings: Path | None) -> CameraLines:
+    """The lines of a camera by ID, serial number or address, set up as a press file says."""
+    from prooflight.press.press_file import PressFile
+    from prooflight.scans.cameras.backends import found_camera, opened
+    from prooflight.scans.cameras.setting_up import CameraSettings, set_up
+    from prooflight.scans.cameras.source import CameraLines
+
+    wanted = CameraSettings() if settings is None else PressFile.read(settings).camera_settings()
+    camera = found_camera(name)
+
+    def ready() -> Camera:
+        one = opened(camera)
+        try:
+            set_up(one, wanted, where=str(settings))
+        except BaseException:
+            one.close()
+            raise
+        return one
+
+    return CameraLines(ready, name=camera.id, runs_free=wanted.trigger == "free")
 
 
 def _rate(text: str, rest: str) -> float | None:

@@ -16,7 +16,15 @@ if TYPE_CHECKING:
 
     from prooflight.scans.lines import LineBlock
 
-NoticeKind = Literal["page-unusable", "page-usable", "silent", "lines-again", "promise-suspended"]
+NoticeKind = Literal[
+    "page-unusable",
+    "page-usable",
+    "silent",
+    "lines-again",
+    "camera-away",
+    "camera-back",
+    "promise-suspended",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -65,7 +65,7 @@ def outcome(
         first_line=seen.first_line,
         time_s=seen.last_line_time_s,
         faults=kinds,
-        notes=(LEFT_OUT.format(", ".join(left_out)),) if left_out else (),
+        notes=(*lost_lines(seen), *((LEFT_OUT.format(", ".join(left_out)),) if left_out else ())),
         nuisance=dict(told.values),
         evidence=kept,
     )
@@ -105,6 +105,13 @@ def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | N
         faults=kinds_of(page.faults) or ("missing",),
     )
     return Outcome(record=record, evidence=PageEvidence(), came=False)
+
+
+def lost_lines(seen: SeenPage) -> tuple[str, ...]:
+    """What is said of a sheet of which the camera lost lines: which, and why."""
+    if not (seen.unseen or seen.torn):
+        return ()
+    return tuple(f"lines lost: {fault.detail}" for fault in seen.faults if fault.kind == "lost-lines")
 
 
 def kinds_of(faults: Sequence[Fault]) -> tuple[str, ...]:

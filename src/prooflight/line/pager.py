@@ -42,6 +42,8 @@ PAGES_LIKE_GAP: Final = 3
 """Pages that are asked whether what looks like a gap is theirs: the one expected, and its neighbours."""
 ABOUT, ABOUT_SHARE = 5, 0.8
 """How many times as far from the backing, and on what share of the columns, a page's own tint still looks like it."""
+TORN_LINES: Final = 40
+"""So near to a sheet's measured edge, lines that were lost may be its own: the edge is measured over as many."""
 TRIGGER_REACH_MM: Final = 12.0
 """A sheet further from its trigger is cut at its edge: registration looks no further."""
 
@@ -159,6 +161,10 @@ class Pager:
     def _page(self, sheet: Sheet) -> list[SeenPage | MissingPage]:
         """A sheet and what it says of the pages before it; missing pages first."""
         page = self._page_of_length(sheet)
+        if self._broken_before(sheet):
+            self._following.blind = True
+        if self._is_torn(sheet, page):
+            return [self._torn(sheet, page)]
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
         shown = found.match.fit
@@ -193,8 +199,41 @@ class Pager:
             job_page=match.job_page,
             faults=tuple(faults),
             taken_for=match.taken_for,
+            unseen=self._store.unseen(found.first, found.scan.shape[1]),
         )
         return [*gone, seen]
+
+    def _torn(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
+        """A sheet within which lines were lost, nobody knows how many; its page is known where it began in its turn."""
+        first, scan, _ = self._cut(sheet, page)
+        lines = scan.shape[1]
+        expected = None if self._following.blind or not self.to_come else self._following.frontier
+        if expected is not None:
+            self._following.taken(expected)
+        self._before = sheet
+        return SeenPage(
+            scan=scan,
+            first_line=self._store.count_at(first),
+            last_line_time_s=self._store.time_at(min(first + lines, self._store.end) - 1),
+            job_page=None,
+            faults=tuple(self._faults_until(sheet.end + self._lead_out)),
+            taken_for=expected,
+            unseen=self._store.unseen(first, lines),
+            torn=True,
+        )
+
+    def _broken_before(self, sheet: Sheet) -> bool:
+        """Whether lines were lost between the sheet before and this one, and nobody knows how many."""
+        since = 0 if self._before is None else self._before.end - TORN_LINES
+        return self._store.broken(since, sheet.start + TORN_LINES)
+
+    def _is_torn(self, sheet: Sheet, page: Thumbnail | None) -> bool:
+        """Whether a sheet lies where lines were lost, nobody knows how many, and is no whole one."""
+        if not self._store.broken(sheet.start - TORN_LINES, sheet.end + TORN_LINES):
+            return False
+        length = sheet.end - sheet.start
+        lines = 0.0 if page is None else page.height_mm / self._geometry.line_pitch_mm
+        return abs(length - lines) > STRETCH * lines + EDGE_LINES
 
     def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
         """A sheet of which only the beginning was read: not enough to tell its page by."""
@@ -287,7 +326,7 @@ class Pager:
 
     def _gap_before(self, sheet: Sheet) -> tuple[float, float] | None:
         """Lines of the gap before a sheet, and of the sheet; None: no gap was seen."""
-        if self._before is None or not self._before.free:
+        if self._before is None or not self._before.free or self._broken_before(sheet):
             return None
         page = self._page_of_length(sheet)
         lines = sheet.end - sheet.start if page is None else page.height_mm / self._geometry.line_pitch_mm

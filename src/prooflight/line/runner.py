@@ -21,10 +21,20 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import ProoflightError
+from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN, unseen_share
 from prooflight.inspection.reasons import reason_of
 from prooflight.line.book import KnownThumbnails
 from prooflight.line.notices import Notice, Silence, Unusable
-from prooflight.line.outcomes import InOrder, Outcome, kinds_of, missing_page, outcome, skipped, unknown_sheet
+from prooflight.line.outcomes import (
+    InOrder,
+    Outcome,
+    kinds_of,
+    lost_lines,
+    missing_page,
+    outcome,
+    skipped,
+    unknown_sheet,
+)
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.sheets.records import MissingPage, SeenPage
@@ -138,6 +148,10 @@ class Running:
             self._dropping.set()
             for sheet in self._waiting.clear():
                 self._pass(sheet, STOPPED)
+
+    def note(self, notice: Notice) -> None:
+        """Have something told that is of no sheet; from any thread."""
+        self._done.put(notice)
 
     def status(self) -> Status:
         """The run at this moment."""
@@ -280,6 +294,10 @@ class Running:
             self._done.put(missing_page(number, page, now_s if block is None else block.time_s, name=name))
             return
         self.tally.arrived(now_s, list(kinds_of(page.faults)))
+        if lost := self._lost(page):
+            shown = page.taken_for if page.job_page is None else page.job_page
+            self._done.put(skipped(number, page, lost, name=None if shown is None else self._name(shown)))
+            return
         if page.job_page is None:
             self._arrived_unknown(number, page, next_page)
             return
@@ -295,6 +313,15 @@ class Running:
         else:
             for gone in self._waiting.put(sheet, deadline_s):
                 self._pass(gone, "too many sheets waited")
+
+    def _lost(self, page: SeenPage) -> str:
+        """Why nobody can judge a sheet of which the camera lost lines; empty: it can be judged."""
+        share = unseen_share(page.unseen, page.scan.shape[1])
+        most = MOST_UNSEEN if page.job_page is not None else MOST_UNSEEN_OF_UNKNOWN
+        if not page.torn and share <= most:
+            return ""
+        said = "; ".join(lost_lines(page)) or "lines lost"
+        return said if page.torn else f"{said}: {share:.0%} of the sheet was not seen"
 
     def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
         """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
@@ -350,7 +377,11 @@ class Running:
         try:
             inspector, ready, used = self._prefetcher.get(sheet.job_page)
             result = inspector.inspect(
-                ready, sheet.seen.scan, name=f"sheet {sheet.number}", seed=self._settings.seed + sheet.number
+                ready,
+                sheet.seen.scan,
+                unseen=sheet.seen.unseen,
+                name=f"sheet {sheet.number}",
+                seed=self._settings.seed + sheet.number,
             )
             decided_s = self._clock()
             done = self._outcome(sheet, result, used, decided_s)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
+from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.redeciding import kept_evidence
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
@@ -64,13 +65,23 @@ class SheetInspector:
         prepared = self.inspector.prepare(planned)
         return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
-    def inspect(self, ready: Known, scan: NDArray[np.uint16], *, name: str, seed: int) -> SheetResult:
+    def inspect(
+        self,
+        ready: Known,
+        scan: NDArray[np.uint16],
+        *,
+        name: str,
+        seed: int,
+        unseen: Sequence[tuple[int, int]] = (),
+    ) -> SheetResult:
         """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors.
 
-        ScanError: the scan does not fit press or page.
+        unseen: first and behind the last of lines that the camera lost. ScanError: the scan does not fit press or page.
         """
         prepared, press = ready.prepared, self.inspector.press
-        inspection = self.inspector.inspect(prepared, scan, scan_name=name, seed=seed)
+        inspection = inspect_where_seen(
+            self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
+        )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
         return SheetResult(

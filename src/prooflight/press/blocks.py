@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
@@ -205,6 +205,22 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
+Word = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+
+
+class CameraBlock(_Block):
+    """``[camera]``: how the line camera is set up; what is not given stays as the camera stands."""
+
+    pixel_format: Word | None = None
+    block_lines: Count | None = None
+    line_rate_hz: Positive | None = None
+    exposure_us: Positive | None = None
+    trigger: Literal["free", "encoder"] | None = None
+    trigger_source: Word | None = None
+    features: Annotated[dict[Word, bool | int | float | str], Field(max_length=1000)] = {}
+    names: Annotated[dict[Word, dict[Word, Word]], Field(max_length=100)] = {}
+
+
 class Document(_Block):
     """All of a press file."""
 
@@ -212,6 +228,7 @@ class Document(_Block):
     lens: LensBlock
     sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1, max_length=16)]
     transport: TransportBlock = TransportBlock()
+    camera: CameraBlock = CameraBlock()
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()

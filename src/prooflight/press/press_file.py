@@ -26,6 +26,7 @@ from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
 from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
 from prooflight.press.limits import refuse_unworkable
+from prooflight.scans.cameras.setting_up import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
@@ -114,6 +115,16 @@ class PressFile:
         """``[variation]`` as it stands in the file: only what is given, nested alike, ranges as lists."""
         given: BaseModel = self._document.variation
         return given.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+    def camera_settings(self) -> CameraSettings:
+        """``[camera]``: how the line camera is to be set up; PressFileError: a name in it is none of ours."""
+        settings = CameraSettings(**self._document.camera.model_dump())
+        for model, names in settings.names.items():
+            for word in names:
+                if word not in NAMES:
+                    what = f"camera.names.{shortly(model)}.{shortly(word)} is nothing that can be named"
+                    raise PressFileError(self.path, what, remedy=f"name {', '.join(NAMES)}")
+        return settings
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.

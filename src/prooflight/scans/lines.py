@@ -6,7 +6,7 @@ A new source is one small class with ``blocks`` and ``close``: see ``replay.Repl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
@@ -21,6 +21,36 @@ BLOCK_LINES = 64
 """Lines in a block, where nothing says otherwise: 23 ms of the prototype's camera, a fiftieth of a page."""
 
 
+LineFaultKind = Literal["lost-packets", "lost-blocks", "lost-triggers", "late-lines", "camera-away"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineFault:
+    """Lines that a camera did not deliver as they passed under it.
+
+    lost-packets: parts of them did not arrive. lost-blocks: their whole block did not. lost-triggers: the camera passed
+    over some of their triggers, and nobody knows which. late-lines: they came behind lines that follow them, and were
+    left out. camera-away: the camera gave no lines; how many passed meanwhile is reckoned by the time.
+    """
+
+    kind: LineFaultKind
+    first_line: int
+    """In the camera's count."""
+    lines: int
+    detail: str
+    """For a person."""
+
+    @property
+    def next_line(self) -> int:
+        """The camera's count behind its last line."""
+        return self.first_line + self.lines
+
+    @property
+    def unseen(self) -> bool:
+        """Whether what its lines show may not be judged; late ones are lost already."""
+        return self.kind != "late-lines"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineBlock:
     """Some lines as the camera delivered them; the array is the receiver's to keep and must not change any more."""
@@ -31,6 +61,8 @@ class LineBlock:
     """(sensors, n, pixels) raw digital numbers. [DN]"""
     time_s: float
     """When its last line was read, by the source's own clock."""
+    faults: tuple[LineFault, ...] = ()
+    """Of its lines, and of those that are missing before it, where the source knows more than the jump says."""
 
     @property
     def next_line(self) -> int:

@@ -2,19 +2,21 @@
 
 Plain: uint16, least byte first, a line of the first sensor, then the same line of the next, and so on; lines that are
 lost on the way go unnoticed. Framed: before each block of such lines a header with the camera's count and a time, which
-also says how many sensors and pixels follow; ``write_block`` is the other end.
+also says how many sensors and pixels follow, and before that one for each fault of its lines, with words for a person;
+``write_block`` is the other end.
 """
 
 from __future__ import annotations
 
 import struct
 import time
-from typing import TYPE_CHECKING, BinaryIO, Final
+from dataclasses import replace
+from typing import TYPE_CHECKING, BinaryIO, Final, get_args
 
 import numpy as np
 
 from prooflight.errors import ScanError
-from prooflight.scans.lines import BLOCK_LINES, LineBlock
+from prooflight.scans.lines import BLOCK_LINES, LineBlock, LineFault, LineFaultKind
 from prooflight.scans.streams import open_stream
 
 if TYPE_CHECKING:
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")
 """Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
+FAULT_MAGIC: Final = b"PLLF"
+"""Of a header whose numbers are a fault's: its kind's place in ``FAULT_KINDS``, bytes of words, lines, first line."""
+FAULT_KINDS: Final[tuple[LineFaultKind, ...]] = get_args(LineFaultKind)
 MOST_LINES: Final = 1 << 16
 MOST_BYTES: Final = 1 << 28
 """Of a framed block: a second of the fastest cameras. A header that says more lines or bytes is damaged."""
@@ -72,7 +77,7 @@ class RawLines:
                 raise ScanError(self._name, what, remedy=remedy)
 
     def _framed_blocks(self) -> Iterator[LineBlock]:
-        place = 0
+        place, faults = 0, list[LineFault]()
         while head := self._read(HEADER.size):
             where = f"{self._name}, byte {place}"
             if len(head) < HEADER.size:
@@ -80,6 +85,18 @@ class RawLines:
                     return
                 raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
             magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
+            if magic == FAULT_MAGIC and sensors < len(FAULT_KINDS):
+                words = self._read(pixels)
+                if len(words) < pixels:
+                    if self._closed:
+                        return
+                    raise ScanError(where, "ends within the words of a fault", remedy="send whole blocks")
+                detail = words.decode(errors="replace")
+                faults.append(
+                    LineFault(kind=FAULT_KINDS[sensors], first_line=first, lines=lines, detail=detail)
+                )
+                place += HEADER.size + pixels
+                continue
             too_long = lines > MOST_LINES or 2 * self.sensors * self.pixels * lines > MOST_BYTES
             if magic != MAGIC or too_long:
                 raise ScanError(where, "is no header of a block", remedy="send blocks as `write_block` does")
@@ -96,7 +113,8 @@ class RawLines:
                 raise ScanError(where, what, remedy="send whole blocks")
             place += HEADER.size + wanted
             if lines:
-                yield self._block(data, first, time_s)
+                yield replace(self._block(data, first, time_s), faults=tuple(faults))
+                faults.clear()
 
     def _block(self, data: bytes, first: int, time_s: float) -> LineBlock:
         lines = np.frombuffer(data, "<u2").reshape(-1, self.sensors, self.pixels)
@@ -123,8 +141,13 @@ class RawLines:
 
 
 def write_block(stream: BinaryIO, block: LineBlock) -> None:
-    """Write a framed block."""
+    """Write a framed block, its faults before it."""
     sensors, lines, pixels = block.lines.shape
+    for fault in block.faults:
+        words = fault.detail.encode()[: MOST_LINES - 1]
+        kind = FAULT_KINDS.index(fault.kind)
+        stream.write(HEADER.pack(FAULT_MAGIC, kind, len(words), fault.lines, fault.first_line, block.time_s))
+        stream.write(words)
     stream.write(HEADER.pack(MAGIC, sensors, pixels, lines, block.first_line, block.time_s))
     stream.write(np.ascontiguousarray(block.lines.transpose(1, 0, 2), dtype="<u2").tobytes())
 

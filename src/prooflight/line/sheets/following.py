@@ -34,6 +34,7 @@ WIDE: Final = 512
 """The same where the sheet is like none of those."""
 TRIED: Final = 8
 """Pages of the wide search whose likeness is looked at: those of the most similar signatures."""
+UNSEEN: Final = "the camera gave no lines when it passed"
 PATIENCE: Final = 2
 """Pages that may come before one of which they were expected behind, until it is said to be missing."""
 
@@ -76,6 +77,8 @@ class Following:
     """Pages passed over, with how many have come since."""
     missing: set[int] = field(default_factory=set)
     """Pages said to be missing; they may come yet."""
+    blind: bool = False
+    """Whether lines were lost since the last page of the job, and nobody knows how many."""
     strays: list[str] = field(default_factory=list)
     """What came since the last page of the job: sheets that show none of its pages."""
 
@@ -209,6 +212,9 @@ class Following:
 
         if job_page >= self.frontier:
             passed = list(range(self.frontier, job_page))
+            if self.blind:
+                gone += [self._gone(absent, first_line, UNSEEN) for absent in passed]
+                passed = []
             for absent in passed[: len(self.strays)]:
                 gone.append(self._gone(absent, first_line, self.strays[absent - passed[0]]))
             for absent in passed[len(self.strays) :]:
@@ -223,7 +229,7 @@ class Following:
         else:
             again = "again" if job_page == self.last else f"again, behind page {(self.last or 0) + 1}"
             say("repeated", f"page {job_page + 1} came {again}")
-        self.last, self.strays = job_page, []
+        self.last, self.strays, self.blind = job_page, [], False
         for absent in list(self.waiting):
             self.waiting[absent] += 1
             if self.waiting[absent] >= PATIENCE:

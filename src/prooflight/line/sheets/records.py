@@ -28,10 +28,10 @@ class Fault:
     """Something that went wrong on the way from the press to the lines; not a misprint.
 
     slip: the sheet came early or late against those before it. stretch: it is longer or shorter than it should be.
-    lost-lines, extra-lines: the camera's count jumps or goes back, or the sheet lacks lines or has too many at one
-    place. blank: nothing is printed on it. repeated: a page that had passed already. missing: pages before this one
-    have not come. out-of-order: a page came later than its turn. splice: a tape lies across the sheet. unknown: it is
-    no page of the job, or less than a sheet.
+    lost-lines, extra-lines: the camera lost lines, its count jumps or goes back, or the sheet lacks lines or has too
+    many at one place. blank: nothing is printed on it. repeated: a page that had passed already. missing: pages before
+    this one have not come. out-of-order: a page came later than its turn. splice: a tape lies across the sheet.
+    unknown: it is no page of the job, or less than a sheet.
     """
 
     kind: FaultKind
@@ -57,6 +57,10 @@ class SeenPage:
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
     """The page in whose place it came, where it could not be told which it shows: ``job_page`` is None then."""
+    unseen: tuple[tuple[int, int], ...] = ()
+    """First and behind the last of the scan's lines that the camera lost; something else stands in their place."""
+    torn: bool = False
+    """Whether lines were lost within the sheet, and nobody knows how many."""
     cut_short: bool = False
     """Whether that is because the lines ended before the sheet did; else the page's look was not known."""
 

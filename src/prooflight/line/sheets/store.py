@@ -16,6 +16,7 @@ from prooflight.scans.lines import check_block
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.line.sheets.records import FaultKind
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock
 
@@ -56,6 +57,9 @@ class LineStore:
         """Light this close to it counts as backing. [white]"""
         self._parts: deque[tuple[int, NDArray[np.uint16], float]] = deque()
         self._counts: list[tuple[int, int]] = []  # from this position on, the camera's count is so much more
+        self._unseen = deque[tuple[int, int]]()  # first and behind the last position of lines that were lost
+        self._breaks = deque[tuple[int, int]]()  # the same, where nobody knows how many
+        self._named_until = 0  # behind the last line of which the source itself has said what befell it
         self._backing = deque[int]()  # columns at the backing's light in every row from ``first_row`` on
         self.first_row = 0
         self.end = 0
@@ -69,14 +73,29 @@ class LineStore:
             self._counts.append((0, block.first_line))
         due = self.count_at(self.end)
         ahead = block.first_line - due
-        if abs(ahead) > self._longest:
-            what = f"the camera counts {block.first_line} after {due}: lines were lost, how many is not known"
-            said.append((self.end, Fault(kind="lost-lines", first_line=block.first_line, detail=what)))
+        away = any(fault.kind == "camera-away" for fault in block.faults)
+        for fault in block.faults:
+            first = max(self.end + fault.first_line - due, 0)
+            kind: FaultKind = "lost-lines" if fault.unseen else "extra-lines"
+            said.append((first, Fault(kind=kind, first_line=fault.first_line, detail=fault.detail)))
+            if fault.unseen and not away:
+                self._unseen.append((first, first + fault.lines))
+            self._named_until = max(self._named_until, fault.next_line)
+        if away or abs(ahead) > self._longest:
+            if not away:
+                what = f"the camera counts {block.first_line} after {due}: lines were lost, how many is not known"
+                said.append((self.end, Fault(kind="lost-lines", first_line=block.first_line, detail=what)))
+            gap = self.end, self.end + self._gap_lines
+            self._unseen.append(gap)
+            self._breaks.append(gap)
             self._keep(np.repeat(self.backing_dn[:, None], self._gap_lines, axis=1), block.time_s)
             self._counts.append((self.end, block.first_line - self.end))
+            self._named_until = block.first_line
         elif ahead > 0:
-            what = f"lines {due} to {block.first_line - 1} were not delivered"
-            said.append((self.end, Fault(kind="lost-lines", first_line=due, detail=what)))
+            if due >= self._named_until:
+                what = f"lines {due} to {block.first_line - 1} were not delivered"
+                said.append((self.end, Fault(kind="lost-lines", first_line=due, detail=what)))
+            self._unseen.append((self.end, self.end + ahead))
             last = self._parts[-1][1][:, -1:] if self._parts else self.backing_dn[:, None]
             self._keep(np.repeat(last, ahead, axis=1), block.time_s)
         elif ahead < 0:
@@ -141,6 +160,21 @@ class LineStore:
         found[:, max(stop - first, 0) :] = self.backing_dn[:, None]
         return found
 
+    def unseen(self, first: int, count: int) -> tuple[tuple[int, int], ...]:
+        """Of so many lines from a position on, those that were lost: first and behind the last of each run, in order.
+
+        0 is the line at ``first``.
+        """
+        lost = np.zeros(count, bool)
+        for begin, end in self._unseen:
+            lost[max(begin - first, 0) : max(end - first, 0)] = True
+        edges = np.flatnonzero(np.diff(lost, prepend=False, append=False)).tolist()
+        return tuple(zip(edges[::2], edges[1::2], strict=True))
+
+    def broken(self, first: int, end: int) -> bool:
+        """Whether lines were lost between two positions, or beside them, and nobody knows how many."""
+        return any(begin <= end and first <= behind for begin, behind in self._breaks)
+
     def profile(self, first: int, count: int) -> NDArray[np.float64]:
         """Share of pixels that are not backing in each line (count,), of the first sensor. [-]"""
         lines = self.cut(first, count)[0].astype(np.float32)
@@ -153,6 +187,9 @@ class LineStore:
         """Let go of lines that no one needs any more."""
         while self._parts and self._parts[0][0] + self._parts[0][1].shape[1] <= before:
             self._parts.popleft()
+        for lost in (self._unseen, self._breaks):
+            while lost and lost[0][1] < before:
+                lost.popleft()
         row = min(before // SHRINK, self.end_row)
         while self.first_row < row:
             self._backing.popleft()

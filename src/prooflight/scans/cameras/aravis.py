@@ -1,0 +1,342 @@
+"""GigE Vision and USB3 Vision cameras through Aravis."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.errors import RequestError, ScanError
+from prooflight.scans.cameras.aravis_library import (
+    BOOL,
+    INSTALL,
+    POINTER,
+    SIZE_T,
+    TEXT,
+    UINT,
+    UINT64,
+    AravisError,
+    GSList,
+    called,
+    is_a,
+    library,
+    plainly,
+    set_property,
+    text,
+    unref,
+)
+from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.missing_bytes import Canary
+from prooflight.scans.cameras.setting_up import LOOK, refuse_unfit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from prooflight.scans.cameras.camera import FeatureKind
+
+SOCKET_BYTES: Final = 8 << 20
+"""Of the socket's buffer. With the system's own 208 KiB, every block of 1 MiB came incomplete over loopback; with 4 to
+8 MiB none did. The system gives no more than ``net.core.rmem_max`` allows."""
+BUFFER_BYTES: Final = 128 << 20
+"""Of all blocks that may wait to be filled or taken: half a second of the fastest GigE cameras."""
+FEWEST_BUFFERS, MOST_BUFFERS = 8, 256
+FIXED_BUFFER: Final = 0
+"""ARV_GV_STREAM_SOCKET_BUFFER_FIXED."""
+PACKET_SOCKET_DISABLED: Final = 1
+"""ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED: as root, Aravis would read packets beside the system's own socket, and
+nothing sent over loopback arrives there. Without it root and everyone else read lines in the same way."""
+SUCCESS, TIMEOUT, MISSING_PACKETS = 0, 2, 3
+"""ARV_BUFFER_STATUS_...: whole, and with parts missing."""
+WRITABLE: Final = (1, 2)
+"""ARV_GC_ACCESS_MODE_WO and _RW."""
+KINDS: Final[tuple[tuple[str, FeatureKind], ...]] = (
+    ("arv_gc_enumeration", "enumeration"),
+    ("arv_gc_boolean", "boolean"),
+    ("arv_gc_command", "command"),
+    ("arv_gc_string", "string"),
+    ("arv_gc_float", "float"),
+    ("arv_gc_integer", "integer"),
+)
+"""Of nodes, the narrowest first: an enumeration is an integer as well."""
+
+
+class Aravis:
+    """Finds and opens cameras through libaravis-0.8."""
+
+    name = "aravis"
+
+    @property
+    def lacks(self) -> str:
+        """Why it cannot be used here, and what would help; empty: it can."""
+        try:
+            library()
+        except OSError as error:
+            return f"{error}; {INSTALL}"
+        return ""
+
+    def find(self) -> list[FoundCamera]:
+        """See ``Backend``."""
+        if self.lacks:
+            return []
+        plainly("arv_update_device_list", None, ())
+        return [self._found(number) for number in range(plainly("arv_get_n_devices", UINT, ()))]
+
+    def open(self, camera: FoundCamera) -> AravisCamera:
+        """See ``Backend``."""
+        return AravisCamera(camera)
+
+    def _found(self, number: int) -> FoundCamera:
+        def told(what: str) -> str:
+            return text(plainly(f"arv_get_device_{what}", TEXT, (UINT,), number))
+
+        return FoundCamera(
+            id=told("id"),
+            maker=told("vendor"),
+            model=told("model"),
+            serial=told("serial_nbr"),
+            address=told("address"),
+            backend=self.name,
+        )
+
+
+class AravisCamera:
+    """An open camera; see ``Camera``. Its calls may come from several threads, one at a time."""
+
+    def __init__(self, found: FoundCamera) -> None:
+        """ScanError: it does not answer, or another program controls it."""
+        self.found = found
+        self._camera = self._stream = 0
+        self._buffers: dict[int, NDArray[np.uint8]] = {}
+        self._taken = 0
+        self._canary: Canary | None = None
+        self._form, self._lines, self._pixels = "", 0, 0
+        try:
+            self._camera = called("arv_camera_new", POINTER, (TEXT,), found.id.encode())
+        except AravisError as error:
+            raise self._gone(f"cannot be opened ({error})") from error
+        self._device = plainly("arv_camera_get_device", POINTER, (POINTER,), self._camera)
+        self._genicam = plainly("arv_device_get_genicam", POINTER, (POINTER,), self._device)
+        self._networked = bool(plainly("arv_camera_is_gv_device", BOOL, (POINTER,), self._camera))
+        if not self._controlled:
+            self.close()
+            raise ScanError(
+                found.id, "is controlled by another program", remedy="end that, or wait 3 s for its end"
+            )
+
+    def features(self) -> Mapping[str, Feature]:
+        """See ``Camera``."""
+        return {one.name: one for one in self._walked("Root", "")}
+
+    def feature(self, name: str) -> Feature | None:
+        """See ``Camera``."""
+        node = self._node(name)
+        return None if node is None else self._feature(node, name, "")
+
+    def set(self, name: str, value: str) -> None:
+        """See ``Camera``."""
+        node = self._node(name)
+        if node is None:
+            raise RequestError(name, f"{self.found.id} has no such feature", remedy=LOOK)
+        refuse_unfit(self._feature(node, name, ""), value, where=name, camera=self.found.id)
+        try:
+            if is_a(node, "arv_gc_command"):
+                called("arv_gc_command_execute", None, (POINTER,), node)
+            else:
+                setter = "arv_gc_feature_node_set_value_from_string"
+                called(setter, None, (POINTER, TEXT), node, value.encode())
+        except AravisError as error:
+            what = f"{self.found.id} does not take {value!r} ({error})"
+            raise RequestError(name, what, remedy=LOOK) from error
+
+    def start(self) -> None:
+        """See ``Camera``."""
+        try:
+            self._begin()
+        except AravisError as error:
+            raise self._gone(f"cannot be started ({error})") from error
+
+    def grab(self, timeout_s: float) -> Grab | None:
+        """See ``Camera``."""
+        self._give_back()
+        buffer = plainly(
+            "arv_stream_timeout_pop_buffer", POINTER, (POINTER, UINT64), self._stream, round(1e6 * timeout_s)
+        )
+        if not buffer:
+            if not self._controlled:
+                raise self._gone("is gone: it no longer answers, or another program has taken control")
+            return None
+        self._taken = buffer
+        status = plainly("arv_buffer_get_status", ctypes.c_int, (POINTER,), buffer)
+        if status not in (SUCCESS, TIMEOUT, MISSING_PACKETS) or self._canary is None:
+            return None
+        block_id = plainly("arv_buffer_get_frame_id", UINT64, (POINTER,), buffer)
+        if status != SUCCESS and not block_id:
+            return None  # its number was lost with its first packet: whose lines they are, nobody can tell
+        data = self._buffers[buffer]
+        return Grab(
+            block_id=block_id,
+            id_wraps=self._networked,
+            data=data,
+            missing=() if status == SUCCESS else self._canary.missing(data),
+            pixel_format=self._form,
+            lines=self._lines,
+            pixels=self._pixels,
+            padding=0,
+            time_s=time.monotonic(),
+        )
+
+    def health(self) -> Health:
+        """See ``Camera``."""
+        resent, missing = UINT64(), UINT64()
+        free, filled = ctypes.c_int(), ctypes.c_int()
+        if self._stream:
+            if self._networked:
+                types = (POINTER, POINTER, POINTER)
+                counts = ctypes.addressof(resent), ctypes.addressof(missing)
+                plainly("arv_gv_stream_get_statistics", None, types, self._stream, *counts)
+            counts = ctypes.addressof(free), ctypes.addressof(filled)
+            plainly("arv_stream_get_n_buffers", None, (POINTER, POINTER, POINTER), self._stream, *counts)
+        temperature = self.feature("DeviceTemperature")
+        told = "" if temperature is None else temperature.value
+        return Health(
+            resends=resent.value, buffers_free=free.value, temperature_c=float(told) if told else None
+        )
+
+    def close(self) -> None:
+        """See ``Camera``; takes seconds where the camera does not answer any more."""
+        camera, stream, taken = self._camera, self._stream, self._taken
+        self._camera = self._stream = self._taken = 0
+        if stream:
+            with contextlib.suppress(AravisError):
+                called("arv_camera_stop_acquisition", None, (POINTER,), camera)
+        for thing in (taken, stream, camera):
+            unref(thing)
+        self._buffers.clear()
+
+    # --- parts ---
+
+    @property
+    def _controlled(self) -> bool:
+        """Whether the camera still takes this program's commands; Aravis asks it every second."""
+        if not self._networked:
+            return True
+        return bool(plainly("arv_gv_device_is_controller", BOOL, (POINTER,), self._device))
+
+    def _begin(self) -> None:
+        camera = self._camera
+        self._form = self._value("PixelFormat")
+        self._lines, self._pixels = (int(self._value(name)) for name in ("Height", "Width"))
+        payload = called("arv_camera_get_payload", UINT, (POINTER,), camera)
+        if self._networked:
+            setter = "arv_camera_gv_set_stream_options"
+            plainly(setter, None, (POINTER, ctypes.c_int), camera, PACKET_SOCKET_DISABLED)
+        self._stream = called(
+            "arv_camera_create_stream", POINTER, (POINTER, POINTER, POINTER), camera, None, None
+        )
+        if self._networked:
+            kind = "arv_gv_stream_socket_buffer"
+            set_property(self._stream, "socket-buffer", FIXED_BUFFER, kind=kind)
+            set_property(self._stream, "socket-buffer-size", SOCKET_BYTES, kind="int")
+        self._canary = Canary(payload)
+        count = min(max(BUFFER_BYTES // payload, FEWEST_BUFFERS), MOST_BUFFERS)
+        for _ in range(count):
+            data = self._canary.buffer()
+            buffer = plainly("arv_buffer_new", POINTER, (SIZE_T, POINTER), payload, data.ctypes.data)
+            self._buffers[buffer] = data
+            self._push(buffer)
+        called("arv_camera_start_acquisition", None, (POINTER,), camera)
+
+    def _value(self, name: str) -> str:
+        one = self.feature(name)
+        if one is None or not one.value:
+            raise ScanError(self.found.id, f"does not say its {name}", remedy=LOOK)
+        return one.value
+
+    def _push(self, buffer: int) -> None:
+        plainly("arv_stream_push_buffer", None, (POINTER, POINTER), self._stream, buffer)
+
+    def _give_back(self) -> None:
+        """Let the block that was taken last be filled again: every one that is popped must be pushed."""
+        if self._taken and self._canary is not None:
+            self._canary.write(self._buffers[self._taken])
+            self._push(self._taken)
+        self._taken = 0
+
+    def _gone(self, what: str) -> ScanError:
+        return ScanError(
+            self.found.id, what, remedy="look at its cable, its power and `prooflight camera list`"
+        )
+
+    # --- its own description ---
+
+    def _node(self, name: str) -> int | None:
+        if not self._camera:
+            return None  # its description has gone with it
+        found: int | None = plainly("arv_gc_get_node", POINTER, (POINTER, TEXT), self._genicam, name.encode())
+        return found if found and is_a(found, "arv_gc_feature_node") else None
+
+    def _walked(self, category: str, path: str) -> Iterator[Feature]:
+        node = self._node(category)
+        if node is None:
+            return
+        entries = plainly("arv_gc_category_get_features", ctypes.POINTER(GSList), (POINTER,), node)
+        while entries:
+            name = text(ctypes.cast(entries.contents.data, TEXT).value)
+            entries = entries.contents.next
+            of = self._node(name)
+            if of is None:
+                continue
+            if is_a(of, "arv_gc_category"):
+                yield from self._walked(name, name)
+            elif self._asked(of, "arv_gc_feature_node_is_implemented"):
+                yield self._feature(of, name, path)
+
+    def _feature(self, node: int, name: str, category: str) -> Feature:
+        kind: FeatureKind = next((word for prefix, word in KINDS if is_a(node, prefix)), "other")
+        value = ""
+        if kind not in ("command", "other"):
+            value = text(self._asked(node, "arv_gc_feature_node_get_value_as_string", TEXT))
+        numbers = {"integer": ctypes.c_int64, "float": ctypes.c_double}.get(kind)
+        bounds = [
+            None if numbers is None else self._asked(node, f"arv_gc_{kind}_get_{end}", numbers)
+            for end in ("min", "max")
+        ]
+        access = plainly("arv_gc_feature_node_get_actual_access_mode", ctypes.c_int, (POINTER,), node)
+        return Feature(
+            name=name,
+            kind=kind,
+            value=value,
+            choices=self._choices(node) if kind == "enumeration" else (),
+            least=bounds[0],
+            greatest=bounds[1],
+            writable=access in WRITABLE and not self._asked(node, "arv_gc_feature_node_is_locked"),
+            category=category,
+        )
+
+    def _asked(self, node: int, function: str, result: Any = BOOL) -> Any:
+        """What a node says; None: it cannot say it now."""
+        with contextlib.suppress(AravisError):
+            return called(function, result, (POINTER,), node)
+        return None
+
+    def _choices(self, node: int) -> tuple[str, ...]:
+        count = UINT()
+        names = ctypes.POINTER(TEXT)
+        try:
+            found = called(
+                "arv_gc_enumeration_dup_available_string_values",
+                names,
+                (POINTER, POINTER),
+                node,
+                ctypes.addressof(count),
+            )
+        except AravisError:
+            return ()
+        told = tuple(text(found[at]) for at in range(count.value))
+        plainly("g_free", None, (POINTER,), ctypes.cast(found, POINTER))
+        return told

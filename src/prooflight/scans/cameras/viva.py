@@ -1,0 +1,237 @@
+"""GigE Vision cameras through viva-genicam, which comes from pip alone: ``pip install "prooflight[viva]"``."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.errors import RequestError, ScanError
+from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.counting import runs
+from prooflight.scans.cameras.setting_up import LOOK, refuse_unfit
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from prooflight.scans.cameras.camera import FeatureKind
+
+FIND_MS: Final = 800
+"""How long cameras may take to answer: GigE Vision asks for 500 ms at most, and the way takes some."""
+OVERHEAD: Final = 36
+"""Bytes of a packet that are headers: 20 of IP, 8 of UDP, 8 of GVSP."""
+KINDS: Final[Mapping[str, FeatureKind]] = {
+    "Integer": "integer",
+    "IntConverter": "integer",
+    "Float": "float",
+    "Converter": "float",
+    "SwissKnife": "float",
+    "Enumeration": "enumeration",
+    "Boolean": "boolean",
+    "StringReg": "string",
+    "String": "string",
+    "Command": "command",
+}
+TRIGGER_CHUNKS: Final = (
+    "ChunkLineTriggerCount",
+    "ChunkTriggerinputcounter",
+    "ChunkLineTriggerEndToEndCounter",
+)
+"""Names under which cameras send how many line triggers they have seen."""
+
+
+class Viva:
+    """Finds and opens cameras through viva-genicam."""
+
+    name = "viva"
+
+    @property
+    def lacks(self) -> str:
+        """Why it cannot be used here, and what would help; empty: it can."""
+        if importlib.util.find_spec("viva_genicam") is None:
+            return 'viva-genicam is not installed; `pip install "prooflight[viva]"`'
+        return ""
+
+    def find(self) -> list[FoundCamera]:
+        """See ``Backend``; loopback included."""
+        return [] if self.lacks else [self._found(one) for one in _answers()]
+
+    def open(self, camera: FoundCamera) -> VivaCamera:
+        """See ``Backend``."""
+        for one in _answers():
+            if one.ip == camera.address:
+                return VivaCamera(camera, one)
+        raise _gone(camera.id, "does not answer")
+
+    def _found(self, one: Any) -> FoundCamera:
+        parts = one.manufacturer or "camera", one.model or "", one.mac.replace(":", "")
+        return FoundCamera(
+            id="-".join(filter(None, parts)).replace(" ", "_"),
+            maker=parts[0],
+            model=parts[1],
+            serial=parts[2],
+            address=one.ip,
+            backend=self.name,
+        )
+
+
+class VivaCamera:
+    """An open camera; see ``Camera``."""
+
+    def __init__(self, found: FoundCamera, answer: Any) -> None:
+        """ScanError: it does not answer, or another program controls it."""
+        import viva_genicam
+
+        self.found = found
+        self._error = viva_genicam.GenicamError
+        self._lost = viva_genicam.ControlState.LOST
+        self._stream: Any = None
+        self._packet_bytes = 0
+        try:
+            self._camera = viva_genicam.connect_gige(answer)
+        except self._error as error:
+            raise _gone(found.id, f"cannot be opened ({error})") from error
+
+    def features(self) -> Mapping[str, Feature]:
+        """See ``Camera``."""
+        known: dict[str, Feature] = {}
+        for category, names in self._camera.categories().items():
+            for name in names:
+                one = None if name in known else self._feature(name, category)
+                if one is not None:
+                    known[name] = one
+        return known
+
+    def feature(self, name: str) -> Feature | None:
+        """See ``Camera``."""
+        return self._feature(name, "")
+
+    def set(self, name: str, value: str) -> None:
+        """See ``Camera``."""
+        one = self._feature(name, "")
+        if one is None:
+            raise RequestError(name, f"{self.found.id} has no such feature", remedy=LOOK)
+        refuse_unfit(one, value, where=name, camera=self.found.id)
+        try:
+            if one.kind == "command":
+                self._camera.execute(name)
+            else:
+                self._camera.set(name, value)
+        except self._error as error:
+            what = f"{self.found.id} does not take {value!r} ({error})"
+            raise RequestError(name, what, remedy=LOOK) from error
+
+    def start(self) -> None:
+        """See ``Camera``."""
+        try:
+            packet = self.feature("GevSCPSPacketSize")
+            self._packet_bytes = int(packet.value) - OVERHEAD if packet and packet.value else 0
+            self._stream = self._camera.stream(deliver_incomplete=True)
+            self._stream.__enter__()
+        except self._error as error:
+            raise _gone(self.found.id, f"cannot be started ({error})") from error
+
+    def grab(self, timeout_s: float) -> Grab | None:
+        """See ``Camera``."""
+        begun_s = time.monotonic()
+        try:
+            frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
+        except self._error as error:
+            if self._camera.control_state is self._lost:
+                raise _gone(self.found.id, "is gone, or another program has taken control") from error
+            time.sleep(max(begun_s + timeout_s - time.monotonic(), 0.0))
+            return None
+        if frame is None:
+            raise _gone(self.found.id, "has ended its stream")
+        if not frame.width:
+            return None  # its first packet was lost, which says what the others hold
+        data = np.frombuffer(frame.payload(), np.uint8)
+        chunks = self._chunks(frame) if frame.chunks else {}
+        return Grab(
+            block_id=frame.block_id,
+            id_wraps=True,
+            data=data,
+            missing=() if frame.is_complete else empty_packets(data, self._packet_bytes),
+            pixel_format=frame.pixel_format,
+            lines=frame.height,
+            pixels=frame.width,
+            padding=frame.padding_x,
+            time_s=time.monotonic(),
+            triggers=next((chunks[name] for name in TRIGGER_CHUNKS if name in chunks), None),
+            chunks=chunks,
+        )
+
+    def health(self) -> Health:
+        """See ``Camera``; the library does not say how many buffers are free."""
+        temperature = self.feature("DeviceTemperature")
+        told = "" if temperature is None else temperature.value
+        resends = 0 if self._stream is None else self._stream.stats().resend_recovered
+        return Health(resends=resends, temperature_c=float(told) if told else None)
+
+    def close(self) -> None:
+        """See ``Camera``."""
+        stream, self._stream = self._stream, None
+        with contextlib.suppress(self._error):
+            if stream is not None:
+                stream.__exit__(None, None, None)
+        with contextlib.suppress(self._error):
+            self._camera.close()
+
+    def _feature(self, name: str, category: str) -> Feature | None:
+        try:
+            state = self._camera.feature_state(name)
+        except self._error:
+            return None
+        kind = KINDS.get(state.kind, "other")
+        if state.kind == "Category" or not state.is_implemented:
+            return None
+        value = state.value
+        return Feature(
+            name=name,
+            kind=kind,
+            value="" if value is None else str(value).lower() if isinstance(value, bool) else str(value),
+            choices=tuple(state.enum_entries or ()),
+            least=None if state.range is None else state.range.min,
+            greatest=None if state.range is None else state.range.max,
+            writable=state.access in ("RW", "WO"),
+            category=category,
+        )
+
+    def _chunks(self, frame: Any) -> dict[str, int]:
+        """Whole numbers that the camera sent with a block."""
+        found = {}
+        for name, value in self._camera.chunk_features(frame).items():
+            with contextlib.suppress(TypeError, ValueError):
+                found[name] = int(value)
+        return found
+
+
+def empty_packets(data: NDArray[np.uint8], packet_bytes: int) -> tuple[tuple[int, int], ...]:
+    """First and behind the last byte of the parts of a block (bytes,) that were left empty, by whole packets.
+
+    Where a packet is missing the library leaves noughts. A packet that a camera sent as nothing but noughts looks
+    alike; a camera with a black level sends none. packet_bytes: that each holds; 0: not known, the block counts as
+    missing.
+    """
+    if packet_bytes <= 0:
+        return ((0, data.size),)
+    whole = np.zeros(-(-data.size // packet_bytes) * packet_bytes, np.uint8)
+    whole[: data.size] = data
+    empty: NDArray[np.bool_] = np.logical_not(whole.reshape(-1, packet_bytes).any(axis=1))
+    return tuple((first * packet_bytes, min(end * packet_bytes, data.size)) for first, end in runs(empty))
+
+
+def _answers() -> list[Any]:
+    import viva_genicam
+
+    found: list[Any] = viva_genicam.discover(timeout_ms=FIND_MS, all=True)
+    return found
+
+
+def _gone(camera: str, what: str) -> ScanError:
+    return ScanError(camera, what, remedy="look at its cable, its power and `prooflight camera list`")

@@ -1,0 +1,117 @@
+"""Cameras through viva-genicam: Aravis' simulated camera, which shares no code with it, and its own."""
+
+from __future__ import annotations
+
+import fcntl
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from tests.scans.cameras.peers import gige_camera, numbered_lines, numbers
+
+from prooflight.scans.cameras.backends import found_camera, opened
+from prooflight.scans.cameras.setting_up import CameraSettings, set_up
+from prooflight.scans.cameras.source import CameraLines
+from prooflight.scans.cameras.viva import OVERHEAD, empty_packets
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from prooflight.scans.cameras.camera import Camera
+    from prooflight.scans.lines import LineBlock, LineFault
+
+testing = pytest.importorskip("viva_genicam.testing", reason="viva-genicam is not installed")
+
+ADDRESS = "127.0.0.1"
+PIXELS = 512
+
+
+@contextmanager
+def viva_camera(**asked: Any) -> Iterator[Any]:
+    """viva's own camera, in this process; one camera at a time on this machine."""
+    with Path(tempfile.gettempdir(), "prooflight-gige.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with testing.FakeGigeCamera(width=PIXELS, height=64, fps=50, **asked) as camera:
+            yield camera
+
+
+def source(settings: CameraSettings | None = None, **told: Any) -> CameraLines:
+    def ready() -> Camera:
+        camera = opened(found_camera(f"viva:{ADDRESS}"))
+        try:
+            set_up(camera, settings or CameraSettings(), where="my.toml")
+        except BaseException:
+            camera.close()
+            raise
+        return camera
+
+    return CameraLines(ready, name="cam", **told)
+
+
+def read(lines: CameraLines, count: int) -> list[LineBlock]:
+    blocks = []
+    for block in lines.blocks():
+        blocks.append(block)
+        if block.next_line >= count:
+            lines.close()
+    return blocks
+
+
+def faults_of(blocks: list[LineBlock]) -> list[LineFault]:
+    return [fault for block in blocks for fault in block.faults]
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.01])
+def test_viva_reads_what_aravis_plays_and_names_what_it_lost(lost: float) -> None:
+    """To the byte, and over the turn of the block numbers after 135 blocks; a busy machine may lose some by itself."""
+    lines = numbered_lines(4096, PIXELS)
+    lines[:, 4:] |= 1  # no packet is all nought
+    asked = CameraSettings(block_lines=64, line_rate_hz=4_000.0, features={"Width": PIXELS})
+    with gige_camera(lines, lost=lost):
+        blocks = read(source(asked), 180 * 64)
+    first = int(numbers(blocks[0].lines)[0]) - blocks[0].first_line
+    named = {
+        line
+        for fault in faults_of(blocks)
+        for line in range(fault.first_line, fault.next_line)
+        if fault.unseen
+    }
+    came = {line for block in blocks for line in range(block.first_line, block.next_line)}
+    assert named or not lost
+    assert named.isdisjoint(came)
+    assert named | came == set(range(max(came) + 1))
+    for block in blocks:
+        played = lines[(np.arange(block.first_line, block.next_line) + first) % len(lines)]
+        np.testing.assert_array_equal(block.lines[0], played)
+
+
+def test_a_packet_that_was_never_sent_is_a_fault_of_its_lines() -> None:
+    """The third block's second packet."""
+    with viva_camera(drop_packets=[(3, 2)], packet_resend=False):
+        camera = opened(found_camera(f"viva:{ADDRESS}"))
+        packet = camera.feature("GevSCPSPacketSize")
+        camera.close()
+        assert packet is not None
+        blocks = read(source(), 5 * 64)
+        held = int(packet.value) - OVERHEAD
+    (fault,) = (fault for fault in faults_of(blocks) if fault.kind == "lost-packets")
+    assert (fault.first_line, fault.next_line) == (128 + held // PIXELS, 128 - (-2 * held // PIXELS))
+
+
+def test_a_packet_that_is_sent_again_is_no_loss() -> None:
+    with viva_camera(drop_packets=[(3, 2)]):
+        lines = source()
+        blocks = read(lines, 5 * 64)
+    assert not faults_of(blocks)
+
+
+def test_empty_packets_are_found_by_whole_packets() -> None:
+    data = np.ones(95, np.uint8)
+    data[20:40] = data[90:] = 0
+    assert empty_packets(data, 10) == ((20, 40), (90, 95))
+    data[12] = 0  # a dark pixel is no loss
+    assert empty_packets(data, 10) == ((20, 40), (90, 95))
+    assert empty_packets(data, 0) == ((0, 95),)

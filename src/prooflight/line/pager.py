@@ -209,7 +209,7 @@ class Pager:
         lines = scan.shape[1]
         expected = None if self._following.blind or not self.to_come else self._following.frontier
         if expected is not None:
-            self._following.taken(expected)
+            self._following.taken(expected, self._store.count_at(first))
         self._before = sheet
         return SeenPage(
             scan=scan,

@@ -76,7 +76,7 @@ def test_cameras_are_listed_and_describe_themselves(
             ("features", ID, "--set", "Height"),
             "prooflight: --set: 'Height' names no feature and value; write e.g. --set",
         ),
-        (("features", ID, "--set", "Hight=3"), f"prooflight: Hight: {ID} has no such feature; "),
+        (("features", ID, "--set", "Tallness=3"), f"prooflight: Tallness: {ID} has no such feature; "),
         (
             ("features", ID, "--set", "Height=0"),
             f"prooflight: Height: {ID} does not take Height 0; give 1 to 2048\n",

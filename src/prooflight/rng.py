@@ -80,6 +80,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "a4-design": Purpose("words, pictures and layout of a design on A4", (SEED, "design")),
         "bench-page": Purpose("bars and gradients of the pages on which speed is measured", (1,)),
         "bench-scan": Purpose("noise of the scans on which speed is measured", (2,)),
+        "block-canary": Purpose("words by which bytes that did not arrive are known", (SEED, FREE + 17)),
         "bootstrap": Purpose("which press days resample a cost, the same for every detector", (SEED, 2)),
         "calibration-chart": Purpose("places, prints and scans of a chart's patches", (SEED, "patches")),
         "calibration-session": Purpose("the session in which all charts are printed", (SEED, 1)),

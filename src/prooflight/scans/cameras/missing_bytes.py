@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.rng import stream
 from prooflight.scans.cameras.counting import runs
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ class Canary:
         """size: of a block. [bytes]"""
         self._size = size
         # Whatever it is, it must only be unlike what a camera sends, and the same in every run.
-        self._words = np.random.default_rng(size).integers(0, 1 << 32, -(-size // WORD), np.uint32)
+        self._words = stream(size, "block-canary").integers(0, 1 << 32, -(-size // WORD), np.uint32)
 
     def buffer(self) -> NDArray[np.uint8]:
         """A new buffer for a block, (size,), ready to be filled."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
 
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
-    from prooflight.scans.cameras.camera import Camera
     from prooflight.scans.cameras.source import CameraLines
     from prooflight.scans.lines import LineSource
     from prooflight.simulation.drum import Turn
@@ -112,23 +112,14 @@ def _refuse_other(text: str, lines: CameraLines, press: Press) -> None:
 def camera_lines(name: str, settings: Path | None) -> CameraLines:
     """The lines of a camera by ID, serial number or address, set up as a press file says."""
     from prooflight.press.press_file import PressFile
-    from prooflight.scans.cameras.backends import found_camera, opened
-    from prooflight.scans.cameras.setting_up import CameraSettings, set_up
+    from prooflight.scans.cameras.backends import found_camera, ready
+    from prooflight.scans.cameras.setting_up import CameraSettings
     from prooflight.scans.cameras.source import CameraLines
 
     wanted = CameraSettings() if settings is None else PressFile.read(settings).camera_settings()
     camera = found_camera(name)
-
-    def ready() -> Camera:
-        one = opened(camera)
-        try:
-            set_up(one, wanted, where=str(settings))
-        except BaseException:
-            one.close()
-            raise
-        return one
-
-    return CameraLines(ready, name=camera.id, runs_free=wanted.trigger == "free")
+    again = partial(ready, camera, wanted, where=str(settings))
+    return CameraLines(again, name=camera.id, runs_free=wanted.trigger == "free")
 
 
 def _rate(text: str, rest: str) -> float | None:

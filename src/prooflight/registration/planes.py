@@ -121,8 +121,8 @@ def _singles(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 
 def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    ways = combinations(_ways(patches, steps, axis), 2)
-    return [_stepped(steps, axis, dict(pair)) for pair in ways if pair[0][0] != pair[1][0]]
+    ways = _ways(patches, steps, axis)
+    return [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in _of_planes(tuple(ways), 2)]
 
 
 def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -131,9 +131,8 @@ def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     here, *ones = patches.costs([steps, *_singles(patches, steps, axis)])
     single = np.array(ones) - here
     pair = np.zeros((len(ways), len(ways)))
-    pairs = _of_planes(tuple(ways), 2)
-    two = [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in pairs]
-    pair[tuple(np.array(pairs).reshape(-1, 2).T)] = patches.costs(two)
+    places = np.array(_of_planes(tuple(ways), 2), np.int64).reshape(-1, 2)
+    pair[tuple(places.T)] = patches.costs(_pairs(patches, steps, axis))
     promised: list[tuple[float, Steps]] = []
     for count in (3, 4):
         if more := _of_planes(tuple(ways), count):

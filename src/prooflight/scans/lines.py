@@ -99,3 +99,9 @@ def check_block(block: LineBlock, *, sensors: int, pixels: int) -> None:
         what = f"is {lines.dtype.name} {lines.shape}"
         remedy = f"give uint16 (sensors, n, pixels) of {sensors} sensors x {pixels} pixels"
         raise ScanError(f"block at line {block.first_line}", what, remedy=remedy)
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and behind the last of each run of set flags (n,)."""
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

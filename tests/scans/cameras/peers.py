@@ -18,6 +18,9 @@ from prooflight.scans.cameras.aravis import Aravis
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from prooflight.scans.cameras.source import CameraLines
+    from prooflight.scans.lines import LineBlock, LineFault
+
 PEER = Path(__file__).with_name("gige_peer.py")
 ID = "Aravis-Fake-PL01"
 
@@ -32,6 +35,27 @@ def numbered_lines(count: int, pixels: int, *, seed: int = 1) -> np.ndarray:
 def numbers(lines: np.ndarray) -> np.ndarray:
     """What lines (1, n, pixels) say that they are."""
     return (lines[0, :, :4].astype(np.uint32) << np.array([0, 8, 16, 24], np.uint32)).sum(axis=1)
+
+
+def read(source: CameraLines, lines: int) -> list[LineBlock]:
+    """Blocks until so many lines were counted."""
+    blocks = []
+    for block in source.blocks():
+        blocks.append(block)
+        if block.next_line >= lines:
+            source.close()
+    return blocks
+
+
+def faults_of(blocks: list[LineBlock]) -> list[LineFault]:
+    return [fault for block in blocks for fault in block.faults]
+
+
+def named_and_came(blocks: list[LineBlock]) -> tuple[set[int], set[int]]:
+    """Lines that a fault says were not seen, and lines that came."""
+    unseen = [fault for fault in faults_of(blocks) if fault.unseen]
+    named = {line for fault in unseen for line in range(fault.first_line, fault.next_line)}
+    return named, {line for block in blocks for line in range(block.first_line, block.next_line)}
 
 
 class Peer:

@@ -7,12 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from tests.scans.cameras.peers import ID, gige_camera, numbered_lines, numbers
+from tests.scans.cameras.peers import (
+    ID,
+    faults_of,
+    gige_camera,
+    named_and_came,
+    numbered_lines,
+    numbers,
+    read,
+)
 from tests.scans.cameras.test_pixel_formats import packed
 
 from prooflight.errors import RequestError, ScanError
+from prooflight.scans.cameras import backends
 from prooflight.scans.cameras.backends import found_camera, found_cameras, opened
-from prooflight.scans.cameras.setting_up import CameraSettings, set_up
+from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 
 if TYPE_CHECKING:
@@ -21,7 +30,7 @@ if TYPE_CHECKING:
     from tests.scans.cameras.peers import Peer
 
     from prooflight.scans.cameras.camera import Camera
-    from prooflight.scans.lines import LineBlock, LineFault
+    from prooflight.scans.lines import LineBlock
 
 PIXELS = 512
 LINES = numbered_lines(4096, PIXELS)
@@ -31,27 +40,7 @@ SETTINGS = CameraSettings(
 
 
 def ready(settings: CameraSettings = SETTINGS) -> Camera:
-    camera = opened(found_camera(ID))
-    try:
-        set_up(camera, settings, where="my.toml")
-    except BaseException:
-        camera.close()
-        raise
-    return camera
-
-
-def read(source: CameraLines, lines: int) -> list[LineBlock]:
-    """Blocks until so many lines were counted."""
-    blocks = []
-    for block in source.blocks():
-        blocks.append(block)
-        if block.next_line >= lines:
-            source.close()
-    return blocks
-
-
-def faults_of(blocks: list[LineBlock]) -> list[LineFault]:
-    return [fault for block in blocks for fault in block.faults]
+    return backends.ready(found_camera(ID), settings, where="my.toml")
 
 
 def assert_played(blocks: list[LineBlock], lines: np.ndarray = LINES) -> None:
@@ -85,13 +74,7 @@ def test_what_packets_lost_is_named_to_the_line() -> None:
         source = CameraLines(ready, name=ID, runs_free=True)
         blocks = read(source, 150 * 64)
         health = source.health()
-    named = {
-        line
-        for fault in faults_of(blocks)
-        for line in range(fault.first_line, fault.next_line)
-        if fault.unseen
-    }
-    came = {line for block in blocks for line in range(block.first_line, block.next_line)}
+    named, came = named_and_came(blocks)
     assert {"lost-packets"} <= {fault.kind for fault in faults_of(blocks)} <= {"lost-packets", "lost-blocks"}
     assert named.isdisjoint(came)
     assert named | came == set(range(max(came) + 1))

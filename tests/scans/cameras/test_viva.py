@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from tests.scans.cameras.peers import gige_camera, numbered_lines, numbers
+from tests.scans.cameras.peers import (
+    faults_of,
+    gige_camera,
+    named_and_came,
+    numbered_lines,
+    numbers,
+    read,
+)
 
-from prooflight.scans.cameras.backends import found_camera, opened
-from prooflight.scans.cameras.setting_up import CameraSettings, set_up
+from prooflight.scans.cameras.backends import found_camera, opened, ready
+from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.cameras.viva import OVERHEAD, empty_packets
 
@@ -21,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.scans.cameras.camera import Camera
-    from prooflight.scans.lines import LineBlock, LineFault
 
 testing = pytest.importorskip("viva_genicam.testing", reason="viva-genicam is not installed")
 
@@ -39,29 +45,10 @@ def viva_camera(**asked: Any) -> Iterator[Any]:
 
 
 def source(settings: CameraSettings | None = None, **told: Any) -> CameraLines:
-    def ready() -> Camera:
-        camera = opened(found_camera(f"viva:{ADDRESS}"))
-        try:
-            set_up(camera, settings or CameraSettings(), where="my.toml")
-        except BaseException:
-            camera.close()
-            raise
-        return camera
+    def again() -> Camera:
+        return ready(found_camera(f"viva:{ADDRESS}"), settings or CameraSettings(), where="my.toml")
 
-    return CameraLines(ready, name="cam", **told)
-
-
-def read(lines: CameraLines, count: int) -> list[LineBlock]:
-    blocks = []
-    for block in lines.blocks():
-        blocks.append(block)
-        if block.next_line >= count:
-            lines.close()
-    return blocks
-
-
-def faults_of(blocks: list[LineBlock]) -> list[LineFault]:
-    return [fault for block in blocks for fault in block.faults]
+    return CameraLines(again, name="cam", **told)
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.01])
@@ -73,13 +60,7 @@ def test_viva_reads_what_aravis_plays_and_names_what_it_lost(lost: float) -> Non
     with gige_camera(lines, lost=lost):
         blocks = read(source(asked), 180 * 64)
     first = int(numbers(blocks[0].lines)[0]) - blocks[0].first_line
-    named = {
-        line
-        for fault in faults_of(blocks)
-        for line in range(fault.first_line, fault.next_line)
-        if fault.unseen
-    }
-    came = {line for block in blocks for line in range(block.first_line, block.next_line)}
+    named, came = named_and_came(blocks)
     assert named or not lost
     assert named.isdisjoint(came)
     assert named | came == set(range(max(came) + 1))

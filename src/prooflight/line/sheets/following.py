@@ -215,8 +215,7 @@ class Following:
             if self.blind:
                 gone += [self._gone(absent, first_line, UNSEEN) for absent in passed]
                 passed = []
-            for absent in passed[: len(self.strays)]:
-                gone.append(self._gone(absent, first_line, self.strays[absent - passed[0]]))
+            gone += self._strayed(passed, first_line)
             for absent in passed[len(self.strays) :]:
                 self.waiting[absent] = -1
             if len(passed) > len(self.strays):
@@ -237,19 +236,23 @@ class Following:
         return faults, gone
 
     def taken(self, job_page: int, first_line: int) -> list[MissingPage]:
-        """A sheet passed in the place of a page whose look is not known: it is taken to be it. Pages in whose places
-        strays came.
+        """A sheet passed in the place of a page whose look is not known: it is taken to be it.
+
+        Returns the pages before it in whose places strays came.
         """
-        gone = [
-            self._gone(absent, first_line, stray)
-            for absent, stray in zip(range(self.frontier, job_page), self.strays, strict=False)
-        ]
+        gone = self._strayed(range(self.frontier, job_page), first_line)
         self.frontier, self.strays = job_page + 1, []
         return gone
 
     def stray(self, what: str) -> None:
         """A sheet passed that shows no page of the job."""
         self.strays.append(what)
+
+    def _strayed(self, passed: Iterable[int], first_line: int) -> list[MissingPage]:
+        """Of pages passed over, those in whose places strays came."""
+        return [
+            self._gone(absent, first_line, stray) for absent, stray in zip(passed, self.strays, strict=False)
+        ]
 
     def ended(self, line: int) -> list[MissingPage]:
         """Pages that were passed over and have not come until the end."""

@@ -11,7 +11,7 @@ import numpy as np
 from prooflight.kernels.thumbnails import SHRINK, count_near
 from prooflight.line.sheets.records import Fault
 from prooflight.line.sheets.thumbnails import Shrinker
-from prooflight.scans.lines import check_block
+from prooflight.scans.lines import check_block, runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -168,8 +168,7 @@ class LineStore:
         lost = np.zeros(count, bool)
         for begin, end in self._unseen:
             lost[max(begin - first, 0) : max(end - first, 0)] = True
-        edges = np.flatnonzero(np.diff(lost, prepend=False, append=False)).tolist()
-        return tuple(zip(edges[::2], edges[1::2], strict=True))
+        return tuple(runs(lost))
 
     def broken(self, first: int, end: int) -> bool:
         """Whether lines were lost between two positions, or beside them, and nobody knows how many."""

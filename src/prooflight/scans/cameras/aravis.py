@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.errors import RequestError, ScanError
+from prooflight.errors import ScanError
 from prooflight.scans.cameras.aravis_library import (
     BOOL,
     INSTALL,
@@ -30,7 +30,7 @@ from prooflight.scans.cameras.aravis_library import (
 )
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
 from prooflight.scans.cameras.missing_bytes import Canary
-from prooflight.scans.cameras.setting_up import LOOK, refuse_unfit
+from prooflight.scans.cameras.setting_up import gone, not_taken, settable, temperature_c, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -118,7 +118,7 @@ class AravisCamera:
         try:
             self._camera = called("arv_camera_new", POINTER, (TEXT,), found.id.encode())
         except AravisError as error:
-            raise self._gone(f"cannot be opened ({error})") from error
+            raise gone(self.found.id, f"cannot be opened ({error})") from error
         self._device = plainly("arv_camera_get_device", POINTER, (POINTER,), self._camera)
         self._genicam = plainly("arv_device_get_genicam", POINTER, (POINTER,), self._device)
         self._networked = bool(plainly("arv_camera_is_gv_device", BOOL, (POINTER,), self._camera))
@@ -139,26 +139,22 @@ class AravisCamera:
 
     def set(self, name: str, value: str) -> None:
         """See ``Camera``."""
-        node = self._node(name)
-        if node is None:
-            raise RequestError(name, f"{self.found.id} has no such feature", remedy=LOOK)
-        refuse_unfit(self._feature(node, name, ""), value, where=name, camera=self.found.id)
+        one, node = settable(self, name, value), self._node(name)
         try:
-            if is_a(node, "arv_gc_command"):
+            if one.kind == "command":
                 called("arv_gc_command_execute", None, (POINTER,), node)
             else:
                 setter = "arv_gc_feature_node_set_value_from_string"
                 called(setter, None, (POINTER, TEXT), node, value.encode())
         except AravisError as error:
-            what = f"{self.found.id} does not take {value!r} ({error})"
-            raise RequestError(name, what, remedy=LOOK) from error
+            raise not_taken(self, name, value, error) from error
 
     def start(self) -> None:
         """See ``Camera``."""
         try:
             self._begin()
         except AravisError as error:
-            raise self._gone(f"cannot be started ({error})") from error
+            raise gone(self.found.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
@@ -168,7 +164,9 @@ class AravisCamera:
         )
         if not buffer:
             if not self._controlled:
-                raise self._gone("is gone: it no longer answers, or another program has taken control")
+                raise gone(
+                    self.found.id, "is gone: it no longer answers, or another program has taken control"
+                )
             return None
         self._taken = buffer
         status = plainly("arv_buffer_get_status", ctypes.c_int, (POINTER,), buffer)
@@ -201,11 +199,7 @@ class AravisCamera:
                 plainly("arv_gv_stream_get_statistics", None, types, self._stream, *counts)
             counts = ctypes.addressof(free), ctypes.addressof(filled)
             plainly("arv_stream_get_n_buffers", None, (POINTER, POINTER, POINTER), self._stream, *counts)
-        temperature = self.feature("DeviceTemperature")
-        told = "" if temperature is None else temperature.value
-        return Health(
-            resends=resent.value, buffers_free=free.value, temperature_c=float(told) if told else None
-        )
+        return Health(resends=resent.value, buffers_free=free.value, temperature_c=temperature_c(self))
 
     def close(self) -> None:
         """See ``Camera``; takes seconds where the camera does not answer any more."""
@@ -229,8 +223,8 @@ class AravisCamera:
 
     def _begin(self) -> None:
         camera = self._camera
-        self._form = self._value("PixelFormat")
-        self._lines, self._pixels = (int(self._value(name)) for name in ("Height", "Width"))
+        self._form = value_of(self, "PixelFormat")
+        self._lines, self._pixels = (int(value_of(self, name)) for name in ("Height", "Width"))
         payload = called("arv_camera_get_payload", UINT, (POINTER,), camera)
         if self._networked:
             setter = "arv_camera_gv_set_stream_options"
@@ -251,12 +245,6 @@ class AravisCamera:
             self._push(buffer)
         called("arv_camera_start_acquisition", None, (POINTER,), camera)
 
-    def _value(self, name: str) -> str:
-        one = self.feature(name)
-        if one is None or not one.value:
-            raise ScanError(self.found.id, f"does not say its {name}", remedy=LOOK)
-        return one.value
-
     def _push(self, buffer: int) -> None:
         plainly("arv_stream_push_buffer", None, (POINTER, POINTER), self._stream, buffer)
 
@@ -266,11 +254,6 @@ class AravisCamera:
             self._canary.write(self._buffers[self._taken])
             self._push(self._taken)
         self._taken = 0
-
-    def _gone(self, what: str) -> ScanError:
-        return ScanError(
-            self.found.id, what, remedy="look at its cable, its power and `prooflight camera list`"
-        )
 
     # --- its own description ---
 

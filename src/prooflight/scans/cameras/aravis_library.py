@@ -1,7 +1,7 @@
 """Aravis (libaravis-0.8) as far as line cameras need it, called by ctypes.
 
 A virtual environment cannot see the system's PyGObject, and pip builds it only where compilers and headers are; the
-shared library alone is one package of the system (decision 0021). Every call states its types here once.
+shared library alone is one package of the system (decision 22). Every call states its types here once.
 """
 
 from __future__ import annotations

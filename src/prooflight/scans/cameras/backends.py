@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import RequestError
 from prooflight.scans.cameras.aravis import Aravis
+from prooflight.scans.cameras.setting_up import set_up
 from prooflight.scans.cameras.viva import Viva
 
 if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Backend, Camera, FoundCamera
+    from prooflight.scans.cameras.setting_up import CameraSettings
 
 BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva())
 """The one that is asked first comes first."""
@@ -61,3 +63,14 @@ def opened(camera: FoundCamera) -> Camera:
     """Control of a camera, by the backend that found it; ScanError as of ``Backend.open``."""
     (backend,) = usable(camera.backend)
     return backend.open(camera)
+
+
+def ready(camera: FoundCamera, settings: CameraSettings, *, where: str) -> Camera:
+    """The same, set up as asked; errors as of ``opened`` and ``set_up``, after which others may control it."""
+    one = opened(camera)
+    try:
+        set_up(one, settings, where=where)
+    except BaseException:
+        one.close()
+        raise
+    return one

@@ -13,7 +13,7 @@ import numpy as np
 
 from prooflight.errors import ScanError
 from prooflight.scans.cameras.pixel_formats import pixel_format, unpacked
-from prooflight.scans.lines import LineBlock, LineFault
+from prooflight.scans.lines import LineBlock, LineFault, runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -53,12 +53,6 @@ def lost_lines(
     for first, end in missing:
         lost[max((8 * first - line_bits) // stride + 1, 0) : -(-8 * end // stride)] = True
     return lost
-
-
-def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and behind the last of each run of set flags."""
-    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 @dataclass(slots=True, eq=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.rng import stream
-from prooflight.scans.cameras.counting import runs
+from prooflight.scans.lines import runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
-from prooflight.errors import RequestError
+from prooflight.errors import RequestError, ScanError
 
 if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Camera, Feature
@@ -93,6 +93,39 @@ def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
         if (low is not None and number < low) or (high is not None and number > high):
             what = f"{camera} does not take {one.name} {number:g}"
             raise RequestError(where, what, remedy=f"give {low:g} to {high:g}")
+
+
+def settable(camera: Camera, name: str, value: str) -> Feature:
+    """A camera's feature that takes a value, by its own description; RequestError: it has none, or that does not."""
+    one = camera.feature(name)
+    if one is None:
+        raise RequestError(name, f"{camera.found.id} has no such feature", remedy=LOOK)
+    refuse_unfit(one, value, where=name, camera=camera.found.id)
+    return one
+
+
+def not_taken(camera: Camera, name: str, value: str, error: Exception) -> RequestError:
+    """The camera itself refused a value."""
+    return RequestError(name, f"{camera.found.id} does not take {value!r} ({error})", remedy=LOOK)
+
+
+def value_of(camera: Camera, name: str) -> str:
+    """Of a feature that lines cannot be read without; ScanError: the camera does not say it."""
+    one = camera.feature(name)
+    if one is None or not one.value:
+        raise ScanError(camera.found.id, f"does not say its {name}", remedy=LOOK)
+    return one.value
+
+
+def temperature_c(camera: Camera) -> float | None:
+    """None: the camera does not say it."""
+    one = camera.feature("DeviceTemperature")
+    return float(one.value) if one is not None and one.value else None
+
+
+def gone(camera: str, what: str) -> ScanError:
+    """Nothing comes from a camera, by its ID."""
+    return ScanError(camera, what, remedy="look at its cable, its power and `prooflight camera list`")
 
 
 def shown(names: tuple[str, ...]) -> str:

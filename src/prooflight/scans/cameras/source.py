@@ -20,7 +20,7 @@ from prooflight.errors import ScanError
 from prooflight.scans.cameras.camera import Health
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import LOOK
+from prooflight.scans.cameras.setting_up import value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -72,8 +72,8 @@ class CameraLines:
         self._away = 0
         self._reading = False
         try:
-            self.pixels = int(_value(self._camera, "Width"))
-            self.form = pixel_format(_value(self._camera, "PixelFormat"), where=name)
+            self.pixels = int(value_of(self._camera, "Width"))
+            self.form = pixel_format(value_of(self._camera, "PixelFormat"), where=name)
         except BaseException:
             self._camera.close()
             raise
@@ -197,10 +197,3 @@ class CameraLines:
             blocks_broken=counter.broken,
             away=self._away,
         )
-
-
-def _value(camera: Camera, name: str) -> str:
-    one = camera.feature(name)
-    if one is None or not one.value:
-        raise ScanError(camera.found.id, f"does not say its {name}", remedy=LOOK)
-    return one.value

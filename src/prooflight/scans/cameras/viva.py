@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.errors import RequestError, ScanError
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
-from prooflight.scans.cameras.counting import runs
-from prooflight.scans.cameras.setting_up import LOOK, refuse_unfit
+from prooflight.scans.cameras.setting_up import gone, not_taken, settable, temperature_c
+from prooflight.scans.lines import runs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -66,7 +65,7 @@ class Viva:
         for one in _answers():
             if one.ip == camera.address:
                 return VivaCamera(camera, one)
-        raise _gone(camera.id, "does not answer")
+        raise gone(camera.id, "does not answer")
 
     def _found(self, one: Any) -> FoundCamera:
         parts = one.manufacturer or "camera", one.model or "", one.mac.replace(":", "")
@@ -95,7 +94,7 @@ class VivaCamera:
         try:
             self._camera = viva_genicam.connect_gige(answer)
         except self._error as error:
-            raise _gone(found.id, f"cannot be opened ({error})") from error
+            raise gone(found.id, f"cannot be opened ({error})") from error
 
     def features(self) -> Mapping[str, Feature]:
         """See ``Camera``."""
@@ -113,18 +112,14 @@ class VivaCamera:
 
     def set(self, name: str, value: str) -> None:
         """See ``Camera``."""
-        one = self._feature(name, "")
-        if one is None:
-            raise RequestError(name, f"{self.found.id} has no such feature", remedy=LOOK)
-        refuse_unfit(one, value, where=name, camera=self.found.id)
+        one = settable(self, name, value)
         try:
             if one.kind == "command":
                 self._camera.execute(name)
             else:
                 self._camera.set(name, value)
         except self._error as error:
-            what = f"{self.found.id} does not take {value!r} ({error})"
-            raise RequestError(name, what, remedy=LOOK) from error
+            raise not_taken(self, name, value, error) from error
 
     def start(self) -> None:
         """See ``Camera``."""
@@ -134,7 +129,7 @@ class VivaCamera:
             self._stream = self._camera.stream(deliver_incomplete=True)
             self._stream.__enter__()
         except self._error as error:
-            raise _gone(self.found.id, f"cannot be started ({error})") from error
+            raise gone(self.found.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
@@ -143,11 +138,11 @@ class VivaCamera:
             frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
         except self._error as error:
             if self._camera.control_state is self._lost:
-                raise _gone(self.found.id, "is gone, or another program has taken control") from error
+                raise gone(self.found.id, "is gone, or another program has taken control") from error
             time.sleep(max(begun_s + timeout_s - time.monotonic(), 0.0))
             return None
         if frame is None:
-            raise _gone(self.found.id, "has ended its stream")
+            raise gone(self.found.id, "has ended its stream")
         if not frame.width:
             return None  # its first packet was lost, which says what the others hold
         data = np.frombuffer(frame.payload(), np.uint8)
@@ -168,10 +163,8 @@ class VivaCamera:
 
     def health(self) -> Health:
         """See ``Camera``; the library does not say how many buffers are free."""
-        temperature = self.feature("DeviceTemperature")
-        told = "" if temperature is None else temperature.value
         resends = 0 if self._stream is None else self._stream.stats().resend_recovered
-        return Health(resends=resends, temperature_c=float(told) if told else None)
+        return Health(resends=resends, temperature_c=temperature_c(self))
 
     def close(self) -> None:
         """See ``Camera``."""
@@ -231,7 +224,3 @@ def _answers() -> list[Any]:
 
     found: list[Any] = viva_genicam.discover(timeout_ms=FIND_MS, all=True)
     return found
-
-
-def _gone(camera: str, what: str) -> ScanError:
-    return ScanError(camera, what, remedy="look at its cable, its power and `prooflight camera list`")

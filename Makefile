@@ -5,11 +5,15 @@ BIN := $(VENV)/bin
 
 BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 
-.PHONY: demo test test-bounds check fuzz bench docs site changelog format lock clean
+.PHONY: demo console test test-bounds check fuzz bench docs site changelog format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
 	$(BIN)/prooflight demo
+
+# A job printed live on the simulated press, in the browser at http://127.0.0.1:8080. Ctrl-C ends it.
+console: $(VENV)/.installed
+	$(BIN)/prooflight serve --demo
 
 test: $(VENV)/.installed-dev
 	$(BIN)/pytest -n 2
@@ -66,7 +70,8 @@ changelog: $(VENV)/.installed-dev
 
 # Rewrites all lock files from pyproject.toml; needs uv on the path.
 lock:
-	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --universal --python-version 3.11 \
+	uv pip compile pyproject.toml studies/pyproject.toml --extra pdf --extra demo --extra plant --extra server --group build \
+		--universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet --no-emit-package prooflight -o requirements.txt
 	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --group dev --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet --no-emit-package prooflight -c requirements.txt \

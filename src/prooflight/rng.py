@@ -26,7 +26,7 @@ That matters where one run draws both with one seed. These runs do:
   sheet 0 of ``demo``, sheet 0 of ``watch``.
 
 The same bits then make two things, such as a layout and a noise. Whether a published figure hangs on that has not been
-measured. A new purpose meets none if its second word is fixed, and the next number after ``FREE`` that is not taken.
+measured. A new purpose meets none if its second word is fixed, and a number after ``FREE`` that is not taken.
 """
 
 from __future__ import annotations
@@ -78,13 +78,26 @@ FREE: Final = 2**31
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
         "a4-design": Purpose("words, pictures and layout of a design on A4", (SEED, "design")),
+        "asked-sheets": Purpose("whether a sheet that passed is asked about", (SEED, FREE + 60, "sheet")),
         "bench-page": Purpose("bars and gradients of the pages on which speed is measured", (1,)),
         "bench-scan": Purpose("noise of the scans on which speed is measured", (2,)),
         "block-canary": Purpose("words by which bytes that did not arrive are known", (SEED, FREE + 17)),
         "bootstrap": Purpose("which press days resample a cost, the same for every detector", (SEED, 2)),
         "calibration-chart": Purpose("places, prints and scans of a chart's patches", (SEED, "patches")),
         "calibration-session": Purpose("the session in which all charts are printed", (SEED, 1)),
+        "camera-losses": Purpose(
+            "losses, arrivals and lines of cameras on loopback", (SEED, FREE + 18, "part")
+        ),
+        "camera-noise": Purpose("noise of a sheet before two cameras", (SEED, FREE + 19, "sheet", "sensor")),
         "chart-places": Purpose("places of the patches on a chart to be printed", (SEED,)),
+        "content-session": Purpose("the session of a press day", (SEED, FREE + 41, "day")),
+        "content-sheet": Purpose("codes of a sheet, their damage and its prints", (SEED, FREE + 40, "sheet")),
+        "content-text": Purpose(
+            "numbers of a sheet, what is wrong with one, and prints", (SEED, FREE + 60, "sheet", "size")
+        ),
+        "content-text-session": Purpose(
+            "the press day of sheets of numbers", (SEED, FREE + 61, "sheet", "size")
+        ),
         "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
         "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
@@ -102,8 +115,11 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         ),
         "exhibit-misprint": Purpose("a misprint to be shown; seeded by exhibit-place", (SEED,)),
         "exhibit-place": Purpose("pages and seeds tried for a misprint to be shown", (SEED, "kind")),
+        "feedback-weeks": Purpose("days and questions of one history of weeks", (SEED, FREE + 61, "history")),
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
         "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
+        "gate-bootstrap": Purpose("which times resample the tail of a gate's", (SEED, FREE + 42)),
+        "gate-plan": Purpose("sheets, verdicts and slips of the gate's long run", (SEED, FREE + 19)),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
         "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
@@ -125,6 +141,13 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
         ),
+        "resolution-misprint": Purpose(
+            "misprint and print of a page at its press's resolution", (SEED, FREE + 70, "page")
+        ),
+        "resolution-print": Purpose(
+            "a good print of a page at a resolution", (SEED, FREE + 71, "page", "dpi")
+        ),
+        "resolution-session": Purpose("the session of a press day", (SEED, FREE + 72, "day")),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
         "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
         "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
@@ -160,6 +183,11 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "trial-recipes": Purpose("recipes on which a press's tables are judged", (SEED,)),
         "world-piece": Purpose("where a page is cut, to be printed on both paths", (SEED, "page")),
         "world-print": Purpose("session and print that both paths share", (SEED, "page", 1)),
+        "zones-came": Purpose("prints and defects that a price is held against", (SEED, FREE + 65, "print")),
+        "zones-print": Purpose("page, day and print that calibrate zones", (SEED, FREE + 62, "print")),
+        "zones-strengths": Purpose("strengths of the defects that zones are priced by", (SEED, FREE + 64)),
+        "zones-study": Purpose("where the zones of a page lie", (SEED, FREE + 66, "page")),
+        "zones-trial": Purpose("page, day and print of a defect in a zone", (SEED, FREE + 63, "print")),
     }
 )
 """By name, in the order of names."""

@@ -8,7 +8,7 @@ from typing import Any
 class StrangeFrom:
     """A run's test that has had enough of so many pages."""
 
-    strangest = "lines along the travel"
+    strangest, remedy = "lines along the travel", "look at it"
 
     def __init__(self, enough: int) -> None:
         self.enough, self.pages = enough, 0

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from tests.cli.strange import StrangeFrom
+from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
 from prooflight.inspection.job import InspectPage
 from prooflight.inspection.promise import PromiseWatch
-from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
@@ -32,14 +32,7 @@ def made(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``x.press``; ``job``, six pages of 36 x 30 mm; ``scans`` of them, page 1 and 4 good ones."""
     folder, rng = tmp_path_factory.mktemp("inspected"), np.random.default_rng(12)
     press.save(folder / "x.press")
-    (folder / "job").mkdir()
-    for number in range(1, PAGES + 1):
-        cmyk = np.zeros((590, 708, 4), np.uint8)
-        for line in range(60, 530, 40):
-            for word in range(60, 640, 90):
-                cmyk[line : line + 20, word : word + int(rng.integers(20, 80)), 3] = 255
-        page = Page(cmyk=cmyk, dpi=500.0, name=f"p{number:04d}", number=number)
-        write_tiff(page, folder / "job" / f"{page.name}.tif")
+    write_word_job(folder / "job", pages=PAGES, rng=rng, tinted=False)
     made = ["simulate", str(folder / "job"), "--press", str(folder / "x.press"), "-o", str(folder / "scans")]
     assert run([*made, "--seed", "3", "--json"]) == 0
     return folder

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from tests.cli.test_watch import job, press_file, trigger, watch  # noqa: F401
+from tests.cli.test_watch import job, trigger, watch  # noqa: F401
 from tests.scans.cameras.peers import ID, gige_camera, numbered_lines
 
 from prooflight.cli import run
@@ -83,7 +83,7 @@ def test_cameras_are_listed_and_describe_themselves(
         ),
         (
             ("list", "--backend", "magic"),
-            "prooflight: camera backend: there is no 'magic'; choose aravis, viva",
+            "prooflight: camera backend: there is no 'magic'; choose aravis, viva, pylon",
         ),
     ],
 )
@@ -121,7 +121,7 @@ def verdicts(rows: list[dict[str, Any]]) -> list[tuple[object, ...]]:
 
 
 def test_a_press_is_watched_over_the_wire_as_from_files(
-    press_file: Path,  # noqa: F811
+    press_file: Path,
     job: Path,  # noqa: F811
     trigger: int,  # noqa: F811
     settings: Path,
@@ -148,11 +148,17 @@ def test_a_press_is_watched_over_the_wire_as_from_files(
             text=True,
         )
         assert live.stdout is not None
-        came = [json.loads(live.stdout.readline()) for _ in wanted]
+        came = list[dict[str, Any]]()
+        cameras = list[dict[str, Any]]()
+        while len(came) < len(wanted):
+            row = json.loads(live.stdout.readline())
+            (came if "verdict" in row else cameras).append(row)
         live.send_signal(signal.SIGINT)
         live.communicate()
         assert live.returncode == 0
     assert verdicts(came) == wanted
+    health = cameras[0]["cameras"][ID]
+    assert (health["lines_lost"], health["away"], health["present"]) == (0, 0, True)
     with gige_camera(np.concatenate([lines, quiet]).astype("<u2").view(np.uint8)):
         asked = "--lines", len(lines) + 200, "--camera", settings
         assert called(capsys, "camera", "record", ID, "-o", recording, *asked)[0] == 0
@@ -162,7 +168,7 @@ def test_a_press_is_watched_over_the_wire_as_from_files(
 
 def test_a_camera_of_another_width_is_refused_in_one_line(
     plain_camera: None,
-    press_file: Path,  # noqa: F811
+    press_file: Path,
     job: Path,  # noqa: F811
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -176,7 +182,7 @@ def test_a_camera_of_another_width_is_refused_in_one_line(
 
 def test_a_camera_of_another_depth_is_refused_in_one_line(
     plain_camera: None,
-    press_file: Path,  # noqa: F811
+    press_file: Path,
     job: Path,  # noqa: F811
     settings: Path,
     capsys: pytest.CaptureFixture[str],

@@ -36,13 +36,6 @@ def _few_prints(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def press_file(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("press") / "small.press"
-    press.save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three pages of 36 x 30 mm."""
     folder, rng = tmp_path_factory.mktemp("job"), np.random.default_rng(7)
@@ -236,10 +229,11 @@ def test_a_pipe_that_breaks_off_keeps_what_came_and_ends_with_3(
 
     monkeypatch.setattr(sys, "stdin", Standard)
     code, rows, said = watch(
-        capsys, job, "--press", press_file, "--source", "raw:-", "--journal", "none", "--json"
-    )
+        capsys, job, "--press", press_file, "--source", "raw:-", "--trigger", trigger, "--journal", "none", "--json"
+    )  # fmt: skip
     assert code == 3
-    assert [row["verdict"] for row in rows] == ["misprint"]  # darkness is no page of the job
+    assert [row["verdict"] for row in rows] == ["misprint", "not-inspected"]  # darkness is no page of the job
+    assert rows[1]["reason"] == "a sheet that is no page of the job came in its place"
     assert "whole lines" in said
     assert "3 of 3 sheets did not come" in said
     assert said.count("\n") == 1

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.word_jobs import write_word_job
 
 import prooflight
 from prooflight.cli import run
 from prooflight.journal.journal import Journal
-from prooflight.pages.files import write_tiff
-from prooflight.pages.raster import Page
 from prooflight.scans.recorded import recorded_scans
 
 if TYPE_CHECKING:
@@ -38,15 +37,7 @@ def folder(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``x.press``; ``job``, five pages of 36 x 30 mm; ``scans`` of them; ``torn``, the job with page 3 cut off."""
     folder, rng = tmp_path_factory.mktemp("watched"), np.random.default_rng(11)
     press.save(folder / "x.press")
-    (folder / "job").mkdir()
-    for number in range(1, PAGES + 1):
-        cmyk = np.zeros((590, 708, 4), np.uint8)
-        for line in range(60, 530, 40):
-            for word in range(60, 640, 90):
-                cmyk[line : line + 20, word : word + int(rng.integers(20, 80)), 3] = 255
-        cmyk[100:300, 400:600, number % 3] = 40 * number
-        page = Page(cmyk=cmyk, dpi=500.0, name=f"p{number:04d}", number=number)
-        write_tiff(page, folder / "job" / f"{page.name}.tif")
+    write_word_job(folder / "job", pages=PAGES, rng=rng, tinted=True)
     made = ["simulate", str(folder / "job"), "--press", str(folder / "x.press"), "-o", str(folder / "scans")]
     assert run([*made, "--seed", "3", "--json"]) == 0
     shutil.copytree(folder / "job", folder / "torn")

@@ -27,6 +27,7 @@ from prooflight.commissioning.training.simulated_days import (
 from prooflight.commissioning.training.train import FEWEST, Plan
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.glyphs.promise import SHARE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.detectors.paper.bayes import window_statistics
@@ -85,7 +86,8 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
     shift, scale = shift_and_scale(found)
     np.testing.assert_allclose(ours.model.shift, shift)
     np.testing.assert_allclose(ours.model.scale, scale)
-    assert ours.threshold == pytest.approx(reference.threshold(0.1 / ours.scores.ratio)[0])
+    of_ranking = (1 - SHARE) * 0.1
+    assert ours.threshold == pytest.approx(reference.threshold(of_ranking / ours.scores.ratio)[0])
 
 
 def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
@@ -150,6 +152,7 @@ def _made_up_days(
             "values": values.astype(np.float32),
             "portrait": np.repeat(rng.standard_normal((len(designs), PAGE_FEATURES)), kinds.size, axis=0),
             "another": np.zeros(design.size, bool),
+            "glyphs": np.full(design.size, -20.0),
             "names": np.array(["name"] * count),
         }
         if work.unit is not None:

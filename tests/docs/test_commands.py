@@ -22,18 +22,26 @@ import pytest
 import tifffile
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
+from tests.scans.cameras.scene_cameras import scene_camera
+from tests.scans.cameras.scenes import Scenes
 
+from prooflight.commissioning.build import build_press
 from prooflight.inks.built_in import built_in_inks
+from prooflight.inks.ruler_layout import RulerLayout
+from prooflight.inks.ruler_print import RASTER_DPI, ruler_raster
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict
+from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from prooflight.press.press_file import PressFile
+    from collections.abc import Callable, Iterator
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*(DOCS / "tutorial").glob("*.md"), *(DOCS / "how-to").glob("*.md")])
 PRESETS = "src/prooflight/press/presets"
+BLACK_40 = PressFile.prototype().text.replace("black_level_dn = 0", "black_level_dn = 40")
 
 NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "first-inspection": (f"small {PRESETS}", "prooflight-demo/sample-job.pdf"),
@@ -45,8 +53,16 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "characterise-a-camera": (PRESETS,),
     "watch": ("job.pdf", "my.press"),
     "journal": ("job.pdf", "my.press"),
+    "sheets-and-sets": ("job.pdf", "my.press"),
+    "codes": ("my.press", "job.pdf", "scans"),
+    "zones": ("my.press", "job.pdf", "scans"),
+    "text": ("my.press", "job.pdf", "scans"),
+    "feedback": ("my.press", "job.pdf"),
+    "gate": ("press.toml", "job.pdf", "my.press"),
     "golden": ("job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
-    "line-cameras": (),
+    "line-cameras": ("job.pdf",),
+    "console": (),
+    "plant": (),
     "index": (),
 }
 """What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of
@@ -166,6 +182,26 @@ def test_no_command_escapes(page: Path) -> None:
     assert not re.search(r"^\s{3,}(\$ )?prooflight ", unfenced, re.MULTILINE)
 
 
+@pytest.fixture
+def plugged_in(request: pytest.FixtureRequest, user: Callable[[str], Path], tmp_path: Path) -> Iterator[None]:
+    """For the page of line cameras: one on loopback, under which lies what its set-up asks for, and then the job."""
+    if request.getfixturevalue("page").stem != "line-cameras":
+        yield
+        return
+    truth = PressFile(Path("true.toml"), re.sub(r"(?m)^pixels = .*", "pixels = 1280", BLACK_40))
+    press = build_press(truth, seed=5)
+    layout = RulerLayout(width_mm=130.0, height_mm=212.0)
+    ruler = Page(cmyk=ruler_raster(layout), dpi=RASTER_DPI, name="ruler", number=1)
+    with PdfJob(user("job.pdf")) as job:
+        pages = [press.geometry.lay(job.page(number, dpi=1200.0)) for number in range(1, 4)]
+    scenes = Scenes.of(truth, press, {"ruler": ruler}, reference_us=2000.0)
+    prints = [predict(one, sensors=press.sensors, geometry=press.geometry).expected_dn for one in pages]
+    scenes.images["job"] = np.concatenate(prints, axis=1)
+    with scene_camera(scenes, tmp_path / "my.set-up.json"):
+        yield
+
+
+@pytest.mark.usefixtures("plugged_in")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_command_runs(page: Path, user: Callable[[str], Path], tmp_path: Path) -> None:
     for name in NEEDS[page.stem]:
@@ -175,7 +211,8 @@ def test_every_command_runs(page: Path, user: Callable[[str], Path], tmp_path: P
     for block in blocks(page):
         if block.language in SHOWN:
             continue
-        command = ["bash", "-euo", "pipefail", "-c", block.script]
+        script = block.script.replace("23456789", "PL01")  # the serial number of the camera on loopback
+        command = ["bash", "-euo", "pipefail", "-c", script]
         if block.language == "python":
             command = [sys.executable, "-c", block.text]
         done = run(command, tmp_path)

@@ -311,6 +311,38 @@ def read_icc(path: Path) -> None:
         assert len(opened) == 1
 
 
+# Zones.
+
+
+def zone_samples() -> list[bytes]:
+    zone = {"name": "face", "kind": "careful", "pages": "1,2", "rectangle_mm": [10, 10.5, 20, 30]}
+    other = {"name": "stamp", "kind": "ignore", "polygon_mm": [[50, 50], [80, 50], [50, 90]]}
+    price = {
+        "press": "ab", "zones": "cd", "prints": 3, "seed": 1, "page_scores": [0.5, 1.5], "careful_scores": [1, 2],
+        "careful_mean": [0.1], "careful_sd": [1.0], "told": [{"name": "face"}],
+    }  # fmt: skip
+    whole = {"schema": 1, "careful_share": 0.2, "zones": [zone, other], "price": price}
+    return [json.dumps(one).encode() for one in ({"zones": [zone]}, whole)]
+
+
+def read_zones(path: Path) -> None:
+    """What is accepted has places on the page and a digest."""
+    from prooflight.pages.raster import Page
+    from prooflight.pages.zones.zones_file import JobZones
+
+    zones = JobZones.read(path, [(148.0, 210.0)] * 3)
+    assert len(zones.digest) == 64
+    places = np.arange(0.5, 148, 7.0)
+    for number in zones.of_pages:
+        page = Page(cmyk=np.zeros((210, 148, 4), np.uint8), dpi=25.4, name="p", number=number)
+        of_page = zones.page(page)
+        assert of_page is not None
+        held = sum(
+            of_page.holds(kind, places, places).astype(int) for kind in ("ignore", "normal", "careful")
+        )
+        assert held.max() <= 1
+
+
 TARGETS = (
     Target(
         name="press-toml",
@@ -320,6 +352,7 @@ TARGETS = (
         read=read_press,
         command=press_command,
     ),
+    Target(name="zones", suffix=".json", samples=zone_samples, mutate=spoil_text, read=read_zones),
     Target(
         name="light-curve",
         suffix=".csv",

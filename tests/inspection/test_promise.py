@@ -197,7 +197,7 @@ def test_all_that_our_detector_looks_at_has_words() -> None:
 
 def test_of_each_design_the_first_sheet_counts() -> None:
     class Counts:
-        suspended, strangest, added = False, "", 0
+        suspended, strangest, remedy, added = False, "", "", 0
 
         def add(self, _summary: np.ndarray) -> None:
             self.added += 1

@@ -197,7 +197,7 @@ def test_a_damaged_run_is_named_and_the_others_are_read(path: Path, column: str,
     [
         "DROP TABLE packs;",
         "DELETE FROM journal;",
-        "INSERT INTO journal VALUES (2, 'x');",
+        "INSERT INTO journal VALUES (3, 'x');",
         "ALTER TABLE pages RENAME COLUMN score TO other;",
         "ALTER TABLE runs RENAME TO other; CREATE VIEW runs AS SELECT * FROM other;",
         "CREATE TRIGGER acts AFTER INSERT ON pages BEGIN DELETE FROM runs; END;",

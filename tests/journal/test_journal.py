@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.journal.journals import facts, files_of, limit, record
 
-from prooflight.detectors.verdict import Ink, Region, Verdict
+from prooflight.detectors.verdict import Code, Ink, Region, Verdict
 from prooflight.journal import lock, packs
 from prooflight.journal.exporting import run_facts, write_csv
 from prooflight.journal.journal import Journal, content_digest
@@ -51,6 +51,20 @@ FULL = Verdict(
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},
     expected_cost={"accept": 0.03, "stop": 0.006},
     widened=1.28,
+    codes=(
+        Code(
+            symbology="QR Code",
+            text="né",
+            read=None,
+            checked=True,
+            grade=0.0,
+            weakest="does not read",
+            x_mm=20.0,
+            y_mm=244.0,
+            width_mm=27.5,
+            height_mm=27.5,
+        ),
+    ),
     promise_suspended=True,
 )
 
@@ -255,7 +269,7 @@ def test_a_journal_of_another_schema_is_one_clear_error(path: Path) -> None:
     connection.close()
     for read_only in (False, True):
         with pytest.raises(
-            JournalError, match=r"journal\.sqlite: has schema 7, this version reads schema 1; "
+            JournalError, match=r"journal\.sqlite: has schema 7, this version reads schema 2; "
         ) as refusal:
             Journal.open(str(path), read_only=read_only)
         assert "\n" not in str(refusal.value)

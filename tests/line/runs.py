@@ -54,6 +54,9 @@ class SheetInspector:
         self.prepared.append(page)
         return SimpleNamespace(page=page, thumbnail=SMALL)
 
+    def complete(self, ready: Any) -> None:
+        pass
+
     def warm_up(self, ready: Any) -> None:
         pass
 
@@ -63,6 +66,8 @@ class SheetInspector:
     def renewed(self, ready: Any) -> Any:
         return ready
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
+    def inspect(
+        self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+    ) -> SheetResult:
         self.first(name)
         return SheetResult(verdict=Verdict(page=f"design {ready.page}", verdict="good", action="accept"))

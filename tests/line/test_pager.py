@@ -9,14 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prooflight.errors import ScanError
-from prooflight.line.pager import Pager, TriggerCount
+from prooflight.inspection.lost_lines import unseen_share
+from prooflight.line.pager import SLIP_MM, Pager, TriggerCount
 from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.line.sheets.store import LineStore
 from prooflight.line.sheets.thumbnails import thumbnail_of
 from prooflight.pages.raster import turned
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
-from prooflight.scans.lines import LineBlock, LineFault
+from prooflight.scans.lines import LineBlock, LineFault, Unseen
 from prooflight.simulation.drum import LINE_FAULTS, Drum, DrumFault, turns
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
@@ -440,12 +441,59 @@ def test_a_run_stays_in_step_behind_strange_sheets_though_pages_are_known_when_d
     assert missing_of(found) == [1, 2]
 
 
+@pytest.mark.parametrize("wrong", [5, 7])
+def test_a_wrong_page_that_shows_a_later_one_does_not_move_the_run_to_there(job: Job, wrong: int) -> None:
+    """The last page known, and one before it, is printed in place of page 3; what comes behind is known as itself."""
+    expected, scans = KnownInTime(job.thumbnails, due=wrong), list(job.scans)
+    scans[2] = job.scans[wrong]
+    pager, found = Pager(job.press, expected=expected), list[SeenPage | MissingPage]()
+    due = list[int]()
+    for block in Drum(scans, press=job.press, passing=turns(PAGES, {})).blocks():
+        pages = pager.push(block)
+        due += [pager.next_page for page in pages if isinstance(page, SeenPage)]
+        expected.due, found = max(expected.due, pager.next_page), found + pages
+    found += pager.flush()
+    assert pages_of(found) == [0, 1, wrong, 3, 4, 5, 6, 7]
+    assert due == list(range(1, len(due) + 1))
+    assert missing_of(found) == [2]
+    assert [fault.detail for page in found if isinstance(page, MissingPage) for fault in page.faults] == [
+        f"a sheet that shows page {wrong + 1} came in its place"
+    ]
+
+
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_sheet_within_which_the_lines_end_is_said_to_be_cut_short(job: Job, share: float) -> None:
     pager, whole = Pager(job.press, expected=list(job.thumbnails)), job.scans[0].shape[1]
     lines = np.concatenate([job.scans[0], job.scans[1][:, : round(share * whole)]], axis=1)
     found = pager.push(LineBlock(first_line=0, lines=lines, time_s=0.0)) + pager.flush()
     assert [page.cut_short for page in found if isinstance(page, SeenPage)] == [False, True]
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
+def test_a_sheet_within_which_the_lines_begin_is_torn_and_the_next_is_in_step(job: Job, share: float) -> None:
+    """A camera is started while a sheet passes under it: nobody saw where that sheet began."""
+    first = round(share * job.scans[0].shape[1])
+    scans = [job.scans[0][:, first:], *job.scans[1:4]]
+    block = LineBlock(first_line=0, lines=np.concatenate(scans, axis=1), time_s=0.0)
+    found = [page for page in job.paged([block]) if isinstance(page, SeenPage)]
+    assert (
+        [page.torn for page in found] == [page.begun_within for page in found] == [True, False, False, False]
+    )
+    assert pages_of(list(found)) == [None, 1, 2, 3]
+
+
+def test_sheets_whose_gap_was_lost_are_parted_all_the_same(job: Job) -> None:
+    """What stands in place of the lost gap shows the sheet before it."""
+    lines = np.concatenate(job.scans[:6], axis=1)
+    end = sum(scan.shape[1] for scan in job.scans[:3])
+    lost = slice(end - 45, end + 45)
+    blocks = [
+        LineBlock(first_line=0, lines=lines[:, : lost.start], time_s=0.0),
+        LineBlock(first_line=lost.stop, lines=lines[:, lost.stop :], time_s=0.0),
+    ]
+    found = [page for page in job.paged(blocks) if isinstance(page, SeenPage)]
+    assert pages_of(list(found)) == list(range(6))
+    assert not any(page.torn for page in found)
 
 
 def test_pages_that_did_not_come_are_counted_when_the_lines_have_ended(job: Job) -> None:
@@ -511,6 +559,43 @@ def test_two_sensors_are_paged_as_one(two_sensor_press: Press, make_page: Callab
     assert pages_of(found) == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8]
 
 
+def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by_the_other(
+    two_sensor_press: Press, make_page: Callable[..., Page]
+) -> None:
+    """The second camera is away for three sheets."""
+    page, press = make_page(100), two_sensor_press
+    expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    scan = np.rint(expected.expected_dn).clip(0, 65535).astype(np.uint16)
+    page_lines, kept = scan.shape[1], []
+    for block in Drum([scan], press=press, passing=turns(6, {})).blocks():
+        if 1.5 * page_lines <= block.first_line < 4.5 * page_lines:
+            lost = LineFault(
+                kind="camera-away",
+                first_line=block.first_line,
+                lines=block.lines.shape[1],
+                detail="camera B, sensor 2: it gives no lines",
+                sensor=1,
+            )
+            lines = block.lines.copy()
+            lines[1] = 0
+            block = replace(block, lines=lines, faults=(lost,))
+        kept.append(block)
+    known = thumbnail_of(page, expected, press)
+    pager = Pager(press, expected=RepeatedJob([known], 6))
+    found = [one for block in kept for one in pager.push(block)] + pager.flush()
+    assert pages_of(found) == list(range(6))
+    assert not missing_of(found)
+    for number, sheet in enumerate(found):
+        assert isinstance(sheet, SeenPage)
+        assert not sheet.torn
+        share = unseen_share(sheet.unseen, sheet.scan.shape[1])
+        assert {run.sensor for run in sheet.unseen} == ({1} if 1 <= number <= 4 else set())
+        assert (share > 0.99) == (number in (2, 3))
+        details = {fault.detail for fault in sheet.faults}
+        assert details == ({"camera B, sensor 2: it gives no lines"} if 1 <= number <= 4 else set())
+        assert len(sheet.faults) <= 1
+
+
 def away(job: Job, first: float, last: float, *, restart: int = 0) -> list[LineBlock]:
     """The job's lines where the camera gave none between two places, in sheets; it then counts on by about as many."""
     blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
@@ -548,6 +633,21 @@ def test_sheets_that_pass_while_the_camera_is_away_are_named_and_no_other(job: J
     assert all(page.unseen == () for page in came if not page.torn)
 
 
+def test_behind_an_absence_triggers_are_counted_from_a_sheets_edge(job: Job) -> None:
+    """The camera's count is 60 lines off when it is back, and with it the triggers: 6 mm, which are not the sheets'."""
+    start = TriggerCount(lines=job.scans[0].shape[1])
+    usual = {page.job_page: page for page in job.paged(away(job, 2.4, 5.3), start=start)}
+    found = [
+        page for page in job.paged(away(job, 2.4, 5.3, restart=60), start=start) if page.job_page in (6, 7)
+    ]
+    assert len(found) == 2
+    for page in found:
+        other = usual[page.job_page]
+        assert isinstance(page, SeenPage)
+        assert isinstance(other, SeenPage)
+        assert abs(page.first_line - 60 - other.first_line) <= SLIP_MM / job.press.geometry.line_pitch_mm
+
+
 def test_a_camera_that_is_away_between_sheets_tears_none(job: Job) -> None:
     scans = [np.concatenate([job.scans[0][:, :0], scan], axis=1) for scan in job.scans]
     gap = np.repeat(job.scans[0][:, -1:], 300, axis=1)
@@ -583,7 +683,7 @@ def test_lost_lines_are_told_where_they_lie_in_the_sheet(job: Job) -> None:
         sheet = found[3]
         assert isinstance(sheet, SeenPage)
         first = block.first_line + 10 - sheet.first_line
-        assert sheet.unseen == ((first, first + 3),)
+        assert sheet.unseen == (Unseen(first, first + 3),)
         (fault,) = sheet.faults
         assert fault.kind == "lost-lines"
         assert fault.detail.startswith(detail)
@@ -604,4 +704,4 @@ def test_lines_that_came_too_late_are_lost_once_and_said_twice(job: Job) -> None
         ("lost-lines", "a block did not come"),
         ("extra-lines", "it came too late"),
     ]
-    assert [end - first for first, end in sheet.unseen] == [64]
+    assert [end - first for first, end, _ in sheet.unseen] == [64]

@@ -22,7 +22,7 @@ from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetResult
 from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 from prooflight.line.status import Phase, Times
-from prooflight.scans.lines import LineBlock
+from prooflight.scans.lines import LineBlock, Unseen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -74,6 +74,10 @@ class Pager:
     next_page: int = 0
     to_come: int = 0
     missing: int = 0
+
+    @property
+    def may_come(self) -> tuple[int, ...]:
+        return (self.next_page,)
 
     def warm_up(self) -> None:
         pass
@@ -248,7 +252,9 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
     evidence = PageEvidence(values={"gain-cyan": 9.0})
 
     class Loud(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
+        def inspect(
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+        ) -> SheetResult:
             return SheetResult(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
 
     _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
@@ -261,6 +267,7 @@ class Third:
 
     seen: list[float] = field(default_factory=list)
     strangest: str = "lines along the travel"
+    remedy: str = "look at it"
 
     def add(self, summary: NDArray[np.float64]) -> None:
         self.seen.append(float(summary[0]))
@@ -273,7 +280,9 @@ class Third:
 class Summing(SheetInspector):
     """Sheet n adds n to its run, whatever is said of it."""
 
-    def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
+    def inspect(
+        self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+    ) -> SheetResult:
         said = super().inspect(ready, scan, name=name, seed=seed)
         word: Word = "misprint" if name == "sheet 3" else "good"
         evidence = PageEvidence(summary=np.array([float(name.removeprefix("sheet "))]))
@@ -474,20 +483,24 @@ def lost(page: int | None, *unseen: tuple[int, int], torn: bool = False, lines: 
         kind="lost-lines", first_line=7, detail="lines 7 to 9 were lost: parts of block 3 did not arrive"
     )
     scan = np.zeros((1, lines, 1), np.uint16)
-    return replace(seen(page), scan=scan, faults=(fault,), unseen=unseen, torn=torn)
+    return replace(
+        seen(page), scan=scan, faults=(fault,), unseen=tuple(Unseen(*run) for run in unseen), torn=torn
+    )
 
 
 def test_a_sheet_with_lost_lines_is_judged_where_it_was_seen_and_says_so() -> None:
     asked: list[Any] = []
 
     class Asked(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> SheetResult:
+        def inspect(
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+        ) -> SheetResult:
             asked.append(unseen)
             return super().inspect(ready, scan, name=name, seed=seed)
 
     _, told = run([seen(0), lost(1, (7, 10))], inspector=Asked())
     assert [one.record.verdict.verdict for one in told] == ["good", "good"]
-    assert sorted(asked) == [(), ((7, 10),)]
+    assert sorted(asked) == [(), (Unseen(7, 10),)]
     assert told[1].record.faults == ("lost-lines",)
     assert told[1].record.notes == ("lines lost: lines 7 to 9 were lost: parts of block 3 did not arrive",)
 

@@ -63,6 +63,10 @@ class Pager:
     def to_come(self) -> int:
         return len(self.known) - self.next_page
 
+    @property
+    def may_come(self) -> tuple[int, ...]:
+        return (self.next_page,)
+
     def warm_up(self) -> None:
         pass
 
@@ -265,7 +269,9 @@ def test_a_verdict_that_is_not_told_is_counted() -> None:
 
 def test_a_fault_behind_the_verdict_holds_no_other_sheet_back() -> None:
     class Odd(SheetInspector):
-        def inspect(self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = ()) -> Any:
+        def inspect(
+            self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
+        ) -> Any:
             return None if ready.page == 1 else super().inspect(ready, scan, name=name, seed=seed)
 
     run = run_of(Book(3), inspector=Odd())

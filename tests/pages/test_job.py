@@ -232,3 +232,8 @@ def test_page_lists(ranges: list[tuple[int, int]]) -> None:
 def test_page_lists_that_make_no_sense(text: str, what: str) -> None:
     with pytest.raises(RequestError, match=what):
         parse_pages(text, 24)
+
+
+def test_pages_of_a_pdf_are_drawn_finer_than_their_raster(write_pdf: Callable[..., Path]) -> None:
+    with open_job(write_pdf("0 0 0 1 k 0 0 49.5 100 re f"), dpi=72) as job:
+        assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 128, 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from prooflight.pages.parallel import shared_out
+from prooflight.pages.parallel import _Crew, _page, due, shared_out
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -37,6 +38,27 @@ def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
     for thread in asking:
         thread.join(20)
     assert most[0] == 2
+
+
+def test_parts_of_the_page_due_first_are_done_first_and_of_one_page_in_turn() -> None:
+    crew, gate, done = _Crew(1), threading.Event(), list[str]()
+    held = crew.submit(lambda: gate.wait(20), -math.inf)
+    parts = [("late", math.inf), ("a1", 3.0), ("b1", 1.0), ("a2", 3.0), ("b2", 1.0)]
+    last = [crew.submit(partial(done.append, name), due_s) for name, due_s in parts]
+    gate.set()
+    assert held.result(20)
+    for one in last:
+        one.result(20)
+    assert done == ["b1", "b2", "a1", "a2", "late"]
+
+
+def test_what_is_overdue_comes_last() -> None:
+    now = 0.0
+    with due(5.0, lambda: now):
+        assert _page.due_s() == 5.0
+        now = 6.0
+        assert _page.due_s() == math.inf
+    assert not hasattr(_page, "due_s")
 
 
 def test_what_a_task_raises_is_raised() -> None:

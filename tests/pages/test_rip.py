@@ -57,6 +57,25 @@ def test_a_pixel_is_ink_or_paper(write_pdf: WritePdf) -> None:
     assert 0.05 < (black > 0).mean() < 0.5
 
 
+@pytest.mark.parametrize("dpi", [150, 1600])
+def test_a_page_drawn_finer_is_the_mean_of_its_pixels(write_pdf: WritePdf, dpi: int) -> None:
+    """1600: in several bands."""
+    font = "/Font<</F<</Type/Font/Subtype/Type1/BaseFont/Helvetica>>>>"
+    text = "0 0 0 1 k BT /F 40 Tf 5 20 Td (Rag) Tj ET 1 0 .5 0 k 3 90 m 97 70 l 50 50 l f"
+    with PdfJob(write_pdf(text, resources=font)) as job:
+        coarse, fine = job.page(1, dpi, finer=2).cmyk, job.page(1, 2 * dpi).cmyk
+    rows, columns = coarse.shape[:2]
+    mean = fine[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(coarse, mean, atol=0.5)  # a byte is rounded
+
+
+def test_a_page_drawn_finer_has_the_shape_of_its_resolution(write_pdf: WritePdf) -> None:
+    with PdfJob(write_pdf("0 0 0 1 k 0 0 49.5 100 re f")) as job:
+        page = job.page(1, 72, finer=2)
+    assert page.cmyk.shape == (100, 100, 4)
+    assert page.cmyk[50, [48, 49, 50], 3].tolist() == [255, 128, 0]
+
+
 OVERPRINT = "/ExtGState<</N<</op true/OPM 0>>/M<</op true/OPM 1>>/K<</op false/OPM 1>>>>"
 
 

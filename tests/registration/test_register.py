@@ -106,7 +106,7 @@ def test_a_page_is_found_though_refining_its_coarse_place_led_astray(
     truth = Placement(shift_mm=(-0.37, 0.39), skew_deg=-0.05)
     scan = scan_of(page, press, truth)
 
-    def astray(_page: object, _scan: object, start: Pose) -> Pose:
+    def astray(_page: object, _scan: object, start: Pose, **_: object) -> Pose:
         return start.moved(np.array([-0.8, 0.1, 0, 0, 0]))
 
     monkeypatch.setattr(search, "refined", astray)

@@ -132,14 +132,25 @@ def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
 def test_misprints_among_the_prints_are_counted_apart_by_sheets_and_by_prints() -> None:
     """Five prints, the last of each five wrong, played twice and a bit: the third alarms once, the wrong one always."""
     scans = [np.zeros((1, 1, 1), np.uint16)] * 5
-    prints = Ring(scans=scans, pages=(), sheets=12, repeated=True, wrong_every=5)
+    prints = Ring(scans=scans, pages=(), sheets=12, repeated=True, wrong=frozenset((4,)))
     assert [sheet for sheet in range(12) if prints.is_wrong(sheet)] == [4, 9]
-    assert not any(replace(prints, wrong_every=0).is_wrong(sheet) for sheet in range(12))
+    assert not any(replace(prints, wrong=frozenset()).is_wrong(sheet) for sheet in range(12))
     said: list[Seen] = [(n, "misprint" if n in (2, 4, 9) else "good", (), True) for n in range(12)]
     assert _caught(said, prints) == {
         "good_prints": 4, "wrong_prints": 1, "false_alarms": 1, "good_sheets": 10, "caught": 2, "wrong_sheets": 2,
-        "good_prints_that_alarm": 1, "wrong_prints_caught": 1,
+        "good_prints_that_alarm": 1, "wrong_prints_caught": 1, "wrong_prints_named": 0,
     }  # fmt: skip
+
+
+def test_good_prints_of_the_same_design_come_in_place_of_misprints_left_out() -> None:
+    """Nine prints of three designs, three of them misprints of different ones; one is kept."""
+    scans, pages = [np.full((1, 1, 1), n, np.uint16) for n in range(9)], ("a", "b", "c")
+    prints = Ring(scans=scans, pages=pages, sheets=9, repeated=True, wrong=frozenset((2, 4, 6)))  # type: ignore[arg-type]
+    fewer = prints.with_fewer_wrong(1)
+    assert fewer.wrong == {2}
+    shown = [int(scan[0, 0, 0]) for scan in fewer.scans]
+    assert [one % 3 for one in shown] == [n % 3 for n in range(9)]
+    assert not set(shown) & {4, 6}
 
 
 @pytest.mark.skipif(memory_mb() == (0, 0), reason="the system does not tell")

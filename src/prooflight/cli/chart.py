@@ -9,6 +9,8 @@ import typer
 
 from prooflight.cli import show
 from prooflight.cli.options import Json
+from prooflight.errors import RequestError
+from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -92,16 +94,27 @@ def predict(
 
 @app.command()
 def make(
-    patches: Annotated[int, typer.Option(help="How many patches.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    patches: Annotated[int | None, typer.Option(help="How many patches.")] = None,
+    ruler: Annotated[
+        bool, typer.Option("--ruler", help="Not a chart: a ruler page, by which a line camera is set up.")
+    ] = False,
+    size: Annotated[
+        str, typer.Option(metavar="WxH", help="Of the ruler page [mm]: as it runs, width across the web.")
+    ] = "210x297",
     ink_limit: Annotated[float, typer.Option(help="Greatest total ink [%].", min=100, max=400)] = 400.0,
     seed: Annotated[int, typer.Option(help="Of the places of patches.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS)."""
+    """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS). Or a ruler page: PDF."""
     from prooflight.inks.chart_print import make_chart
     from prooflight.rng import stream
 
+    if ruler == (patches is not None):
+        raise RequestError("chart make", "makes a chart or a ruler", remedy="give --patches N, or --ruler")
+    if patches is None:
+        _make_ruler(out, size, json=json)
+        return
     files = make_chart(out, patches, rng=stream(seed, "chart-places"), ink_limit_percent=ink_limit)
     if json:
         show.print_json({"pdf": files.pdf, "tiffs": files.tiffs, "recipes": files.recipes})
@@ -109,6 +122,30 @@ def make(
         show.people.print(
             "Print", show.strong(files.pdf), f"without colour management; its recipes: {files.recipes}"
         )
+
+
+def _make_ruler(out: Path, size: str, *, json: bool) -> None:
+    from prooflight.inks.ruler_layout import RulerLayout
+    from prooflight.inks.ruler_print import write_ruler
+
+    try:
+        width_mm, height_mm = (float(part) for part in size.lower().split("x"))
+    except ValueError:
+        what = f"{shortly(size)!r} is no width and height"
+        raise RequestError("--size", what, remedy="write e.g. 210x297") from None
+    layout = RulerLayout(width_mm=width_mm, height_mm=height_mm)
+    path = out / "ruler.pdf"
+    out.mkdir(parents=True, exist_ok=True)
+    write_ruler(path, layout)
+    across, along = layout.checked_mm
+    if json:
+        show.print_json({"pdf": path, "size_mm": (width_mm, height_mm), "fine_lines_mm": (across, along)})
+        return
+    show.people.print(
+        "Print",
+        show.strong(path),
+        f"in four inks, unscaled, without colour management; its fine lines are {across:g} and {along:g} mm apart",
+    )
 
 
 def _trying(*, quiet: bool) -> Callable[[str], None]:

@@ -16,6 +16,14 @@ Profile = Annotated[
 PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
 Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
 JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
+LayoutWords = Annotated[
+    str | None,
+    typer.Option(
+        "--layout",
+        metavar="WORDS",
+        help="How pages lie on sheets, e.g. sides=2,n-up=2x1,pages-a-set=8; default a page a sheet.",
+    ),
+]
 Detector = Annotated[
     str | None,
     typer.Option(
@@ -25,3 +33,9 @@ Detector = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Of everything random.", min=0, max=2**32 - 1)]
+Zones = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="F.json", help="Zones of the job's pages, priced on this press: `prooflight zones price`."
+    ),
+]

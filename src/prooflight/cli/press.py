@@ -13,6 +13,7 @@ from rich.table import Table
 
 from prooflight.cli import show
 from prooflight.cli.options import Json
+from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import RequestError
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
+
+feedback.register_of_presses(app)
 
 FULL = 160
 TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
@@ -52,12 +55,19 @@ def build(
         int | None,
         typer.Option(help=f"Page designs that are printed for it; default {DESIGNS}, full {FULL}.", min=1),
     ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PRESS.set-up.json", help="Protocol of `camera set-up`: the real camera's columns."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the simulated camera specimen and its prints.", min=0)] = 1,
     json: Json = False,
 ) -> None:
     """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
+    from prooflight.commissioning.line_camera.dialogue import measured_columns
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.inspection.registry import promises
     from prooflight.press.press_file import PressFile
@@ -70,7 +80,8 @@ def build(
         Plan.of(designs or TEACHING[detector])  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)
-    press = build_press(settings, seed=seed, progress=show.steps(quiet=json))
+    measured = None if columns is None else measured_columns(columns, settings.camera())
+    press = build_press(settings, seed=seed, columns=measured, progress=show.steps(quiet=json))
     accuracy = table_accuracy(
         settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
     )
@@ -149,15 +160,15 @@ def learn(
     from prooflight.commissioning.training.real_pages import new_scans, recalibrated
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, ScanPage, paired
-    from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
     from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
 
     if not good:
         raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
     press = Press.load(artefact)
     inspector = Inspector.of(press, "ours")
-    source = JobSource(path=job, dpi=press.dpi, profile=profile)
+    source = job_source(job, press, profile=profile)
     with source.open() as opened:
         pairs = [
             (number, scan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,7 @@ from prooflight.rng import stream
 from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -50,10 +51,12 @@ def build_press(
     *,
     seed: int,
     pixels: int | None = None,
+    columns: Sequence[ColumnCalibration] | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Press:
     """Everything one press needs, from its press file.
 
+    columns: of the real camera, one a sensor (``line_camera.dialogue.measured_columns``); None: a simulated specimen's.
     seed: of the simulated specimen's fixed pattern and of its calibration exposures. pixels: longer line sensors than
     the file's, for jobs wider than its field. PressFileError if white paper would saturate the sensor.
     """
@@ -62,13 +65,16 @@ def build_press(
         camera = with_pixels(camera, pixels)
     inks = press_file.inks(progress=lambda model: progress(f"trying ink model {model}"))
     refuse_light(press_file, camera)
-    rng = stream(seed, "specimen")
-    patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
-    progress("calibrating columns")
-    white = np.full(BANDS, WHITE_TILE)
-    columns = calibrate_columns(
-        camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
-    )
+    if columns is None:
+        progress("calibrating columns")
+        rng = stream(seed, "specimen")
+        patterns = [draw_fixed_pattern(sensor, rng) for sensor in camera.sensors]
+        white = np.full(BANDS, WHITE_TILE)
+        columns = calibrate_columns(
+            camera, patterns=patterns, white_reflectance=white, lines=CALIBRATION_LINES, rng=rng
+        )
+    else:
+        _refuse_columns(press_file, camera, columns)
     progress("characterising colours")
     backing = np.full(BANDS, press_file.backing_reflectance)
     sensors = [
@@ -77,11 +83,16 @@ def build_press(
     ]
     for model in sensors:
         _refuse_saturation(press_file, model)
+    geometry = press_file.geometry(camera)
+    sensors = [
+        replace(model, footprint=offset.of_fraction(model.footprint, geometry))
+        for model, offset in zip(sensors, press_file.sensor_offsets(), strict=True)
+    ]
     progress("picturing colours")
     ink_arrays, ink_facts = packed(inks)
     return Press(
         name=press_file.name,
-        geometry=press_file.geometry(camera),
+        geometry=geometry,
         sensors=tuple(sensors),
         supersampling=SUPERSAMPLING,
         variation=press_file.variation(),
@@ -148,6 +159,17 @@ def refuse_light(press_file: PressFile, camera: Camera) -> None:
             fault = f"sensor {sensor.name}: the white tile would read {level:.2g} DN above dark"
             remedy = "raise light.luminance_cd_m2, the conversion gain or bits, or lower the line rate"
             raise PressFileError(press_file.path, fault, remedy=remedy)
+
+
+def _refuse_columns(press_file: PressFile, camera: Camera, columns: Sequence[ColumnCalibration]) -> None:
+    """PressFileError if columns were measured of another camera."""
+    wanted = [sensor.pixels for sensor in camera.sensors]
+    given = [one.gain.size for one in columns]
+    if given != wanted:
+        what = f"describes sensors of {wanted} pixels, columns were measured of {given}"
+        raise PressFileError(
+            press_file.path, what, remedy="set this camera up anew, or build without --columns"
+        )
 
 
 def _refuse_saturation(press_file: PressFile, model: SensorModel) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.verdict import Decision, Region, Verdict
     from prooflight.pages.raster import Page
+    from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -61,8 +62,8 @@ class Station:
 class PlannedPage:
     """A page as it is to enter the press."""
 
-    def __init__(self, page: Page, station: Station) -> None:
-        self.page, self.station = page, station
+    def __init__(self, page: Page, station: Station, zones: PageZones | None = None) -> None:
+        self.page, self.station, self.zones = page, station, zones
 
     @cached_property
     def expected(self) -> Prediction:
@@ -188,13 +189,40 @@ class RunTest(Protocol):
         """In what they are most unlike, in words."""
         ...
 
+    @property
+    def remedy(self) -> str:
+        """What a person can do about it, in words."""
+        ...
+
 
 @runtime_checkable
 class ChecksRuns(Protocol):
     """A detector that knows the good pages of its press, and says when a run's are not like them."""
 
-    def run_test(self, *, seed: int) -> RunTest:
+    def run_test(self, *, seed: int) -> RunTest | None:
         """Before a run's first page; seed: of what is drawn at random."""
+        ...
+
+
+@runtime_checkable
+class MadeReadyInTwo(Protocol):
+    """A prepared page of which some is made when first needed, or before where many scans of it will come."""
+
+    def complete(self) -> None:
+        """Make the rest."""
+        ...
+
+
+@runtime_checkable
+class LeavesLostLinesOut(Protocol):
+    """A prepared page that asks nothing of lines that nobody saw (``Scan.unseen``).
+
+    Any other is given a scan with its page's own prediction in their place (``inspection.lost_lines``).
+    """
+
+    @property
+    def leaves_lost_lines_out(self) -> bool:
+        """Whether it does."""
         ...
 
 

@@ -64,9 +64,13 @@ class Promise:
     """False: fewer designs than such a rate needs; their scores' tail is taken to go on as it began."""
     asked: float = 0.0
     """What was asked for; 0: the same. [-]"""
+    told: str = ""
+    """What people told of the press's sheets, by which it was set; empty: it was set without."""
 
     def __str__(self) -> str:
         odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
+        if self.told:
+            return f"{odds}; by count, from {self.told}"
         if 0 < self.asked < self.rate * (1 - 1e-9):
             odds += f" (one in {1 / self.asked:,.0f} was asked for, and is refused)"
         sources = [f"{self.real} real good pages"] if self.real else []

@@ -59,6 +59,34 @@ class Ink:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Code:
+    """A bar code or matrix code of the page, as it reads in the scan."""
+
+    symbology: str
+    """QR Code, Code 128, EAN-13, ..."""
+    text: str
+    """What the page has."""
+    read: str | None
+    """What the scan has; None: nothing that can be read."""
+    checked: bool
+    """Whether the page is a misprint if it does not read; not where this camera is too coarse for it, or lost lines."""
+    grade: float | None
+    """From 4, the best, to 0, in the manner of ISO/IEC 15416 and 15415 (``inspection.codes.grading``); None: of a
+    symbology for which there is none here."""
+    weakest: str
+    """What the grade is for; empty: no grade, or nothing is wrong."""
+    x_mm: float
+    y_mm: float
+    width_mm: float
+    height_mm: float
+
+    @property
+    def failed(self) -> bool:
+        """Whether it should read and does not."""
+        return self.checked and self.read != self.text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
     """What a detector alone can say: evidence and threshold, without place or kind."""
 
@@ -107,6 +135,8 @@ class Verdict(Shown):
     widened: float = 1.0
     """How many times more widely than others this page was judged, because it has more colours than the detector's fit
     follows."""
+    codes: tuple[Code, ...] = ()
+    """Bar codes and matrix codes of the page, from top to bottom; empty: it has none, or nobody read them."""
     promise_suspended: bool = False
     """Whether the run's pages had shown, by this one, that the promised false-alarm rate does not hold for them."""
 

@@ -8,9 +8,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
-from prooflight.errors import ScanError
+from prooflight.errors import RequestError, ScanError
+from prooflight.inspection.codes.finding import page_codes
+from prooflight.inspection.codes.reading import with_codes
 from prooflight.inspection.light import light_tolerance, wrong_light
 from prooflight.inspection.light_level import light_levels, lit_squares
 from prooflight.inspection.registry import default_detector, detector
@@ -21,8 +24,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Detector, Inspection, PreparedPage
+    from prooflight.inspection.codes.page_code import PageCode
     from prooflight.inspection.light_level import LitSquares
     from prooflight.pages.raster import Page
+    from prooflight.pages.zones.zones_file import JobZones
     from prooflight.press.artefact import Press
 
 
@@ -35,6 +40,8 @@ class Prepared:
     """What its detector knows."""
     lit: LitSquares
     """By which it is seen whether a scan was made under the light that the press was calibrated for."""
+    codes: tuple[PageCode, ...] = ()
+    """Bar codes and matrix codes that its scans must show."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -43,20 +50,28 @@ class Inspector:
 
     press: Press
     detector: Detector
+    zones: JobZones | None
 
-    def __init__(self, press: Press, detector: Detector | None = None) -> None:
+    def __init__(
+        self, press: Press, detector: Detector | None = None, *, zones: JobZones | None = None
+    ) -> None:
         """With a detector of one's own; None: ours if the press was taught it, else the paper's first.
 
-        PressError: the press, or its light as it has been followed, holds what none may.
+        zones: of the job's pages, priced on this press (``JobZones.refuse_unpriced``). PressError: the press, or its
+        light as it has been followed, holds what none may. RequestError: zones are for our detector alone.
         """
         _sound(press)
         object.__setattr__(self, "press", press)
         object.__setattr__(self, "detector", default_detector(press) if detector is None else detector)
+        object.__setattr__(self, "zones", zones)
+        if zones is not None and not isinstance(self.detector, MatchedFilterDetector):
+            what = f"{self.detector.name!r} knows no zones"
+            raise RequestError("zones", what, remedy="leave them out, or inspect by our detector")
 
     @classmethod
-    def of(cls, press: Press, name: str | None = None) -> Self:
+    def of(cls, press: Press, name: str | None = None, *, zones: JobZones | None = None) -> Self:
         """With the detector that users call ``name``; see ``registry.detector``."""
-        return cls(press, detector(name, press))
+        return cls(press, detector(name, press), zones=zones)
 
     @property
     def promise(self) -> str:
@@ -74,7 +89,8 @@ class Inspector:
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
         """A page as it is to enter the press (``ScanGeometry.lay``). threads: that preparing it takes."""
-        return PlannedPage(page, self.press.station(threads or self.detector.station.threads))
+        zones = None if self.zones is None else self.zones.page(page)
+        return PlannedPage(page, self.press.station(threads or self.detector.station.threads), zones)
 
     def prepare(self, page: Page | PlannedPage) -> Prepared:
         """All that can be known of a page, as it enters the press (``ScanGeometry.lay``), ahead of its scans."""
@@ -82,7 +98,10 @@ class Inspector:
         known = self.detector.prepare(planned)
         sensors, geometry = self.press.sensors, self.press.geometry
         lit = lit_squares(planned.expected, planned.page, sensors=sensors, geometry=geometry)
-        return Prepared(page=planned.page, known=known, lit=lit)
+        codes = page_codes(planned, sensors, geometry)
+        if (zones := planned.zones) is not None:
+            codes = tuple(code for code in codes if not zones.ignores(code.box_mm))
+        return Prepared(page=planned.page, known=known, lit=lit, codes=codes)
 
     def inspect(
         self,
@@ -94,27 +113,31 @@ class Inspector:
     ) -> Inspection:
         """Find the page, compare, decide.
 
-        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``. One made
-        under light that the press was not calibrated for is not inspected: what its detector promises is void then.
-        scan: or its numbers (sensors, lines, pixels) [DN] alone, named ``scan_name`` in errors. seed: of whatever the
+        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``; one of
+        which a bar code or a matrix code does not read as the page's is the misprint ``code``. One made under light
+        that the press was not calibrated for is not inspected: what its detector promises is void then.
+        scan: or its numbers (sensors, lines, pixels) [DN] alone, named ``scan_name`` in errors; of one that lacks lines
+        see ``lost_lines.inspect_where_seen``. seed: of whatever the
         detector draws at random. ScanError: the scan does not fit press or page.
         """
         started = time.perf_counter()
         prepared = page if isinstance(page, Prepared) else self.prepare(page)
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
-        scan = Scan(dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press), name=scan.name)
-        done = prepared.known.inspect(scan, seed=seed)
-        verdict = self._under_its_light(done.verdict, prepared, scan.dn)
+        scan = replace(scan, dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press))
+        found = prepared.known.inspect(scan, seed=seed)
+        lit = replace(found, verdict=self._under_its_light(found.verdict, prepared, scan))
+        sensors, geometry = self.press.sensors, self.press.geometry
+        done = with_codes(lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         planned = PlannedPage(prepared.page, self.detector.station)
-        return replace(done, verdict=replace(verdict, milliseconds=milliseconds), planned=planned)
+        return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)
 
-    def _under_its_light(self, verdict: Verdict, prepared: Prepared, dn: NDArray[np.uint16]) -> Verdict:
+    def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:
         """The verdict, or why there is none."""
         sensors, ours = self.press.sensors, self.press.ours
         wrong = wrong_light(
-            light_levels(prepared.lit, dn, sensors),
+            light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost),
             sensors,
             tolerance=light_tolerance(PrintPrior() if ours is None else ours.model.prior),
         )

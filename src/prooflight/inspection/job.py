@@ -16,7 +16,6 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
 from prooflight.inspection.promise import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
-from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import KILLED
 from prooflight.scans.recorded import recorded_scans
@@ -57,13 +56,14 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
     recorded = recorded_scans(scans, sensors=sensors, damaged=True)
     numbers = range(1, len(job) + 1)
     by_name = {scan.name: scan for scan in recorded}
-    if len(by_name) == len(recorded) and any(page_name(number) in by_name for number in numbers):
-        unknown = sorted(set(by_name) - {page_name(number) for number in numbers})
+    names = {number: job.source.page_name(number) for number in numbers}
+    if len(by_name) == len(recorded) and not by_name.keys().isdisjoint(names.values()):
+        unknown = sorted(set(by_name) - set(names.values()))
         if unknown:
             named = _some([by_name[name].path.name for name in unknown])
             what = f"{named} {'is' if len(unknown) == 1 else 'are'} no page of the job"
-            raise ScanError(scans, what, remedy=f"the job has pages {page_name(1)} to {page_name(len(job))}")
-        return [(number, by_name.get(page_name(number))) for number in numbers]
+            raise ScanError(scans, what, remedy=f"the job has pages {names[1]} to {names[len(job)]}")
+        return [(number, by_name.get(name)) for number, name in names.items()]
     by_number = {_last_number(scan.name): scan for scan in recorded}
     if len(recorded) < len(job) and len(by_number) == len(recorded) and set(by_number) <= set(numbers):
         return [(number, by_number.get(number)) for number in numbers]
@@ -82,7 +82,7 @@ def pair(job: PressJob, scans: str | Path, *, partly: bool = False) -> Iterator[
     """
     where = Path(scans)
     pairs = paired(job, where, sensors=len(job.press.sensors))
-    lacking = [page_name(number) for number, scan in pairs if scan is None]
+    lacking = [job.source.page_name(number) for number, scan in pairs if scan is None]
     if lacking and not partly:
         what = f"holds no scan of {_some(lacking)}"
         raise ScanError(where, what, remedy="add them, or give partly=True to leave such pages out")
@@ -105,11 +105,6 @@ def _last_number(name: str) -> int | None:
     """The number in which a file's stem ends."""
     match = re.search(r"([0-9]{1,9})$", name)
     return None if match is None else int(match[1])
-
-
-def name_of(pair: Pair) -> str:
-    """Of a page that has a scan, or has none."""
-    return page_name(pair[0])
 
 
 def scan_missing(name: str, scans: Path | None) -> Verdict:
@@ -174,9 +169,13 @@ class InspectPage:
         """What one page and its scan come to; ProoflightError: one of them cannot be used."""
         number, scan = pair
         if scan is None:
-            return Judged(scan_missing(page_name(number), self.scans))
+            return Judged(scan_missing(self.name(pair), self.scans))
         inspection = self.inspection(self.page(number), scan)
         return Judged(inspection.verdict, summary_of(inspection))
+
+    def name(self, pair: Pair) -> str:
+        """Of a page that has a scan, or has none."""
+        return self.job.page_name(pair[0])
 
     def page(self, number: int) -> Page:
         """The job's page as it lies in the press."""
@@ -196,7 +195,7 @@ class ScanPage:
     def __call__(self, scanned: tuple[int, RecordedScan]) -> ScannedPage:
         """Inspect a page, by its number, in its scan; ScanError: it was made under other light than the press knows."""
         number, scan = scanned
-        page, inspector = self.work.page(number), _in_full(self.work.inspector)
+        page, inspector = self.work.page(number), in_full(self.work.inspector)
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)
         score = inspection.verdict.score
@@ -204,17 +203,18 @@ class ScanPage:
             remedy = "give scans of good pages, made by the press as it was calibrated"
             raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
         return ScannedPage(
-            name=page_name(number),
+            name=page.name,
             score=score,
             values=inspection.kept["values"],
             page_features=inspection.kept["portrait"],
             another=bool(inspection.kept["wrong_page"]),
+            glyphs=float(inspection.kept["glyphs"]),
             variation=inspection.variation(),
             digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
         )
 
 
-def _in_full(inspector: Inspector) -> Inspector:
+def in_full(inspector: Inspector) -> Inspector:
     """Our detector's that looks at every page for all statistics."""
     ours = inspector.detector
     assert isinstance(ours, MatchedFilterDetector)

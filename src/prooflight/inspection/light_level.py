@@ -15,6 +15,7 @@ import numpy as np
 
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.registration.coarse import shrunk
+from prooflight.scans.scan import touching
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,10 +120,19 @@ def lit_squares(
 
 
 def light_levels(
-    squares: LitSquares, scan: NDArray[np.uint16], sensors: Sequence[SensorModel]
+    squares: LitSquares,
+    scan: NDArray[np.uint16],
+    sensors: Sequence[SensorModel],
+    *,
+    lost: NDArray[np.bool_] | None = None,
 ) -> tuple[LightLevel, ...]:
-    """How bright each sensor sees a scan (sensors, lines, pixels) [DN]; squares beyond its end are not asked."""
+    """How bright each sensor sees a scan (sensors, lines, pixels) [DN].
+
+    Squares beyond its end are not asked, nor any on lines that were ``lost`` (sensors, lines).
+    """
     there = (squares.rows + 1) * SHRINK <= scan.shape[1]
+    if lost is not None:
+        there &= ~touching(lost, squares.rows * SHRINK, SHRINK).any(axis=0)
     rows, columns, backing = squares.rows[there], squares.columns[there], squares.backing[there]
     step = np.arange(SHRINK)
     lines, pixels = rows[:, None] * SHRINK + step, columns[:, None] * SHRINK + step

@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import Detector, Inspection, RunTest
     from prooflight.detectors.verdict import Verdict
 
-PAGES_TO_LEARN: Final = 40
-"""Good pages that a person is asked to look at. (assumed: what a person looks through at one sitting)"""
 SUSPENDED: Final = (
     "this press's good pages are not like those that the promise rests on (most of all: {}): the promised "
-    "false-alarm rate does not hold; look at {} good pages and run `prooflight press learn X.press JOB SCANS --good`"
+    "false-alarm rate does not hold; {}"
 )
 
 
@@ -66,7 +64,7 @@ class PromiseWatch:
         self.test.add(summary)
         if not self.test.suspended:
             return False
-        self.suspended = SUSPENDED.format(self.test.strangest, PAGES_TO_LEARN)
+        self.suspended = SUSPENDED.format(self.test.strangest, self.test.remedy)
         self.test = None
         return True
 

@@ -1,7 +1,7 @@
 """What a verdict can be made from again: kept with its page, judged again with the press of the run.
 
 Kept is what the detector itself was given (of ours some kilobytes, of the paper's a tenth of a megabyte), and for
-people a cut of the scan at each place of a misprint.
+people a cut of the scan at each place of a misprint, or the whole scan of a sheet that passed and is asked about.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+import cv2
 import numpy as np
 
 from prooflight.detectors.base import KeptArrays
 from prooflight.errors import RequestError
+from prooflight.inspection.codes.reading import failed_again
 from prooflight.inspection.registry import detector
 
 if TYPE_CHECKING:
@@ -32,18 +34,23 @@ CUTS: Final = 3
 CUT_PIXELS: Final = 256
 """Longest side of such a cut, 27 mm at the prototype's pitch."""
 MARGIN_MM: Final = 2.0
+WHOLE_PIXELS: Final = 12_000_000
+"""Most that is kept of a whole scan, an A3 page at the prototype's pitch; larger ones are halved."""
 ROUNDING: Final = 1e-9
 """Relative; other processors add in another order."""
 
 
-def kept_evidence(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
+def kept_evidence(
+    inspection: Inspection, page: Page, press: Press, *, whole: bool = False
+) -> dict[str, NDArray[Any]]:
     """What ``decided_again`` needs of one page, and cuts of the scan where it is a misprint.
 
     Arrays: ``Inspection.kept``; "cutN" (sensors, lines, pixels) [DN] and "cutN_mm", its x, y, width and height on the
-    page as printed.
+    page as printed. whole: also "whole" (lines, pixels) [DN], all that the first sensor saw of the page, of at most
+    ``WHOLE_PIXELS``, and "whole_mm".
     """
     cuts = _cuts(inspection, page, press) if inspection.verdict.regions else {}
-    return {**inspection.kept, **cuts}
+    return {**inspection.kept, **cuts, **(_whole(inspection, page, press) if whole else {})}
 
 
 def decided_again(kept: Kept, press: Press, detector_name: str) -> Decision:
@@ -82,7 +89,7 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
             verdict.page, "was not compared with anything", remedy="choose a page with a score"
         )
     again = decided_again(kept, press, verdict.detector)
-    misprint = again.misprint or KeptArrays(kept, verdict.detector).wrong_page
+    misprint = again.misprint or KeptArrays(kept, verdict.detector).wrong_page or failed_again(kept)
     figures = [Figure(name="verdict", recorded=verdict.verdict, again="misprint" if misprint else "good")]
     figures += [
         Figure(name=name, recorded=getattr(verdict, name), again=getattr(again, name))
@@ -91,15 +98,35 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
     return figures
 
 
-def _cuts(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
-    """The scan at the places that say most."""
+def _whole(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
+    """All that was judged, as the first sensor saw it."""
+    begin_mm, pitch = _begin_mm(inspection, page, press)
+    seen = inspection.measured_dn[0]
+    (y, x), (height, width) = -begin_mm, np.array(seen.shape) * pitch
+    kept = seen.copy()
+    while kept.size > WHOLE_PIXELS:
+        half = max(kept.shape[1] // 2, 1), max(kept.shape[0] // 2, 1)
+        kept = cv2.resize(kept, half, interpolation=cv2.INTER_AREA)
+    return {"whole": kept, "whole_mm": np.array([x, y, width, height])}
+
+
+def _begin_mm(
+    inspection: Inspection, page: Page, press: Press
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """From the page as printed to the area that was judged: y and x of its place in the scan, less where the area
+    begins; and the pitch of lines and pixels. [mm]
+    """
     geometry = press.geometry
     pitch = np.array([geometry.line_pitch_mm, geometry.pixel_pitch_mm])
     shift_x_mm, shift_y_mm = inspection.placement.shift_mm
     left_mm = geometry.left_mm(page.width_mm)
-    # From the page as printed to the area: its place in the scan, less where the area begins.
     begin_mm = np.array([geometry.lead_in_mm + shift_y_mm, left_mm + shift_x_mm])
-    begin_mm -= np.array([part.start for part in inspection.area]) * pitch
+    return begin_mm - np.array([part.start for part in inspection.area]) * pitch, pitch
+
+
+def _cuts(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
+    """The scan at the places that say most."""
+    begin_mm, pitch = _begin_mm(inspection, page, press)
     extent = np.array(inspection.measured_dn.shape[1:])
     kept = {}
     for index, region in enumerate(inspection.verdict.regions[:CUTS]):

@@ -112,6 +112,7 @@ class PageColumns(Columns):
     notes: Json[tuple[Text, ...]]
     nuisance: Json[dict[str, float]]
     whole_verdict: Json[Verdict]
+    asked: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
     pack_id: Number | None = None
 
     @model_validator(mode="after")

@@ -23,6 +23,7 @@ CSV_COLUMNS: Final = (
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
     *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
     *("first_line", "time_s", "faults", "notes", "nuisance", "widened", "promise_suspended"),
+    "asked",
 )
 """x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
 
@@ -64,6 +65,7 @@ def page_facts(page: PageRecord) -> dict[str, Any]:
             "faults": page.faults,
             "notes": page.notes,
             "nuisance": dict(page.nuisance),
+            "asked": page.asked,
         }
     )
 

@@ -88,6 +88,22 @@ class JournalReader:
         except JournalError as error:
             damaged(error)
 
+    def asked_pages(self, run_id: int, *, damaged: Damaged = refuse) -> list[PageRecord]:
+        """Pages of a run about which people are asked, by sheet, without their evidence; damaged: as for ``pages``."""
+        page = stored_pages.c
+        query = (
+            select(stored_pages).where(page.run_id == run_id, page.asked.is_not(None)).order_by(page.sheet)
+        )
+        with self._asked(f"pages of run {run_id}"), self._engine.begin() as connection:
+            raw = connection.execute(query).all()
+        found = []
+        for row in raw:
+            try:
+                found.append(rows.page_record(row))
+            except ValueError as error:
+                damaged(self._bad_row(f"run {run_id}, sheet {row.sheet}", error))
+        return found
+
     def page(self, run_id: int, sheet: int) -> PageRecord:
         """One page with its evidence, if any was kept; JournalError if there is no such sheet."""
         row = None

@@ -70,6 +70,8 @@ class PageRecord:
     """What good prints do anyway, as estimated: ink gains, register, lamp, ..."""
     notes: tuple[str, ...] = ()
     """What the run as a whole said with this sheet: drifts, recommendations."""
+    asked: float | None = None
+    """A person is asked for a word on this sheet, which was drawn with this probability; None: nobody is."""
     evidence: Mapping[str, NDArray[Any]] | None = None
     """``redeciding.kept_evidence``: what the verdict is made from again, and cuts for people. None: nothing kept."""
 

@@ -88,6 +88,7 @@ def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[
         "notes": json_text(page.notes),
         "nuisance": json_text(page.nuisance),
         "whole_verdict": json_text(whole),
+        "asked": None if page.asked is None else float(page.asked),
         "pack_id": pack_id,
     }
     PageColumns(**row)
@@ -107,6 +108,7 @@ def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = Non
         faults=found.faults,
         notes=found.notes,
         nuisance=found.nuisance,
+        asked=found.asked,
         evidence=evidence,
     )
 

@@ -2,6 +2,7 @@
 
 Schema history:
 1: journal, runs, packs, pages.
+2: ``pages.asked``.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from prooflight.errors import InputError
 if TYPE_CHECKING:
     from sqlalchemy.types import TypeEngine
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 MOST_TEXT: Final = 20_000
 """Letters of one text; more is cut."""
 
@@ -85,6 +86,7 @@ pages_table = Table(
     *_filled(Integer, "first_line"),
     *_filled(Float, "time_s"),
     *_filled(JSON, "faults", "notes", "nuisance", "whole_verdict"),
+    Column("asked", Float),
     Column("pack_id", ForeignKey("packs.id")),
     Index("pages_by_outcome", "run_id", "verdict", "late", "faulty", "noted"),
     Index("pages_by_pack", "pack_id"),

@@ -21,6 +21,7 @@ from sqlalchemy.exc import (
 from prooflight.journal import packs, rows
 from prooflight.journal.arrays import check_arrays
 from prooflight.journal.queue import Batch
+from prooflight.journal.whole import packed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -108,7 +109,7 @@ def _write_together(engine: Engine, folder: Path, batch: Batch) -> None:
     of_runs: dict[int, dict[int, Mapping[str, NDArray[Any]]]] = {}
     for run_id, page in batch.pages:
         if page.evidence:
-            of_runs.setdefault(run_id, {})[page.sheet] = page.evidence
+            of_runs.setdefault(run_id, {})[page.sheet] = packed(page.evidence)
     written = {}
     try:
         for run_id, pages in of_runs.items():

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Final
 
-from prooflight.pages.files import page_name
 from prooflight.pages.job import opened
 
 if TYPE_CHECKING:
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from prooflight.line.prefetch import PageBook
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.job import JobSource
+    from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
@@ -31,17 +31,19 @@ class JobBook:
     press: Press
     pages: int
     sheets: int
+    plan: SheetPlan | None = None
+    """Where sides pass in another order than they are numbered; its pages are the job's sides then."""
 
     def __len__(self) -> int:
         return self.sheets
 
     def design(self, sheet: int) -> int:
         """See ``PageBook``: the page's number in the job."""
-        return sheet % self.pages + 1
+        return sheet % self.pages + 1 if self.plan is None else self.plan.number_at(sheet)
 
     def name(self, sheet: int) -> str:
         """Of a sheet's page, for people."""
-        return page_name(self.design(sheet))
+        return self.job.page_name(self.design(sheet))
 
     def page(self, sheet: int) -> Page:
         """See ``PageBook``; JobError, RequestError: as ``Job.page``, or it is wider than the press's field."""

@@ -24,6 +24,10 @@ NoticeKind = Literal[
     "camera-away",
     "camera-back",
     "promise-suspended",
+    "gate-away",
+    "gate-ready",
+    "outlet-away",
+    "outlet-ready",
 ]
 
 

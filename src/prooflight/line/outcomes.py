@@ -52,6 +52,7 @@ def outcome(
     latency_s: float | None = None,
     evidence: PageEvidence | None = None,
     kept: Mapping[str, NDArray[Any]] | None = None,
+    asked: float | None = None,
 ) -> Outcome:
     """Of a sheet that was inspected."""
     kinds = kinds_of(seen.faults)
@@ -67,6 +68,7 @@ def outcome(
         faults=kinds,
         notes=(*lost_lines(seen), *((LEFT_OUT.format(", ".join(left_out)),) if left_out else ())),
         nuisance=dict(told.values),
+        asked=asked,
         evidence=kept,
     )
     return Outcome(record=record, latency_s=latency_s, evidence=told)

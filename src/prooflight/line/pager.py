@@ -44,6 +44,9 @@ ABOUT, ABOUT_SHARE = 5, 0.8
 """How many times as far from the backing, and on what share of the columns, a page's own tint still looks like it."""
 TORN_LINES: Final = 40
 """So near to a sheet's measured edge, lines that were lost may be its own: the edge is measured over as many."""
+UNSEEN_EDGE_LINES: Final = 4
+"""A sheet that begins so near to where lines begin, or ends so near to where they end, may go on where nobody saw it;
+an edge is found to two lines. A press that leaves less than twice as much before its sheets asks for half of that."""
 TRIGGER_REACH_MM: Final = 12.0
 """A sheet further from its trigger is cut at its edge: registration looks no further."""
 
@@ -101,7 +104,8 @@ class Pager:
         self._lead_in, self._lead_out = (
             round(mm / geometry.line_pitch_mm) for mm in (geometry.lead_in_mm, geometry.lead_out_mm)
         )
-        self._following = Following(expected=expected, geometry=geometry, frontier=0)
+        self._unseen_edge = min(UNSEEN_EDGE_LINES, self._lead_in // 2)
+        self._following = Following(expected=expected, geometry=geometry)
         self._longest = max(self._lengths(), default=2 * geometry.pixels)
         self._store = LineStore(press, longest=self._longest)
         self._finder = SheetFinder(self._store, lengths=self._lengths, like_gap=self._like_gap)
@@ -110,6 +114,9 @@ class Pager:
         self._said: deque[tuple[int, Fault]] = deque()
         self._rhythm = Rhythm(tolerance=SLIP_MM / geometry.line_pitch_mm)
         self._before: Sheet | None = None
+        self._untriggered = (
+            False  # lines were lost, nobody knows how many, and with them the triggers' places
+        )
 
     @property
     def next_page(self) -> int:
@@ -117,14 +124,19 @@ class Pager:
         return self._following.due
 
     @property
+    def may_come(self) -> tuple[int, ...]:
+        """Pages of ``expected`` of which the next sheet may well show one, the likeliest first."""
+        return self._following.readings.likely_due()
+
+    @property
     def to_come(self) -> int:
-        """Pages of ``expected`` behind the furthest that came."""
-        return max(len(self._following.expected) - self._following.frontier, 0)
+        """Pages of ``expected`` behind the place where the run stands."""
+        return max(len(self._following.expected) - self._following.due, 0)
 
     @property
     def missing(self) -> int:
         """Pages that were said to be missing and have not come since."""
-        return len(self._following.missing)
+        return len(self._following.readings.missing)
 
     def warm_up(self) -> None:
         """Do once what the first sheet will need, so that it need not wait for compilers and caches."""
@@ -155,42 +167,42 @@ class Pager:
         self._sheets.clear()
         if last is not None:
             page = self._page_of_length(last)
-            pages += [self._cut_short(last, page)] if self._is_short(last, page) else self._page(last)
+            pages += self._cut_short(last, page) if self._is_short(last, page) else self._page(last)
         return pages + self._following.ended(self._store.count_at(self._store.end))
 
     def _page(self, sheet: Sheet) -> list[SeenPage | MissingPage]:
         """A sheet and what it says of the pages before it; missing pages first."""
         page = self._page_of_length(sheet)
-        if self._broken_before(sheet):
-            self._following.blind = True
+        behind_break = self._broken_before(sheet)
+        if behind_break:
+            self._following.readings.blind = self._untriggered = True
         if self._is_torn(sheet, page):
-            return [self._torn(sheet, page)]
+            return self._torn(sheet, page)
+        if self._untriggered:
+            self._trigger_anew(sheet)
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
         shown = found.match.fit
         if shown is not None and page is not None and shown.page.height_mm != page.height_mm:
             found = self._identified(sheet, shown.page, skipped)
         sheet, match = found.sheet, found.match
+        if behind_break and match.job_page is None and match.taken_for is None and not match.blank:
+            return self._torn(sheet, page)  # as likely a piece of a sheet as one of no page
         count = self._store.count_at(sheet.start)
-        faults, gone = self._faults_until(sheet.end + self._lead_out), list[MissingPage]()
+        faults = self._faults_until(sheet.end + self._lead_out)
         off_lines = self._late(sheet)
         if off_lines:
             what = f"the sheet came {abs(off_lines) * self._geometry.line_pitch_mm:.1f} mm"
             detail = f"{what} {'late' if off_lines > 0 else 'early'}"
             faults.append(Fault(kind="slip", first_line=count, detail=detail))
+        of_order, gone = self._following.arrived(match, count)
         if match.job_page is not None and match.fit is not None:
-            faults += self._of_sheet(found, match.fit, count)
-            of_order, gone = self._following.arrived(match.job_page, count)
-            faults += of_order
-        elif match.taken_for is not None:
-            gone = self._following.taken(match.taken_for, count)
+            faults += [*self._of_sheet(found, match.fit, count), *of_order]
         elif match.blank:
             faults.append(Fault(kind="blank", first_line=count, detail="nothing is printed on the sheet"))
-            self._following.stray("a blank sheet came in its place")
-        else:
+        elif match.taken_for is None:
             what = f"no page of the job is like the sheet, {match.likeness:.0%} at most"
             faults.append(Fault(kind="unknown", first_line=count, detail=what))
-            self._following.stray("a sheet that is no page of the job came in its place")
         self._before = sheet
         seen = SeenPage(
             scan=found.scan,
@@ -203,15 +215,14 @@ class Pager:
         )
         return [*gone, seen]
 
-    def _torn(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
+    def _torn(self, sheet: Sheet, page: Thumbnail | None) -> list[SeenPage | MissingPage]:
         """A sheet within which lines were lost, nobody knows how many; its page is known where it began in its turn."""
         first, scan, _ = self._cut(sheet, page)
         lines = scan.shape[1]
-        expected = None if self._following.blind or not self.to_come else self._following.frontier
-        if expected is not None:
-            self._following.taken(expected, self._store.count_at(first))
+        expected, gone = self._following.hidden(self._store.count_at(first))
+        begun_within = self._begins_unseen(sheet)
         self._before = sheet
-        return SeenPage(
+        seen = SeenPage(
             scan=scan,
             first_line=self._store.count_at(first),
             last_line_time_s=self._store.time_at(min(first + lines, self._store.end) - 1),
@@ -220,7 +231,16 @@ class Pager:
             taken_for=expected,
             unseen=self._store.unseen(first, lines),
             torn=True,
+            begun_within=begun_within,
         )
+        return [*gone, seen]
+
+    def _trigger_anew(self, sheet: Sheet) -> None:
+        """Triggers are counted on from a sheet's edge: the count that they were told by has been lost."""
+        self._untriggered = False
+        if isinstance(self._start, TriggerCount):
+            first = self._store.count_at(sheet.start - self._lead_in)
+            self._start = replace(self._start, first_line=first)
 
     def _broken_before(self, sheet: Sheet) -> bool:
         """Whether lines were lost between the sheet before and this one, and nobody knows how many."""
@@ -228,20 +248,26 @@ class Pager:
         return self._store.broken(since, sheet.start + TORN_LINES)
 
     def _is_torn(self, sheet: Sheet, page: Thumbnail | None) -> bool:
-        """Whether a sheet lies where lines were lost, nobody knows how many, and is no whole one."""
+        """Whether a sheet lies where lines were lost, nobody knows how many, and no whole one; or where they begin."""
+        near = self._unseen_edge
+        if self._begins_unseen(sheet) or self._store.broken(sheet.start - near, sheet.end + near):
+            return True
         if not self._store.broken(sheet.start - TORN_LINES, sheet.end + TORN_LINES):
             return False
         length = sheet.end - sheet.start
         lines = 0.0 if page is None else page.height_mm / self._geometry.line_pitch_mm
         return abs(length - lines) > STRETCH * lines + EDGE_LINES
 
-    def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> SeenPage:
+    def _begins_unseen(self, sheet: Sheet) -> bool:
+        """Whether a run's first sheet begins where its lines do; triggers that are counted say where it begins."""
+        first = self._before is None and sheet.start <= self._unseen_edge
+        return first and isinstance(self._start, SheetEdge)
+
+    def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> list[SeenPage | MissingPage]:
         """A sheet of which only the beginning was read: not enough to tell its page by."""
         first, scan, _ = self._cut(sheet, page)
-        expected = self._following.frontier if self.to_come else None
-        if expected is not None:
-            self._following.taken(expected, self._store.count_at(first))
-        return SeenPage(
+        expected, gone = self._following.hidden(self._store.count_at(first))
+        seen = SeenPage(
             scan=scan,
             first_line=self._store.count_at(first),
             last_line_time_s=self._store.time_at(self._store.end - 1),
@@ -250,6 +276,7 @@ class Pager:
             taken_for=expected,
             cut_short=True,
         )
+        return [*gone, seen]
 
     def _is_short(self, sheet: Sheet, page: Thumbnail | None) -> bool:
         """Whether a sheet without a gap behind it ends before its page does; it does where no page is known."""
@@ -333,10 +360,13 @@ class Pager:
         return sheet.start - self._before.end, lines
 
     def _faults_until(self, position: int) -> list[Fault]:
-        faults = []
+        faults: dict[tuple[str, str], Fault] = {}
         while self._said and self._said[0][0] < position:
-            faults.append(self._said.popleft()[1])
-        return faults
+            fault = self._said.popleft()[1]
+            faults.setdefault(
+                (fault.kind, fault.detail), fault
+            )  # of a camera that is away, every block says so
+        return list(faults.values())
 
     def _page_of_length(self, sheet: Sheet) -> Thumbnail | None:
         """The page to be expected, or the first near it that is as long as the sheet."""

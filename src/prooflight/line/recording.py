@@ -23,6 +23,12 @@ COMMIT_PAGES: Final = 64
 """What is recorded is durable after half a second or 64 pages."""
 
 
+def ending_of(status: Status, *, stopped: bool) -> Ending:
+    """How a run ended; a source that ended before all pages came is at fault. stopped: by a person."""
+    broke_off = status.phase is Phase.FAULT or (status.to_come > 0 and not stopped)
+    return "fault" if broke_off else "stopped" if stopped else "finished"
+
+
 class Recorder:
     """Writes one run of a journal; use it as a context. What then is ``unrecorded`` never will be by this process."""
 
@@ -60,12 +66,8 @@ class Recorder:
             self._due.set()
 
     def end(self, status: Status, *, stopped: bool, detail: str = "") -> None:
-        """The run is over; stopped: by a person, before the source ended. detail: what it lacks.
-
-        A source that ended before all pages came is at fault.
-        """
-        broke_off = status.phase is Phase.FAULT or (status.to_come > 0 and not stopped)
-        ending: Ending = "fault" if broke_off else "stopped" if stopped else "finished"
+        """The run is over; stopped: by a person, before the source ended. detail: what it lacks."""
+        ending = ending_of(status, stopped=stopped)
         said = "; ".join(filter(None, (status.detail, detail)))
         self.journal.commit()
         counts = asdict(status) | {"journalled": self.durable}

@@ -40,6 +40,7 @@ from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.line.status import VERDICTS, Phase, Status, Tally
 from prooflight.pages.files import page_name
+from prooflight.pages.parallel import due
 from prooflight.pages.process import touch
 
 if TYPE_CHECKING:
@@ -70,7 +71,10 @@ MIND_S: Final = 0.25
 """How often it is asked whether the source has fallen silent, or a person has stopped the run."""
 DOUBTED: Final = 3
 """Pages about the expected one that a sheet may be: one that cannot be used may be any sheet like no other there."""
+MOST_DESIGNS: Final = 1000
+"""Of a job that is printed over and over; assumed: no more fit into memory."""
 STOPPED: Final = "the run was stopped"
+BEGUN_WITHIN: Final = "the lines began within the sheet"
 CUT_SHORT: Final = "the lines ended within the sheet"
 
 
@@ -89,18 +93,20 @@ class Running:
         settings: Settings,
         tell: Callable[[Outcome], None] = lambda _outcome: None,
         notice: Callable[[Notice], None] = lambda _notice: None,
+        arrived: Callable[[int, SeenPage], None] = lambda _number, _page: None,
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
         flaws: Mapping[int, Exception] = MappingProxyType({}),
         durable: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """pager: made when the first thumbnails are known. tell: called with every outcome, in the order of the run, by
-        one thread; notice: by the same, with what is of no sheet. name: of a sheet's page. flaws: sheets whose pages
+        one thread; notice: by the same, with what is of no sheet. arrived: by the thread that reads,
+        with each sheet that has passed and its number in the run. name: of a sheet's page. flaws: sheets whose pages
         are known to be unusable, and why. durable: pages in the journal.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
         self._inspector, self._watch, self._settings = inspector, watch, settings
-        self._tell, self._notice, self._name = tell, notice, name
+        self._tell, self._notice, self._saw, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
@@ -120,6 +126,8 @@ class Running:
             failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
             clock=clock,
         )
+        first = range(min(len(book), MOST_DESIGNS))
+        self._come_again = len({book.design(sheet) for sheet in first}) < len(first)
         self._order = InOrder()
         self._sheets = self._told = 0
         self._noted: list[str] = []
@@ -246,12 +254,12 @@ class Running:
 
     def _read_lines(self, pager: Pager) -> None:
         for block in self._silence.heard(self._source.blocks()):
-            spare_s = self._spare_s(block)
-            self._behind = spare_s <= 0
-            if self._unknown(pager.next_page) and not self._behind:  # it could not be told from a stranger
-                self._ready(pager.next_page, within_s=spare_s)
-            for page in pager.push(block):
-                self._arrived(page, block, next_page=pager.next_page)
+            self._behind = self._spare_s(block) <= 0
+            for page in pager.may_come:
+                if self._unknown(page) and not self._behind:  # it could not be told from a stranger
+                    self._ready(page, within_s=self._spare_s(block))
+            for came in pager.push(block):
+                self._arrived(came, block, next_page=pager.next_page)
             if self._stopping.is_set():
                 return
 
@@ -281,6 +289,8 @@ class Running:
             return
 
     def _design_ready(self, design: Hashable, made: Made) -> None:
+        if self._come_again:
+            made[0].complete(made[1])
         self._thumbnails.know(design, made[1].thumbnail)
         self._unusable.remove(design)
 
@@ -294,6 +304,7 @@ class Running:
             self._done.put(missing_page(number, page, now_s if block is None else block.time_s, name=name))
             return
         self.tally.arrived(now_s, list(kinds_of(page.faults)))
+        self._saw(number, page)
         if lost := self._lost(page):
             shown = page.taken_for if page.job_page is None else page.job_page
             self._done.put(skipped(number, page, lost, name=None if shown is None else self._name(shown)))
@@ -302,7 +313,8 @@ class Running:
             self._arrived_unknown(number, page, next_page)
             return
         self._unready = 0
-        self._prefetcher.expect(page.job_page)
+        # Of pages that may come next, not of the page shown: a wrong one may be any page of the job.
+        self._prefetcher.expect(max(next_page - 1, 0))
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(
@@ -320,7 +332,7 @@ class Running:
         most = MOST_UNSEEN if page.job_page is not None else MOST_UNSEEN_OF_UNKNOWN
         if not page.torn and share <= most:
             return ""
-        said = "; ".join(lost_lines(page)) or "lines lost"
+        said = "; ".join(lost_lines(page)) or (BEGUN_WITHIN if page.begun_within else "lines lost")
         return said if page.torn else f"{said}: {share:.0%} of the sheet was not seen"
 
     def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
@@ -376,13 +388,15 @@ class Running:
         self.tally.took("queue", begun_s - sheet.arrived_s)
         try:
             inspector, ready, used = self._prefetcher.get(sheet.job_page)
-            result = inspector.inspect(
-                ready,
-                sheet.seen.scan,
-                unseen=sheet.seen.unseen,
-                name=f"sheet {sheet.number}",
-                seed=self._settings.seed + sheet.number,
-            )
+            with due(sheet.deadline_s, self._clock):
+                result = inspector.inspect(
+                    ready,
+                    sheet.seen.scan,
+                    unseen=sheet.seen.unseen,
+                    name=f"sheet {sheet.number}",
+                    seed=self._settings.seed + sheet.number,
+                    sheet=sheet.number,
+                )
             decided_s = self._clock()
             done = self._outcome(sheet, result, used, decided_s)
         except Exception as error:
@@ -406,6 +420,7 @@ class Running:
             latency_s=decided_s - sheet.arrived_s,
             evidence=evidence,
             kept=result.kept,
+            asked=result.asked,
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:

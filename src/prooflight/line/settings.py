@@ -32,5 +32,7 @@ class Settings:
     """Of memory for designs."""
     stall_s: float = STALL_S
     """Without a line from the source, after which that is announced."""
+    sample: float = 0.0
+    """Share of the sheets that pass for which a person is asked for a word. [-]"""
     seed: int = 0
     """Of randomised integral transforms, and of ranks that tie."""

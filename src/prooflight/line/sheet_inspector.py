@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
+from prooflight.detectors.base import MadeReadyInTwo
 from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.redeciding import kept_evidence
+from prooflight.line.asking import Asking
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.sheets.thumbnails import thumbnail_of
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.scans.lines import Unseen
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
@@ -37,6 +40,8 @@ class SheetResult:
     verdict: Verdict
     evidence: PageEvidence = field(default_factory=PageEvidence)
     kept: Mapping[str, NDArray[Any]] | None = None
+    asked: float | None = None
+    """``Asking.probability``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +59,8 @@ class SheetInspector:
 
     inspector: Inspector
     keep: Keep = "none"
-    """Of which sheets evidence is kept for the journal."""
+    """Of which sheets evidence is kept for the journal; of those that a person is asked about, always."""
+    asking: Asking = field(default_factory=Asking)
 
     def prepare(self, page: Page) -> Known:
         """All that can be known of a design ahead of its sheets.
@@ -65,6 +71,11 @@ class SheetInspector:
         prepared = self.inspector.prepare(planned)
         return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
+    def complete(self, ready: Known) -> None:
+        """Make ready what few sheets of a design need, where it pays since many come of it."""
+        if isinstance(ready.prepared.known, MadeReadyInTwo):
+            ready.prepared.known.complete()
+
     def inspect(
         self,
         ready: Known,
@@ -72,22 +83,27 @@ class SheetInspector:
         *,
         name: str,
         seed: int,
-        unseen: Sequence[tuple[int, int]] = (),
+        unseen: Sequence[Unseen] = (),
+        sheet: int = 0,
     ) -> SheetResult:
-        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors.
+        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors; sheet: its number.
 
-        unseen: first and behind the last of lines that the camera lost. ScanError: the scan does not fit press or page.
+        unseen: lines of it that the camera lost. ScanError: the scan does not fit press or page.
         """
         prepared, press = ready.prepared, self.inspector.press
         inspection = inspect_where_seen(
             self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
         )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
-        kept = self.keep == "all" or (self.keep == "misprints" and inspection.verdict.verdict == "misprint")
+        wrong = inspection.verdict.verdict == "misprint"
+        asked = self.asking.probability(inspection.verdict, sheet)
+        drawn = asked is not None and not wrong
+        kept = self.keep == "all" or (self.keep == "misprints" and wrong) or drawn
         return SheetResult(
             verdict=inspection.verdict,
             evidence=evidence,
-            kept=kept_evidence(inspection, prepared.page, press) if kept else None,
+            kept=kept_evidence(inspection, prepared.page, press, whole=drawn) if kept else None,
+            asked=asked,
         )
 
     def warm_up(self, ready: Known) -> None:

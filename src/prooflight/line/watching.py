@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from prooflight.inspection.promise import PromiseWatch
+from prooflight.line.asking import Asking
 from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns_mm
 from prooflight.line.monitor.run import RunMonitor
@@ -39,7 +40,7 @@ def watched(
     """A run ready to start.
 
     follow: whether slow changes of lamp and paper are followed. false_alarms: of the run's monitor, a 100,000 pages.
-    told: ``tell``, ``notice``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
+    told: ``tell``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
 
@@ -57,7 +58,11 @@ def watched(
         source=source,
         pager=pager,
         book=book,
-        inspector=SheetInspector(inspector=inspector.with_threads(threads_a_sheet(settings)), keep=keep),
+        inspector=SheetInspector(
+            inspector=inspector.with_threads(threads_a_sheet(settings)),
+            keep=keep,
+            asking=Asking(sample=settings.sample, seed=settings.seed),
+        ),
         watch=RunWatch(
             monitor=monitor,
             adapting=Adapting.begin(press) if follow else None,

@@ -6,17 +6,26 @@ import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from prooflight.errors import JobError, RequestError
 from prooflight.files.given import shortly
 from prooflight.pages import files
+from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
-from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PdfJob
+from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from prooflight.pages.layout.layout import Layout
+    from prooflight.pages.pdf.taking_together import InkLight
+
+
+FINER: Final = 2
+"""A PDF is drawn at so many times the resolution of its raster: presses print at resolutions of their own (`prooflight
+study resolution`). Three times as finely called no fewer good prints misprints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +35,18 @@ class JobSource:
     path: Path
     dpi: float
     """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
+    light: InkLight | None = None
+    """How a press's inks take its camera's light, by which pixels of finely drawn PDFs are taken together; None: any
+    press's, and inks are averaged."""
     profile: Path | None = None
     """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
+    layout: Layout | None = None
+    """How pages lie on sheets: the job's pages then are the sides that are printed (``pages.layout``). None: as they
+    are."""
+
+    def page_name(self, number: int) -> str:
+        """What page ``number``, from 1, is called, without a look at the job."""
+        return files.page_name(number) if self.layout is None else self.layout.side_name(number)
 
     def open(self) -> Job:
         """Open the job; errors as ``open_job``."""
@@ -50,12 +69,14 @@ class Job:
             else:
                 count = files.page_count(path)
             self._places += [(path, number) for number in range(1, count + 1)]
+        layout = source.layout
+        self._sides = None if layout is None else layout.sides_of(len(self._places))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Job, (self.source,)  # opened again on the other side: MuPDF's handles do not travel
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._places) if self._sides is None else self._sides
 
     def __iter__(self) -> Iterator[Page]:
         return (self.page(number) for number in range(1, len(self) + 1))
@@ -87,19 +108,39 @@ class Job:
                 sizes.append(of_pdfs[path][place - 1])
             else:
                 sizes.append(files.page_size_mm(path, place))
-        return tuple(sizes)
+        layout = self.source.layout
+        if layout is None:
+            return tuple(sizes)
+        return tuple(
+            side_size(sizes[layout.pages_on(number)[0] - 1], layout) for number in range(1, len(self) + 1)
+        )
 
     def flaws(self) -> dict[int, JobError]:
         """Pages of which it is cheap to tell that they cannot be used, and why; others may turn out so."""
         of_files = {path: files.flaws(path) for path, _ in self._places if path not in self._pdfs}
-        return {
+        found = {
             number: of_files[path][place]
             for number, (path, place) in enumerate(self._places, start=1)
             if place in of_files.get(path, {})
         }
+        layout = self.source.layout
+        if layout is None:
+            return found
+        return {
+            number: found[page]
+            for number in range(1, len(self) + 1)
+            for page in layout.pages_on(number)
+            if page in found
+        }
 
     def page_size_mm(self, number: int) -> tuple[float, float]:
         """Of one page; errors as ``page``. [mm]"""
+        layout = self.source.layout
+        if layout is not None:
+            return side_size(self._own_size_mm(layout.pages_on(number)[0]), layout)
+        return self._own_size_mm(number)
+
+    def _own_size_mm(self, number: int) -> tuple[float, float]:
         path, place = self._places[number - 1]
         if path in self._pdfs:
             return self._pdfs[path].page_sizes_mm[place - 1]
@@ -110,14 +151,32 @@ class Job:
         """What MuPDF had to say about the PDFs so far."""
         return tuple(line for pdf in self._pdfs.values() for line in pdf.warnings)
 
+    def marks(self, number: int) -> PageMarks | None:
+        """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``."""
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        return None if pdf is None else pdf.marks(place)
+
     def page(self, number: int) -> Page:
         """Page ``number`` of the job, from 1; RequestError: there is none; JobError: it cannot be used."""
         if not 1 <= number <= len(self):
             remedy = f"the job has {len(self)} page" + ("s" if len(self) > 1 else "")
             raise RequestError(self.source.path, f"there is no page {number}", remedy=remedy)
+        layout = self.source.layout
+        if layout is None:
+            return self._own_page(number)
+        shown = layout.pages_on(number)
+        own = {page: self._own_page(page) for page in dict.fromkeys(shown)}
+        return imposed([own[page] for page in shown], layout, number)
+
+    def _own_page(self, number: int) -> Page:
+        """As it stands in its file."""
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
-        page = files.read_page(path, place) if pdf is None else pdf.page(place, self.source.dpi)
+        if pdf is None:
+            page = files.read_page(path, place)
+        else:
+            page = pdf.page(place, self.source.dpi, finer=FINER, light=self.source.light)
         return replace(page, name=files.page_name(number), number=number)
 
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
 import threading
 from collections import deque
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import cache
+from itertools import count
 from multiprocessing.connection import wait
+from queue import PriorityQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from prooflight.errors import ProoflightError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,19 +30,63 @@ FEWEST_FOR_PROCESSES = 6
 KILLED = "its worker process was killed, perhaps for want of memory"
 
 
-@cache
-def _crew(threads: int) -> ThreadPoolExecutor:
-    """One for all pages under way: it takes their parts in the order they came, so that the older page is done first
-    and no more threads run than asked for.
+class _Crew:
+    """Threads for all pages under way: they take parts of the page that is due first, so that it is done first, and no
+    more threads run than asked for.
     """
-    return ThreadPoolExecutor(threads, thread_name_prefix="crew")
+
+    def __init__(self, threads: int) -> None:
+        self._parts: PriorityQueue[tuple[float, int, Callable[[], None]]] = PriorityQueue()
+        self._turn = count()
+        for number in range(threads):
+            threading.Thread(target=self._work, name=f"crew-{number}", daemon=True).start()
+
+    def submit(self, task: Callable[[], Result], due_s: float) -> Future[Result]:
+        """Have a part done; due_s: of its page, by the clock that all pages are due by."""
+        done: Future[Result] = Future()
+
+        def work() -> None:
+            try:
+                done.set_result(task())
+            except BaseException as error:
+                done.set_exception(error)
+
+        self._parts.put((due_s, next(self._turn), work))
+        return done
+
+    def _work(self) -> None:
+        while True:
+            self._parts.get()[2]()
+
+
+_made = cache(_Crew)
+_making = threading.Lock()
+_page = threading.local()
+"""Of each thread: what says when the page is due on which it works."""
+
+
+@contextmanager
+def due(time_s: float, clock: Callable[[], float]) -> Iterator[None]:
+    """Parts that this thread shares out meanwhile are done before those of pages due later.
+
+    What is overdue comes last: nothing is won by it any more, and it would make the next pages late as well.
+    """
+    _page.due_s = lambda: time_s if clock() <= time_s else math.inf
+    try:
+        yield
+    finally:
+        del _page.due_s
 
 
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
     """What the tasks give, in their order, that many run at once; the tasks must not share out in turn."""
-    if threads == 1:
+    tasks = list(tasks)
+    if threads == 1 or len(tasks) == 1:
         return [task() for task in tasks]
-    running = [_crew(threads).submit(task) for task in tasks]
+    due_s = _page.due_s() if hasattr(_page, "due_s") else math.inf
+    with _making:  # or two threads that are the first would have a crew each
+        crew = _made(threads)
+    running = [crew.submit(task, due_s) for task in tasks]
     return [done.result() for done in running]
 
 

@@ -9,13 +9,17 @@ from their neighbours (``LensCorrection``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy import sparse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+ROUNDING: Final = 1e-6
+"""Pixels by which a footprint's centre of mass may lie off its own by rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,6 +33,33 @@ class Footprint:
     reach_mm: float
     across: NDArray[np.float64]
     along: NDArray[np.float64]
+
+    @property
+    def centre_mm(self) -> tuple[float, float]:
+        """How far its centre of mass lies from the pixel's own centre, across and along; 0 of a pixel in its place."""
+        places = np.linspace(-self.reach_mm, self.reach_mm, self.across.size)
+        middles = (places[1:] + places[:-1]) / 2
+        across, along = (float(np.diff(of) @ middles) for of in (self.across, self.along))
+        return across, along
+
+    def moved(self, *, across_mm: float, along_mm: float) -> Footprint:
+        """The same of a pixel that looks so far further right and down than its place in the scan says.
+
+        Exact but for linear interpolation between the table's offsets, as every reader of a footprint does. The reach
+        grows by the greater of both.
+        """
+        if across_mm == 0 and along_mm == 0:
+            return self
+        step = 2 * self.reach_mm / (self.across.size - 1)
+        more = int(np.ceil(max(abs(across_mm), abs(along_mm)) / step))
+        reach_mm = self.reach_mm + more * step
+        places = np.linspace(-self.reach_mm, self.reach_mm, self.across.size)
+        wide = np.linspace(-reach_mm, reach_mm, self.across.size + 2 * more)
+        across, along = (
+            np.interp(wide - by_mm, places, of, left=0.0, right=1.0)
+            for of, by_mm in ((self.across, across_mm), (self.along, along_mm))
+        )
+        return Footprint(reach_mm=reach_mm, across=across, along=along)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,9 +107,15 @@ def taps(
 def transfer(
     cumulative: NDArray[np.float64], reach_pixels: float, frequency: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Transfer function of a symmetric footprint along one axis at frequencies (n,) [cycles/pixel] -> (n,)."""
+    """Transfer function along one axis at frequencies (n,) [cycles/pixel] -> (n,), of a symmetric footprint.
+
+    Of one that was moved (``Footprint.moved``) it is that of the footprint in its place.
+    """
     weights = np.diff(cumulative)
     offsets = (np.arange(weights.size) + 0.5 - weights.size / 2) * (2 * reach_pixels / weights.size)
+    centre = float(weights @ offsets)
+    if abs(centre) > ROUNDING:
+        offsets -= centre
     return np.asarray(np.cos(2 * np.pi * frequency[:, None] * offsets) @ weights, dtype=np.float64)
 
 

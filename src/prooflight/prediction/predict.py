@@ -157,7 +157,7 @@ def looked_up(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
-    packed = np.zeros(-(-len(cmyk) // AT_ONCE) * AT_ONCE, np.uint32)
+    packed = np.zeros(-(-max(len(cmyk), 1) // AT_ONCE) * AT_ONCE, np.uint32)
     packed[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
     mean, variance = np.empty((2, packed.size), np.float32)
     look_up_light(packed, quantised_table(sensor.mean_dn), np.float32(0), mean)

@@ -19,7 +19,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from safetensors.numpy import save
@@ -34,7 +34,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.sampling import Footprint
-from prooflight.prediction.tables import SensorModel
+from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.schema import check_press
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.shown import Shown
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
+
+    from prooflight.pages.pdf.taking_together import InkLight
 
 SCHEMA = 8
 KIND = "prooflight press"
@@ -56,6 +58,9 @@ DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
     "bayes": BayesDetector,
 }
 REBUILD = "build it again with `prooflight press build`"
+
+LIGHT_STEPS: Final = 18
+"""15 bytes of ink apart, so that no ink and all of it are two of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +108,20 @@ class Press(Shown):
     def dpi(self) -> float:
         """Resolution at which this press wants PDF pages ripped. [pixels/inch]"""
         return self.geometry.raster_dpi(self.supersampling)
+
+    @property
+    def ink_light(self) -> InkLight:
+        """How its inks take the light of all its sensors together."""
+        found, steps = [], np.linspace(0, 1, LIGHT_STEPS)
+        for ink in range(4):
+            alone = [
+                np.moveaxis(one.mean_dn, ink, 0)[:, 0, 0, 0].astype(np.float64) / one.white_dn
+                for one in self.sensors
+            ]
+            along = np.mean(alone, axis=0)
+            taken = np.maximum.accumulate(along[0] - np.interp(steps, node_fractions(), along))
+            found.append(tuple((taken / taken[-1]).tolist()))
+        return tuple(found)
 
     def station(self, threads: int | None = None) -> Station:
         """What a detector needs to know of it. threads: that one page may take; None: one a core."""

@@ -7,10 +7,19 @@ import re
 import tomllib
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from prooflight.errors import PressFileError
 from prooflight.files.given import shortly
+from prooflight.press.outlets import PlantBlock
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -208,17 +217,69 @@ VariationBlock = _variation_block()
 Word = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 
 
-class CameraBlock(_Block):
-    """``[camera]``: how the line camera is set up; what is not given stays as the camera stands."""
+Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
+"""Of a sensor's lines or pixels: sensors that look at the page 10 m apart at the prototype's pitch."""
+Offsets = Annotated[tuple[Offset, ...], Field(max_length=16)]
 
+
+class CameraBlock(_Block):
+    """``[camera]``, or one of ``[[camera]]``: how a line camera is set up; what is not given stays as it stands."""
+
+    id: Word | None = None
     pixel_format: Word | None = None
     block_lines: Count | None = None
     line_rate_hz: Positive | None = None
     exposure_us: Positive | None = None
     trigger: Literal["free", "encoder"] | None = None
     trigger_source: Word | None = None
+    encoder_steps: Count | None = None
+    chunks: Annotated[bool, Field(strict=True)] | None = None
+    offset_lines: Offsets = ()
+    offset_pixels: Offsets = ()
     features: Annotated[dict[Word, bool | int | float | str], Field(max_length=1000)] = {}
     names: Annotated[dict[Word, dict[Word, Word]], Field(max_length=100)] = {}
+
+
+Register = Annotated[int, Field(strict=True, ge=0, le=65_535)]
+Milliseconds = Annotated[int, Field(strict=True, ge=1, le=60_000)]
+
+
+class PlcBlock(_Block):
+    """``[gate.plc]``: the plant's controller, a Modbus TCP server."""
+
+    host: Word
+    port: Annotated[int, Field(strict=True, ge=1, le=65_535)] = 502
+    unit: Annotated[int, Field(strict=True, ge=0, le=255)] = 1
+    style: Literal["registers", "coil"] = "registers"
+    first_register: Register = 0
+    coil: Register = 0
+    counts_per_mm: Positive = 10.0
+    """assumed: an encoder of 5,000 counts on a wheel of 500 mm."""
+    cycle_ms: Milliseconds = 20
+    """assumed: two scans of a usual controller."""
+    timeout_ms: Milliseconds = 250
+    heartbeat_ms: Milliseconds = 500
+    """assumed: half the way from camera to gate at 2 m/s and 2 m."""
+
+
+class GateBlock(_Block):
+    """``[gate]``: where bad sheets leave the paper path."""
+
+    distance_mm: Positive
+    tolerance_mm: Positive = 40.0
+    policy: Literal["reject", "accept", "stop"] = "reject"
+    divert: Literal["sheet", "until-clean-break"] = "sheet"
+    pages_a_set: Count = 1
+    stop_in_a_row: Count | None = None
+    stop_of: tuple[Count, Count] | None = None
+    plc: PlcBlock
+
+    @model_validator(mode="after")
+    def _some_of_more(self) -> Self:
+        if self.stop_of is not None and self.stop_of[0] > self.stop_of[1]:
+            message = "stop_of must be [misprints, of so many sheets]"
+            raise ValueError(message)
+        return self
 
 
 class Document(_Block):
@@ -228,12 +289,18 @@ class Document(_Block):
     lens: LensBlock
     sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1, max_length=16)]
     transport: TransportBlock = TransportBlock()
-    camera: CameraBlock = CameraBlock()
+    camera: Annotated[
+        tuple[CameraBlock, ...],
+        BeforeValidator(lambda given: [given] if isinstance(given, dict) else given),
+        Field(max_length=16),
+    ] = ()
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()
     inspection: InspectionBlock = InspectionBlock()
     variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
+    gate: GateBlock | None = None
+    plant: PlantBlock = PlantBlock()
 
 
 def checked(path: Path, text: str) -> Document:
@@ -243,7 +310,7 @@ def checked(path: Path, text: str) -> Document:
     try:
         return Document.model_validate(tree)
     except ValidationError as error:
-        raise _first_fault(path, error) from error
+        raise _first_fault(path, error, one_camera=isinstance(tree.get("camera"), dict)) from error
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
@@ -286,13 +353,15 @@ def _inside(field: str, value: Any) -> list[tuple[str, Any]]:
             return []
 
 
-def _first_fault(path: Path, error: ValidationError) -> PressFileError:
+def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> PressFileError:
     faults = error.errors()
     if len(faults) > 1:  # a list whose only member is faulty is also called too short
         faults = [fault for fault in faults if fault["type"] != "too_short"]
     # A misspelt field is missing as well: its wrong name says more.
     fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     place = [str(part + 1) if isinstance(part, int) else shortly(part) for part in fault["loc"]]
+    if one_camera and place[:2] == ["camera", "1"]:
+        del place[1]  # ``[camera]`` is a list of one
     field = ".".join(place) or "file"
     others = len(faults) - 1
     more = f" (and {others} more)" if others else ""

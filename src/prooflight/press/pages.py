@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from prooflight.pages.job import Job, JobSource
 
 if TYPE_CHECKING:
+    from prooflight.pages.layout.layout import Layout
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.press.artefact import Press
@@ -29,6 +30,13 @@ class PressJob(Job):
         return self.press.geometry.lay(super().page(number))
 
 
+def job_source(
+    path: Path, press: Press, *, profile: Path | None = None, layout: Layout | None = None
+) -> JobSource:
+    """A job as this press wants it: PDFs at its resolution, and pixels taken together by its inks."""
+    return JobSource(path=path, dpi=press.dpi, light=press.ink_light, profile=profile, layout=layout)
+
+
 def open_job(path: str | Path, press: Press, *, profile: str | Path | None = None) -> PressJob:
     """Open a PDF, a CMYK TIFF or JPEG, or a folder of them, to be printed on a press.
 
@@ -36,7 +44,7 @@ def open_job(path: str | Path, press: Press, *, profile: str | Path | None = Non
     that are not CMYK; None: the PDF's output intent. JobError: a file cannot be used, or a folder holds none.
     ProfileError: the profile cannot be used.
     """
-    source = JobSource(path=Path(path), dpi=press.dpi, profile=None if profile is None else Path(profile))
+    source = job_source(Path(path), press, profile=None if profile is None else Path(profile))
     return PressJob(source, press)
 
 

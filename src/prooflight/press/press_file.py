@@ -25,7 +25,9 @@ from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
 from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
+from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.press.limits import refuse_unworkable
+from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.cameras.setting_up import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.press.blocks import SensorBlock
+    from prooflight.press.outlets import PlantBlock
 
 PRESS_FILES: Final = GivenFiles(
     error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
@@ -117,14 +120,49 @@ class PressFile:
         return given.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
     def camera_settings(self) -> CameraSettings:
-        """``[camera]``: how the line camera is to be set up; PressFileError: a name in it is none of ours."""
-        settings = CameraSettings(**self._document.camera.model_dump())
-        for model, names in settings.names.items():
-            for word in names:
-                if word not in NAMES:
-                    what = f"camera.names.{shortly(model)}.{shortly(word)} is nothing that can be named"
-                    raise PressFileError(self.path, what, remedy=f"name {', '.join(NAMES)}")
-        return settings
+        """``[camera]``, or the first of ``[[camera]]``; errors as of ``cameras``."""
+        return (*self.cameras(), CameraSettings())[0]
+
+    def cameras(self) -> tuple[CameraSettings, ...]:
+        """How each line camera is to be set up; PressFileError: a name in it is none of ours."""
+        found = tuple(CameraSettings(**block.model_dump()) for block in self._document.camera)
+        for settings in found:
+            for model, names in settings.names.items():
+                for word in names:
+                    if word not in NAMES:
+                        what = f"camera.names.{shortly(model)}.{shortly(word)} is nothing that can be named"
+                        raise PressFileError(self.path, what, remedy=f"name {', '.join(NAMES)}")
+        return found
+
+    def sensor_offsets(self) -> tuple[SensorOffset, ...]:
+        """How far each sensor's lines lie from those of the press; PressFileError: they are not of its sensors.
+
+        One of each ``[[sensor]]``; none are stated: all lie in their place.
+        """
+        sensors, cameras = len(self._document.sensor), self.cameras()
+        stated = [camera.offset_lines or camera.offset_pixels for camera in cameras]
+        if not any(stated):
+            return (SensorOffset(),) * sensors
+        found = [
+            offset for camera in cameras for offset in camera.offsets(sensors if len(cameras) == 1 else None)
+        ]
+        if len(found) != sensors:
+            what = f"camera.offset_lines and offset_pixels are of {len(found)} sensors"
+            raise PressFileError(self.path, what, remedy=f"give one each of the file's {sensors} sensors")
+        return tuple(found)
+
+    def gate_settings(self) -> GateSettings | None:
+        """``[gate]``: where bad sheets leave the paper path; None: the press has no gate."""
+        block = self._document.gate
+        if block is None:
+            return None
+        fields = block.model_dump(exclude={"plc"})
+        return GateSettings(**fields, plc=PlcSettings(**block.plc.model_dump()))
+
+    @property
+    def plant(self) -> PlantBlock:
+        """``[plant]``: who is told what a run finds."""
+        return self._document.plant
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.

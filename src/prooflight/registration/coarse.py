@@ -149,8 +149,10 @@ def _vertex(three: NDArray[np.float32]) -> float:
     return float(np.clip((three[2] - three[0]) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
 
 
-def refined(page: CoarsePage, scan: NDArray[np.float32], pose: Pose) -> Pose:
-    """A pose made to fit edge by edge.
+def refined(
+    page: CoarsePage, scan: NDArray[np.float32], pose: Pose, *, holed: NDArray[np.bool_] | None = None
+) -> Pose:
+    """A pose made to fit edge by edge. holed: (rows,) rows of the scan that say nothing; None: none.
 
     Inverse compositional Lucas-Kanade (Baker and Matthews 2004) of pose, level and gain with Cauchy weights; the scan
     is read between its pixels here, for this is only a search.
@@ -161,10 +163,16 @@ def refined(page: CoarsePage, scan: NDArray[np.float32], pose: Pose) -> Pose:
     expected = page.picture.ravel()[page.points]
     for _ in range(STEPS):
         move_x, move_y = pose.displacement_mm(x, y)
-        seen = _read(scan, (x + move_x - first_x) / pitch_x, (y + move_y - first_y) / pitch_y)
+        rows = (y + move_y - first_y) / pitch_y
+        seen = _read(scan, (x + move_x - first_x) / pitch_x, rows)
         error = seen - expected
         spread = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), SPREAD)
         weight = 1 / (1 + (error / (2 * spread)) ** 2) / spread**2
+        if holed is not None:
+            above, below = (
+                np.clip(end(rows).astype(np.intp), 0, holed.size - 1) for end in (np.floor, np.ceil)
+            )
+            weight = np.where(holed[above] | holed[below], 0.0, weight)
         weighted = page.model * weight[:, None]
         # Neighbouring coarse pixels err together: count one in four.
         step = np.linalg.solve(page.model.T @ weighted / 4 + np.diag(1 / START_SD**2), weighted.T @ error / 4)

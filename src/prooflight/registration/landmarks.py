@@ -9,6 +9,7 @@ import numpy as np
 
 from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.prediction.summing import FEW
+from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.kernels.registration.landmarks import edge_shares, tile_information, tile_signals
 from prooflight.kernels.registration.measuring import SensorTaps
 from prooflight.prediction.quantised_table import quantised_table
@@ -82,6 +83,8 @@ class Landmarks:
     taps: tuple[SensorTaps, ...]
     coarse: CoarsePage
     basis: Basis
+    ignored: NDArray[np.bool_] | None = None
+    """(rows, columns) pixels of the coarse picture of which nothing is known; None: none."""
 
     @property
     def pitch_mm(self) -> NDArray[np.float64]:
@@ -101,13 +104,18 @@ def prepare(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     prior: Prior | None = None,
+    ignored: NDArray[np.bool_] | None = None,
 ) -> Landmarks:
     """Landmarks of a page from its ``prediction`` in its place.
+
+    ignored: pixels of its coarse picture, of ``SHRINK`` camera pixels a side, in which no landmark may lie.
 
     Tiles are chosen where edges tell most, by ``GRADIENT_NOISE`` and the like; page edges count as any others.
     """
     size = TILE_PIXELS
     information = _information(prediction, sensors)
+    if ignored is not None:
+        information[_held(ignored, information.shape[:2])] = 0
     rows, columns = _chosen(information)
     lines, left = rows * size, columns * size
     pitch = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
@@ -141,7 +149,16 @@ def prepare(
         taps=taps,
         coarse=coarse_page(prediction, sensors, geometry, page.width_mm, page.height_mm),
         basis=Basis.of(from_centre, page.width_mm, page.height_mm, prior or Prior()),
+        ignored=ignored,
     )
+
+
+def _held(ignored: NDArray[np.bool_], tiles: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Tiles (tile rows, tile columns) that hold any of these coarse pixels."""
+    side = TILE_PIXELS // SHRINK
+    rows, columns = tiles
+    cut = ignored[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    return np.asarray(cut.any(axis=(1, 3)))
 
 
 def raster_windows(

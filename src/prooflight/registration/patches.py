@@ -18,6 +18,7 @@ from prooflight.kernels.registration.shared_edges import (
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Workspace, pixel_noise
+from prooflight.scans.scan import touching
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,13 +90,20 @@ class Patches:
         scan: NDArray[np.uint16],
         placement: Placement,
         parts: NDArray[np.float64],
+        *,
+        lost: NDArray[np.bool_] | None = None,
     ) -> Self | None:
-        """The patches that a scan of a page that lies so shows; None if they are too few."""
+        """The patches that a scan of a page that lies so shows; None if they are too few.
+
+        lost (sensors, lines): lines that were not seen; no patch that lies on one counts.
+        """
         moves = _moves(overlaps, landmarks, placement, scan.shape[1])
         whole = np.rint(moves).astype(np.int64)
         left, top = overlaps.columns + whole[:, 0], overlaps.lines + whole[:, 1]
         seen = (left >= 0) & (left + PATCH_PIXELS <= scan.shape[2])
         seen &= (top >= 0) & (top + PATCH_PIXELS <= scan.shape[1])
+        if lost is not None:
+            seen &= ~touching(lost, top, PATCH_PIXELS).any(axis=0)
         if seen.sum() < LEAST_PATCHES:
             return None
         side = np.arange(PATCH_PIXELS)

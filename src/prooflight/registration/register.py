@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.kernels.registration.solving import MOST_GAIN_SD
-from prooflight.registration.coarse import shrunk
 from prooflight.registration.field import Field, Prior, fitted, trust
 from prooflight.registration.foreign import coarse_inside, foreign_print
 from prooflight.registration.landmarks import Landmarks, prepare
-from prooflight.registration.search import candidates, spread
+from prooflight.registration.search import candidates, seen_coarsely, spread
 from prooflight.registration.tiles import TileMoves, measured
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from prooflight.registration.pose import Pose
@@ -109,20 +110,30 @@ class Registration:
         return self.found and (far or abs(self.placement.skew_deg) >= WRONG_SKEW_DEG)
 
 
-def register(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> Registration:
+def register(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    threads: int = 1,
+) -> Registration:
     """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN]; threads: that share its tiles out.
+
+    lost (sensors, lines): lines that were not seen, which say nothing; None: all were.
 
     A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
     ink plane that is not printed is left out of where the print lies.
     """
-    where = _placed(landmarks, scan, threads)
+    where = _placed(landmarks, scan, lost, threads)
     if where.found and where.print_matching >= DOUBTFUL:
         return where
-    return _recognised(where, landmarks, scan)
+    return _recognised(where, landmarks, seen_coarsely(landmarks, scan, lost))
 
 
-def _placed(landmarks: Landmarks, scan: NDArray[np.uint16], threads: int) -> Registration:
-    tried = candidates(landmarks, scan, threads=threads)
+def _placed(
+    landmarks: Landmarks, scan: NDArray[np.uint16], lost: NDArray[np.bool_] | None, threads: int
+) -> Registration:
+    tried = candidates(landmarks, scan, lost=lost, threads=threads)
     best = tried[0]
     reason = _doubt(tried, landmarks)
     if best.tiles < LEAST_TILES:
@@ -130,12 +141,16 @@ def _placed(landmarks: Landmarks, scan: NDArray[np.uint16], threads: int) -> Reg
         return Registration(
             placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
         )
-    return _fielded(landmarks, scan, best.pose, reason, threads)
+    measure = partial(measured, landmarks, scan, lost=lost, threads=threads)
+    return _fielded(landmarks, measure, best.pose, reason)
 
 
-def _recognised(where: Registration, landmarks: Landmarks, scan: NDArray[np.uint16]) -> Registration:
-    """The same, with what the scan shows if it is not this page."""
-    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+def _recognised(where: Registration, landmarks: Landmarks, seen: NDArray[np.float32]) -> Registration:
+    """The same, with what the scan's coarse picture shows if it is not this page."""
+    design = landmarks.coarse.picture
+    if landmarks.ignored is not None:  # as foretold
+        rows = min(len(seen), len(design))
+        seen[:rows] = np.where(landmarks.ignored[:rows], design[:rows], seen[:rows])
     inside = coarse_inside(landmarks.geometry, landmarks.page_width_mm, landmarks.page_height_mm)
     foreign = foreign_print(seen, design, inside)
     if (np.array(foreign) < (FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH)).any():
@@ -159,11 +174,10 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
 
 
 def _fielded(
-    landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, reason: str, threads: int
+    landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose, reason: str
 ) -> Registration:
     pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
     every = np.arange(landmarks.lines.size)
-    measure = partial(measured, landmarks, scan, threads=threads)
 
     def fit(
         tiles: NDArray[np.intp], tile_moves: TileMoves, places: NDArray[np.float64], **how: Any

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 
+from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.registration.coarse import peaks, refined, shrunk
 from prooflight.registration.pose import Pose, slopes
 from prooflight.registration.tiles import measured
+from prooflight.scans.scan import in_groups
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -59,23 +62,43 @@ class Candidate:
         return float(np.abs((moves[0] - moves[1]) / landmarks.pitch_mm).max())
 
 
-def candidates(landmarks: Landmarks, scan: NDArray[np.uint16], *, threads: int = 1) -> list[Candidate]:
-    """Poses that were tried, best first; the first alone if it is beyond doubt. threads: see ``measured``."""
-    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+def candidates(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    threads: int = 1,
+) -> list[Candidate]:
+    """Poses that were tried, best first; the first alone if it is beyond doubt. lost, threads: see ``measured``."""
+    seen, design = seen_coarsely(landmarks, scan, lost), landmarks.coarse.picture
     coarse = np.concatenate(
         [seen, design[len(seen) :]]
     )  # a scan that ends early must not seem to have an edge there
+    holed = None if lost is None else np.asarray(in_groups(lost, SHRINK, len(coarse)).any(axis=0))
     tried: list[Candidate] = []
+    tried_on = partial(_tried, landmarks, partial(measured, landmarks, scan, lost=lost, threads=threads))
     for start in _starts(landmarks, coarse):
         if start is None:
             if tried and max(each.agreeing for each in tried) >= SURE:
                 break
             continue
-        tried.append(_tried(landmarks, scan, refined(landmarks.coarse, coarse, start), threads))
+        tried.append(tried_on(refined(landmarks.coarse, coarse, start, holed=holed)))
         if tried[-1].agreeing < SURE:
             # Fine print beats with coarse pixels: refined on them, a pose may end a line of type away.
-            tried.append(_tried(landmarks, scan, start, threads))
+            tried.append(tried_on(start))
     return sorted(tried, key=lambda each: -each.agreeing)
+
+
+def seen_coarsely(
+    landmarks: Landmarks, scan: NDArray[np.uint16], lost: NDArray[np.bool_] | None
+) -> NDArray[np.float32]:
+    """The scan's coarse picture, as foretold where lines were lost (sensors, lines): they must not seem to be edges."""
+    seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
+    if lost is not None:
+        rows = min(len(seen), len(design))
+        holed = in_groups(lost, SHRINK, rows).any(axis=0)
+        seen[:rows][holed] = design[:rows][holed]
+    return seen
 
 
 def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose | None]:
@@ -103,14 +126,14 @@ def _peaks(
     return [pair for pair in found if pair[0] >= RIVAL * found[0][0]] or [(0.0, Pose(turn=turn))]
 
 
-def _tried(landmarks: Landmarks, scan: NDArray[np.uint16], pose: Pose, threads: int) -> Candidate:
+def _tried(landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose) -> Candidate:
     """The pose after two steps on tiles, and who agrees."""
     tiles = spread(landmarks.lines.size, FIRST_TILES)
     if not landmarks.lines.size:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
     for unsure in UNSURE_PIXELS:
         moves = landmarks.moves(pose, tiles)
-        tile_moves = measured(landmarks, scan, tiles, moves, unsure_pixels=unsure, threads=threads)
+        tile_moves = measure(tiles, moves, unsure_pixels=unsure)
         step, agreeing = _pose_step(landmarks, tiles, tile_moves)
         pose = pose.moved(step)
     return Candidate(

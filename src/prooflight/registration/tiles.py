@@ -82,18 +82,29 @@ def measured(
     moves: NDArray[np.float64],
     *,
     unsure_pixels: float,
+    lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> TileMoves:
     """Measure ``tiles`` (n,) of a scan, rendered where ``moves`` (n, 2) says the page lies off its place [pixels].
 
-    unsure_pixels: standard deviation of these; edges weigh less by it. threads: that share the tiles out.
+    unsure_pixels: standard deviation of these; edges weigh less by it. lost (sensors, lines): lines that were not seen,
+    which say nothing. threads: that share the tiles out.
     """
     gathered = np.zeros((len(landmarks.sensors), tiles.size, SUMS + 1), np.float32)
     bounds = np.arange(threads + 1) * tiles.size // threads
     parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
+    gone = np.zeros(scan.shape[:2], bool) if lost is None else lost
     tasks = [
         partial(
-            _measure, landmarks, scan, index, tiles[part], moves[part], unsure_pixels, gathered[index, part]
+            _measure,
+            landmarks,
+            scan,
+            gone,
+            index,
+            tiles[part],
+            moves[part],
+            unsure_pixels,
+            gathered[index, part],
         )
         for index in range(len(landmarks.sensors))
         for part in parts
@@ -128,6 +139,7 @@ def pixel_noise(sensor: SensorModel, *, halftone2: float, by_slope: float) -> ND
 def _measure(
     landmarks: Landmarks,
     scan: NDArray[np.uint16],
+    lost: NDArray[np.bool_],
     index: int,
     tiles: NDArray[np.int64],
     moves: NDArray[np.float64],
@@ -145,4 +157,4 @@ def _measure(
         columns=landmarks.columns,
     )
     workspace = Workspace.of(landmarks.windows.shape[3], taps)
-    measure_tiles(scan[index], light, windows, taps, tiles, moves, TILE_PIXELS, workspace, sums)
+    measure_tiles(scan[index], lost[index], light, windows, taps, tiles, moves, TILE_PIXELS, workspace, sums)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,7 +24,7 @@ from prooflight.line.status import Phase
 from prooflight.reporting import wording
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from rich.console import RenderableType
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from prooflight.line.notices import Notice
     from prooflight.line.outcomes import Outcome
     from prooflight.line.status import Status
+    from prooflight.scans.cameras.camera import Health
 
 STRIP: Final = 240
 """Sheets shown."""
@@ -88,10 +90,26 @@ class Recent:
             self.notices.append(notice.text)
 
 
-def live_view(status: Status, recent: Recent, *, title: str, deadline_s: float | None) -> RenderableType:
-    """All of it, as high as it needs; title: job, press and source. deadline_s None: the source waits for us."""
+def live_view(
+    status: Status,
+    recent: Recent,
+    *,
+    title: str,
+    deadline_s: float | None,
+    cameras: Mapping[str, Health] = MappingProxyType({}),
+    sheets: str = "",
+) -> RenderableType:
+    """All of it, as high as it needs; title: job, press and source. deadline_s None: the source waits for us.
+
+    cameras: how those of the source are, by name. sheets: how many sheets and sets came to what, in words, where the
+    job's sheets have several sides or its pages belong together.
+    """
     with recent.guard:
         parts: list[RenderableType] = [_figures(status, deadline_s), _strip(recent)]
+        if sheets:
+            parts.insert(1, Text(sentence(sheets), style="bold"))
+        if cameras:
+            parts.append(_cameras(cameras))
         if recent.announcements:
             parts.append(_announcements(recent))
         parts.append(Columns([_alarms(recent), _curves(recent)], expand=False, padding=(1, 2)))
@@ -158,6 +176,22 @@ def _figures(status: Status, deadline_s: float | None) -> RenderableType:
         table.add_row(*cells)
     faults = ", ".join(f"{count} {kind}" for kind, count in sorted(status.faults.items()))
     return Group(table, Text(f"paper path: {faults}", style="yellow")) if faults else table
+
+
+def _cameras(cameras: Mapping[str, Health]) -> RenderableType:
+    table = Table.grid(padding=(0, 2))
+    for name, health in cameras.items():
+        warm = "" if health.temperature_c is None else f"{health.temperature_c:.0f} °C"
+        free = f"{health.buffers_free} buffers free" if health.buffers_free else ""
+        table.add_row(
+            Text(name, style="dim"),
+            Text(f"{health.lines_per_s:,.0f} lines/s", style="bold" if health.present else "bold red"),
+            Text(f"{health.lines_lost:,} lost", style="yellow" if health.lines_lost else "dim"),
+            Text(f"{health.resends:,} resent", style="dim"),
+            Text(warm, style="dim"),
+            Text(free if health.present else "away", style="dim" if health.present else "bold red"),
+        )
+    return table
 
 
 def _strip(recent: Recent) -> Text:

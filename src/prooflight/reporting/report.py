@@ -14,7 +14,6 @@ from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
 from prooflight.inspection.promise import summary_of
-from prooflight.pages.files import page_name
 from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
 from prooflight.reporting.html import data_uri, template
@@ -198,14 +197,14 @@ class PicturedPage:
             summary = summary_of(result) if isinstance(result, Inspection) else None
             return replace(page_entry(page, result, self.work.inspector.press), summary=summary)
         except UNUSABLE as error:
-            return unpictured_entry(number, unusable(page_name(number), error))
+            return unpictured_entry(number, unusable(self.work.name(pair), error))
 
     def killed(self, pair: Pair) -> PageEntry:
         """Of a page whose inspection the system ended."""
-        return unpictured_entry(pair[0], Verdict.skipped(page_name(pair[0]), KILLED))
+        return unpictured_entry(pair[0], Verdict.skipped(self.work.name(pair), KILLED))
 
     def _result(self, page: Page, scan: RecordedScan | None) -> Inspection | Verdict:
-        name = page_name(page.number)
+        name = page.name
         if scan is None:
             return scan_missing(name, self.work.scans)
         try:

@@ -20,6 +20,9 @@ KINDS = {
     "missing-content": "Part of the page is missing",
     "wrong-page": "Wrong or displaced content",
     "scum": "Ink where there should be paper",
+    "code": "A code does not read",
+    "exchanged-glyph": "A letter or digit is another",
+    "missing-glyph": "A letter or digit is missing",
 }
 ACTIONS: dict[Action, str] = {
     "stop": "press stopped",

@@ -6,7 +6,7 @@ A new source is one small class with ``blocks`` and ``close``: see ``replay.Repl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,6 +22,8 @@ BLOCK_LINES = 64
 
 
 LineFaultKind = Literal["lost-packets", "lost-blocks", "lost-triggers", "late-lines", "camera-away"]
+CAMERA_AWAY: Final = "the camera was away"
+"""What every camera says of lines that it missed for that reason; for how long follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +41,8 @@ class LineFault:
     lines: int
     detail: str
     """For a person."""
+    sensor: int | None = None
+    """The one sensor that it befell; None: all of them."""
 
     @property
     def next_line(self) -> int:
@@ -49,6 +53,16 @@ class LineFault:
     def unseen(self) -> bool:
         """Whether what its lines show may not be judged; late ones are lost already."""
         return self.kind != "late-lines"
+
+
+class Unseen(NamedTuple):
+    """A run of lines that nobody saw; something else stands in their place."""
+
+    first: int
+    end: int
+    """Behind the last."""
+    sensor: int | None = None
+    """The one sensor that did not see them; None: none did."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

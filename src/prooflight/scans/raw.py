@@ -28,8 +28,10 @@ MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")
 """Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
 FAULT_MAGIC: Final = b"PLLF"
-"""Of a header whose numbers are a fault's: its kind's place in ``FAULT_KINDS``, bytes of words, lines, first line."""
+"""Of a header whose numbers are a fault's: its kind's place in ``FAULT_KINDS`` and, 256 times, the number of the sensor
+that it befell (0: all of them); bytes of words, lines, first line."""
 FAULT_KINDS: Final[tuple[LineFaultKind, ...]] = get_args(LineFaultKind)
+OF_SENSOR: Final = 256
 MOST_LINES: Final = 1 << 16
 MOST_BYTES: Final = 1 << 28
 """Of a framed block: a second of the fastest cameras. A header that says more lines or bytes is damaged."""
@@ -85,7 +87,8 @@ class RawLines:
                     return
                 raise ScanError(where, "ends within a block's header", remedy="send whole blocks")
             magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
-            if magic == FAULT_MAGIC and sensors < len(FAULT_KINDS):
+            of_sensor, kind = divmod(sensors, OF_SENSOR)
+            if magic == FAULT_MAGIC and kind < len(FAULT_KINDS) and of_sensor <= self.sensors:
                 words = self._read(pixels)
                 if len(words) < pixels:
                     if self._closed:
@@ -93,7 +96,13 @@ class RawLines:
                     raise ScanError(where, "ends within the words of a fault", remedy="send whole blocks")
                 detail = words.decode(errors="replace")
                 faults.append(
-                    LineFault(kind=FAULT_KINDS[sensors], first_line=first, lines=lines, detail=detail)
+                    LineFault(
+                        kind=FAULT_KINDS[kind],
+                        first_line=first,
+                        lines=lines,
+                        detail=detail,
+                        sensor=of_sensor - 1 if of_sensor else None,
+                    )
                 )
                 place += HEADER.size + pixels
                 continue
@@ -145,7 +154,8 @@ def write_block(stream: BinaryIO, block: LineBlock) -> None:
     sensors, lines, pixels = block.lines.shape
     for fault in block.faults:
         words = fault.detail.encode()[: MOST_LINES - 1]
-        kind = FAULT_KINDS.index(fault.kind)
+        of_sensor = 0 if fault.sensor is None else fault.sensor + 1
+        kind = FAULT_KINDS.index(fault.kind) + OF_SENSOR * of_sensor
         stream.write(HEADER.pack(FAULT_MAGIC, kind, len(words), fault.lines, fault.first_line, block.time_s))
         stream.write(words)
     stream.write(HEADER.pack(MAGIC, sensors, pixels, lines, block.first_line, block.time_s))

@@ -41,7 +41,8 @@ class RingPrint:
     press: Press
     pages: int
     world: str = "press"
-    request: MisprintRequest | None = None
+    requests: tuple[MisprintRequest, ...] = ()
+    """What is printed wrong, one after the other."""
     every: int = 10
     """Every so many prints is a misprint, if one is requested and shows on its page."""
     seed: int = 1
@@ -49,7 +50,10 @@ class RingPrint:
     def __call__(self, index: int) -> SimulatedScan:
         """Print ``index``, of page index modulo the job's."""
         session = session_of(self.press, self.seed) if self.world == "press" else None
-        wanted = self.request if index % self.every == self.every - 1 else None
+        turn, last = divmod(index, self.every)
+        wanted = (
+            self.requests[turn % len(self.requests)] if self.requests and last == self.every - 1 else None
+        )
         number = index % self.pages + 1
         others = tuple(other for other in range(1, self.pages + 1) if other != number)
         rng = stream(self.seed, "print", index)

@@ -6,14 +6,21 @@ from typing import TYPE_CHECKING
 
 from prooflight_studies.commands import (
     bench,
+    cameras,
+    console,
+    content,
     detectability,
+    feedback,
+    gate,
     golden,
     paper,
     press,
+    resolution,
     running,
     soak,
     study,
     world,
+    zones,
 )
 
 if TYPE_CHECKING:
@@ -34,6 +41,8 @@ def register(app: typer.Typer) -> None:
             golden.golden,
         ),
         *(detectability.detectability, running.running, soak.soak),
+        *(gate.gate, cameras.cameras, console.console, feedback.feedback),
+        *(content.content, resolution.resolution, zones.zones),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

@@ -27,13 +27,14 @@ def detectability(
     json: Json = False,
 ) -> None:
     """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
-    from prooflight.pages.job import JobSource, parse_pages
+    from prooflight.pages.job import parse_pages
     from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
     from prooflight_studies.detectability.findings import NAMES
     from prooflight_studies.detectability.study import LEARNING, TRIALS, run_detectability_study
 
     loaded = Press.load(press)
-    source = JobSource(path=job, dpi=loaded.dpi, profile=profile)
+    source = job_source(job, loaded, profile=profile)
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else None
     found = run_detectability_study(

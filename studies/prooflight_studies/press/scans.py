@@ -144,7 +144,7 @@ def what_is_said(
     bench: PressDay, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
 ) -> tuple[dict[str, Any], list[str]]:
     """What a scan says: values, boxes, portrait and another of its row; and the names of the statistics."""
-    statistics, another = bench.statistics(known, scan, scatter)
+    statistics, another, _ = bench.statistics(known, scan, scatter)
     said = {
         "values": values_of(statistics),
         "boxes": np.array([one.box for one in statistics], np.float32),

@@ -33,6 +33,8 @@ EARLY_SHEET: Final = 100
 """At which memory is read first."""
 FAULT_SHEETS: Final = 40
 """From fault to fault, about; never less than 12."""
+ORDER: Final = frozenset(("missing", "repeated", "out-of-order"))
+"""Faults that a print of another page of the job has: it is that page, in the wrong place."""
 NEAR: Final = 3
 """Sheets behind a fault in which it must be named, and within two of which the pager must be in step."""
 
@@ -145,6 +147,7 @@ def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], r
     outcomes = [one for one in outcomes if one[3]]  # a page that did not come was not played
     wrong = np.array([ring.is_wrong(sheet) for sheet in range(len(outcomes))], bool)
     alarm = np.array([verdict == "misprint" for _, verdict, _, _ in outcomes], bool)
+    named = np.array([bool(ORDER & set(kinds)) for _, _, kinds, _ in outcomes], bool)
     of_print = np.arange(len(outcomes)) % len(ring.scans)
     return {
         "good_prints": int(np.unique(of_print[~wrong]).size),
@@ -154,6 +157,7 @@ def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], r
         "caught": int((alarm & wrong).sum()),
         "wrong_sheets": int(wrong.sum()),
         "good_prints_that_alarm": int(np.unique(of_print[alarm & ~wrong]).size),
+        "wrong_prints_named": int(np.unique(of_print[~alarm & named & wrong]).size),
         "wrong_prints_caught": int(np.unique(of_print[alarm & wrong]).size),
     }
 

@@ -154,13 +154,22 @@ class Ring:
     sheets: int
     repeated: bool
     """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
-    wrong_every: int = 0
-    """As ``PrintWork``'s."""
+    wrong: frozenset[int] = frozenset()
+    """Which prints are misprints."""
 
     def is_wrong(self, sheet: int) -> bool:
         """Whether a sheet is a misprint."""
-        every = self.wrong_every
-        return bool(every) and sheet % len(self.scans) % every == every - 1
+        return sheet % len(self.scans) in self.wrong
+
+    def with_fewer_wrong(self, keep: int) -> Ring:
+        """The same with so many of its misprints; good prints of their designs come in place of the others."""
+        wrong, designs, count = sorted(self.wrong), len(self.pages), len(self.scans)
+        kept = frozenset(wrong[:: -(-len(wrong) // keep)][:keep]) if keep else frozenset[int]()
+        scans = list(self.scans)
+        for print_ in self.wrong - kept:
+            of_design = range(print_ % designs, count, designs)
+            scans[print_] = self.scans[next(one for one in of_design if one not in self.wrong)]
+        return replace(self, scans=scans, wrong=kept)
 
     def __len__(self) -> int:
         return self.sheets
@@ -203,7 +212,8 @@ def ring(
         cmyk.ravel()[::SYSTEM_PAGE].max()
         pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
     scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
-    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated, wrong_every=wrong_every)
+    wrong = frozenset(range(wrong_every - 1, prints, wrong_every)) if wrong_every else frozenset[int]()
+    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated, wrong=wrong)
 
 
 def _same_press(path: Path, press: Press) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
+from prooflight.detectors.matched_filter.statistics.families import (
+    remaining_statistics,
+    screen_statistics,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.prediction.predict import predict
@@ -14,14 +18,62 @@ from prooflight.scans.placement import Placement
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
 MOVED = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0.01))
 """A page off its place as prints of worlds.toml's press world are."""
+
+
+LOOKS: Final = ("first look", "both looks")
+
+
+def grown_works(
+    pages: Mapping[str, tuple[Page, Press]], *, threads: int = 1
+) -> dict[str, tuple[Callable[[], object], float]]:
+    """First look and both looks of pages on presses, by what they differ in; megapixels of all sensors together."""
+    works: dict[str, tuple[Callable[[], object], float]] = {}
+    for name, (page, press) in pages.items():
+        scanned = _Scanned.of(page, press, threads=threads)
+        size = len(press.sensors) * scanned.scan[0].size / 1e6
+        works[f"our detector, first look, {name}"] = scanned.at_first, size
+        works[f"our detector, both looks, {name}"] = scanned.at_both, size
+    return works
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scanned:
+    """A page ready for the scan that it has."""
+
+    known: PreparedPage
+    scan: NDArray[np.uint16]
+    threads: int
+
+    @classmethod
+    def of(cls, page: Page, press: Press, *, threads: int) -> _Scanned:
+        sensors, geometry = press.sensors, press.geometry
+        expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
+        in_place = predict(page, sensors=sensors, geometry=geometry)
+        known = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True)
+        _ = known.added.images
+        return cls(known=known, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads)
+
+    def at_first(self) -> tuple[ScanAnalysis, list[Observed]]:
+        found = analyse(self.known, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
+        scatter = Scatter.white()
+        return found, screen_statistics(found.sums, found.fit, found.found, scatter, threads=self.threads)
+
+    def at_both(self) -> object:
+        found, seen = self.at_first()
+        whole = found.of_every_mode()
+        return remaining_statistics(whole.sums, Scatter.white(), seen, threads=self.threads)
 
 
 def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
@@ -49,11 +101,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
         return analysis
 
     def again(analysis: ScanAnalysis) -> object:
-        whole = analysis.of_every_mode()
-        return all_statistics(whole.sums, whole.fit, whole.found, scatter)
+        return remaining_statistics(analysis.of_every_mode().sums, scatter, seen)
 
     own = prepared()
     once = analysed(own)
+    seen = screen_statistics(once.sums, once.fit, once.found, scatter)
     size = scan[0].size / 1e6
     return {
         f"our detector: whole, first look, {name}": (lambda: at_first(own), size),

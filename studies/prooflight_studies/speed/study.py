@@ -21,7 +21,7 @@ from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows, in_turns
-from prooflight_studies.speed.detector import MOVED, detector_works
+from prooflight_studies.speed.detector import LOOKS, MOVED, detector_works, grown_works
 from prooflight_studies.speed.device_profile import cmyk_to_lab
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
         rows += look_up_rows(name, page, press)
         rows += whole_rows(name, page, press)
         rows += _rows(detector_works(name, page, press))
-    return rows + growth_rows(press, quick=quick)
+    return rows + growth_rows(press, quick=quick) + detector_growth_rows(press, quick=quick)
 
 
 def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
@@ -216,6 +216,35 @@ def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
     add(f"{workers} threads, by the wall", base, press, threads=workers)
     by_wall = [replace(row, ratio=round(1 / row.ratio, 2)) for row in _rows(works, clock=time.perf_counter)]
     return rows + by_wall
+
+
+def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
+    """Our detector on a mixed page as pages, sensors and raster grow; and on two cores, by the wall."""
+    base = bench_pages(press, quick=quick)["mixed"]
+    grown: dict[str, tuple[Page, Press]] = {"as it is": (base, press)}
+    for sensors in (2, 3):
+        alike = tuple(replace(press.sensors[0], name=str(number)) for number in range(sensors))
+        grown[f"{sensors} sensors"] = base, replace(press, sensors=alike, clipped=())
+    for s in (1, 3, 4):
+        finer = replace(press, supersampling=s)
+        grown[f"s = {s}"] = bench_pages(finer, quick=quick)["mixed"], finer
+    for times in () if quick else (0.5, 2, 4):
+        rows = round(times * len(base.cmyk))
+        tall = np.concatenate([base.cmyk] * max(round(times), 1))[:rows]
+        grown[f"{times:g} pages long"] = replace(base, cmyk=np.ascontiguousarray(tall)), press
+    found = []
+    for name, one in grown.items():  # one after the other, for a design of several pages takes a gigabyte
+        found += _rows(grown_works({name: one}))
+    for threads in (1, min(2, os.cpu_count() or 1)):
+        whole = {f"{threads} threads, by the wall": (base, press)}
+        found += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
+    first = {look: next(row for row in found if look in row.name).mpx_per_cpu_s for look in LOOKS}
+    return [
+        replace(row, ratio=round(row.mpx_per_cpu_s / first[look], 2))
+        for row in found
+        for look in LOOKS
+        if look in row.name
+    ]
 
 
 def _rows(

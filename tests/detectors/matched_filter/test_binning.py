@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.detectors.matched_filter.analysis import prepare_page
 from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_geometry,
@@ -52,6 +53,22 @@ def test_a_binned_scan_has_the_lines_that_its_geometry_says(press: Press, bins: 
         for lines in range(1, 400):
             image = np.zeros((1, geometry.lines(lines * pitch_mm), 60), np.uint16)
             assert at.lines(lines * pitch_mm) == binned(image, bins).shape[1]
+
+
+def test_a_page_of_any_height_has_modes_of_its_own_lines(press: Press) -> None:
+    """Whose last squares of raster pixels need not be full: thinned, such a page may reach a line further."""
+    sensors, geometry = press.sensors, press.geometry
+    at = binned_geometry(geometry, BINS)
+    further = 0
+    for rows in range(981, 1001):
+        cmyk = np.full((rows, 800, 4), 90, np.uint8)
+        cmyk[100:700, 100:500, 3] = 255
+        page = Page(cmyk=cmyk, dpi=600.0, name="tint", number=1)
+        further += at.lines(thinned(page, BINS).height_mm) > at.lines(page.height_mm)
+        expected = predict(page, sensors=sensors, geometry=geometry)
+        known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
+        assert known.images.shape[1] == known.added.images.shape[1] == at.lines(page.height_mm)
+    assert further
 
 
 def test_modes_of_binned_pixels_are_means_of_modes(press: Press) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, kstest
 
 from prooflight.detectors.matched_filter.exchangeability import (
     FALSELY,
@@ -15,6 +17,7 @@ from prooflight.detectors.matched_filter.exchangeability import (
     _bet,
     shares,
 )
+from prooflight.detectors.weighted_conformal import ToldPages
 
 OWN, PAGES, WORDS = 119, 30, 20
 """Good pages of a press as built, pages of a run, and groups of statistics."""
@@ -118,3 +121,54 @@ def test_misprints_among_good_pages_hardly_ever_suspend() -> None:
         rows[OWN:][wrong] = 10 + rng.random((int(wrong.sum()), 1))
         told += after(rows[:OWN], rows[OWN:], rng).suspended
     assert told <= 3
+
+
+def sampled(rng: np.random.Generator, *, sheets: int, shift: float = 0.0) -> ToldPages:
+    """Standard normal scores: all above 1.28 and one in 50 of the others told good."""
+    score = rng.standard_normal(sheets) + shift
+    passed = score <= 1.28
+    told = np.flatnonzero(~passed | (rng.random(sheets) < 0.02))
+    return ToldPages(
+        score=score[told],
+        weight=np.where(passed[told], 50.0, 1.0),
+        run=np.ones(told.size, np.int64),
+        sheet=told,
+        passed=passed[told],
+        rate=0.01,
+        passed_weight=50.0,
+        alarms_from=1.28,
+        replaces="x",
+    )
+
+
+def test_told_pages_kept_by_their_weight_are_drawn_alike() -> None:
+    """Seed 19, 60,000 sheets, some 1,200 kept: Kolmogorov and Smirnov's p is above 1e-4; that of all told is below."""
+    rng = np.random.default_rng(19)
+    told = sampled(rng, sheets=60_000)
+    assert kstest(told.alike(rng), "norm").pvalue > 1e-4
+    assert kstest(told.score, "norm").pvalue < 1e-4
+
+
+def test_of_each_design_one_page_is_kept() -> None:
+    rng = np.random.default_rng(20)
+    told = sampled(rng, sheets=20_000)
+    of_few = replace(told, design=np.arange(told.score.size) % 7)
+    assert of_few.alike(rng).size == 7
+
+
+def test_runs_like_the_told_pages_suspend_at_most_1_in_1000_and_others_are_told_of() -> None:
+    """1,000 runs of 60 pages, each after words of its own, seed 21; tolerance: the binomial's 0.1 %. 40 more whose
+    scores lie 1.5 standard deviations up: of them nine in ten are told of.
+    """
+    rng, alike_runs, others = np.random.default_rng(21), 0, 0
+    for run in range(1040):
+        test = ExchangeabilityTest.of_told(sampled(rng, sheets=10_000), rng)
+        for score in rng.standard_normal(60) + (1.5 if run >= 1000 else 0.0):
+            test.add(np.array([score]), rng)
+        alike_runs, others = (
+            alike_runs + (test.suspended and run < 1000),
+            others + (test.suspended and run >= 1000),
+        )
+    assert alike_runs <= binom.ppf(0.999, 1000, FALSELY)
+    assert others >= 36
+    assert test.strangest == "score"

@@ -128,6 +128,8 @@ def test_kinds_are_told_apart(trained: DetectorModel) -> None:
     values = np.ones((3, len(NAMES)), np.float32)
     values[np.arange(3), np.arange(3)] = 9
     assert trained.kinds_of(values, np.zeros((3, 3))) == list(KINDS[:3])
+    alike = replace(trained, name_forests=trained.name_forests[:1] * 3)
+    assert alike.kinds_of(values, np.zeros((3, 3))) == list(KINDS[:3])  # by what tells them from good pages
 
 
 def test_more_evidence_scores_higher(trained: DetectorModel) -> None:

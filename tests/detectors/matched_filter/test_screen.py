@@ -19,7 +19,11 @@ from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.ranking import LEAST_CHANCE
 from prooflight.detectors.matched_filter.screen import NOT_PASSED_ON, of_both
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
-from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
+from prooflight.detectors.matched_filter.statistics.families import (
+    all_statistics,
+    remaining_statistics,
+    screen_statistics,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import (
     SCREEN_MODES,
@@ -278,6 +282,15 @@ def test_the_first_look_is_at_some_of_all_statistics_and_sees_them_alike(
     np.testing.assert_array_equal(
         values_of(all_statistics(again.sums, again.fit, again.found, scatter)), values_of(every)
     )
+    order = [one.statistic for one in every]
+    for threads in (1, 2):
+        shared = analyse(known, scan, looked_at=SCREEN_MODES, threads=threads)
+        seen = screen_statistics(shared.sums, shared.fit, shared.found, scatter, threads=threads)
+        rest = remaining_statistics(shared.of_every_mode().sums, scatter, seen, order=order, threads=threads)
+        assert keys_of(rest) == keys_of(every)
+        np.testing.assert_allclose(values_of(rest), values_of(every), rtol=1e-5, atol=1e-5)
+    with pytest.raises(ValueError, match="not the statistics"):
+        remaining_statistics(again.sums, scatter, found[1:], order=order)
 
 
 def test_the_ranking_that_is_shipped_looks_first_at_what_costs_little() -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
-import subprocess
-import sys
-import tempfile
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from prooflight.scans.cameras.aravis import Aravis
+from prooflight.scans.cameras.setting_up import CameraSettings
+from prooflight_studies.cameras.peer import ID, Peer, own_addresses, plugged_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,8 +18,8 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.source import CameraLines
     from prooflight.scans.lines import LineBlock, LineFault
 
-PEER = Path(__file__).with_name("gige_peer.py")
-ID = "Aravis-Fake-PL01"
+__all__ = ["FREE", "ID", "Peer"]
+FREE = CameraSettings(trigger="free")
 
 
 def numbered_lines(count: int, pixels: int, *, seed: int = 1) -> np.ndarray:
@@ -58,43 +55,19 @@ def named_and_came(blocks: list[LineBlock]) -> tuple[set[int], set[int]]:
     return named, {line for block in blocks for line in range(block.first_line, block.next_line)}
 
 
-class Peer:
-    """The process, which can be killed and started again as a camera is unplugged and plugged in."""
-
-    def __init__(self, folder: Path, *, lost: float) -> None:
-        self._arguments = [str(folder / "lines.npy"), str(folder / "description.xml"), str(lost)]
-        self._process: subprocess.Popen[str] | None = None
-
-    def plug_in(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, str(PEER), *self._arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._process.stdout is not None
-        assert self._process.stdout.readline() == "ready\n"
-
-    def unplug(self) -> None:
-        assert self._process is not None
-        self._process.kill()
-        self._process.communicate()
+@contextmanager
+def gige_camera(lines: np.ndarray, *, lost: float = 0.0) -> Iterator[Peer]:
+    """A camera that plays lines of bytes, and loses a share of its packets; one test at a time on this machine."""
+    with gige_cameras(lines, lost=lost) as (peer,):
+        yield peer
 
 
 @contextmanager
-def gige_camera(lines: np.ndarray, *, lost: float = 0.0) -> Iterator[Peer]:
-    """A camera that plays lines of bytes, and loses a share of its packets; one at a time on this machine."""
+def gige_cameras(*lines: np.ndarray, lost: float = 0.0) -> Iterator[list[Peer]]:
+    """Two at most: Aravis-Fake-PL01 at 127.0.0.1, Aravis-Fake-PL02 at this machine's own address."""
     if lacks := Aravis().lacks:
         pytest.skip(lacks)
-    with (
-        tempfile.TemporaryDirectory() as name,
-        Path(tempfile.gettempdir(), "prooflight-gige.lock").open("w") as lock,
-    ):
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        np.save(Path(name, "lines.npy"), lines)
-        peer = Peer(Path(name), lost=lost)
-        peer.plug_in()
-        try:
-            yield peer
-        finally:
-            peer.unplug()
+    if len(lines) > 1 + len(own_addresses()):
+        pytest.skip("this machine has no address but 127.0.0.1, and each camera needs one")
+    with plugged_in(*lines, lost=lost) as peers:
+        yield peers

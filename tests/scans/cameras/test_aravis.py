@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from tests.scans.cameras.peers import (
+    FREE,
     ID,
     faults_of,
     gige_camera,
@@ -57,7 +58,7 @@ def camera() -> Iterator[Peer]:
 
 def test_lines_come_to_the_byte_beyond_the_turn_of_the_block_numbers(camera: Peer) -> None:
     """Its block numbers begin at 65401, and begin again at 1 after 135 blocks."""
-    source = CameraLines(ready, name=ID, runs_free=True)
+    source = CameraLines(ready, name=ID, settings=FREE)
     assert (source.sensors, source.pixels) == (1, PIXELS)
     blocks = read(source, 200 * 64)
     assert not faults_of(blocks)
@@ -71,7 +72,7 @@ def test_lines_come_to_the_byte_beyond_the_turn_of_the_block_numbers(camera: Pee
 def test_what_packets_lost_is_named_to_the_line() -> None:
     """1 packet in 50; the camera cannot send again, so that all of them are lost."""
     with gige_camera(LINES, lost=0.02):
-        source = CameraLines(ready, name=ID, runs_free=True)
+        source = CameraLines(ready, name=ID, settings=FREE)
         blocks = read(source, 150 * 64)
         health = source.health()
     named, came = named_and_came(blocks)
@@ -103,7 +104,7 @@ def test_deeper_pixels_come_as_they_were_played(form: str) -> None:
 def test_a_camera_that_dies_is_noticed_and_the_count_goes_on(camera: Peer) -> None:
     said: list[tuple[str, str]] = []
     source = CameraLines(
-        ready, name=ID, runs_free=True, silent_s=0.3, reopen_s=0.05, tell=lambda *told: said.append(told)
+        ready, name=ID, settings=FREE, silent_s=0.3, reopen_s=0.05, tell=lambda *told: said.append(told)
     )
     blocks: list[LineBlock] = []
     for block in source.blocks():
@@ -117,7 +118,8 @@ def test_a_camera_that_dies_is_noticed_and_the_count_goes_on(camera: Peer) -> No
     assert said[0][1].startswith(f"{ID} ")
     (fault,) = faults_of(blocks)
     assert fault.kind == "camera-away"
-    assert fault.first_line == 20 * 64
+    assert fault.first_line >= 20 * 64  # what was on its way still comes
+    assert max(block.next_line for block in blocks if block.first_line < fault.first_line) == fault.first_line
     counts = [block.first_line for block in blocks]
     assert counts == sorted(counts)
     back = next(block for block in blocks if block.faults)

@@ -24,18 +24,28 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.model import DetectorModel
 
 LEAST_EXACT: Final = 0.1
-"""The same where good prints are exact: there hardly anything scatters. (assumed)"""
+"""``LEAST_SCALE`` where good prints are exact: there hardly anything scatters. (assumed)"""
+LEAST_REAL: Final = 0.7
+"""The same of a press that learns from real pages. Where its own noise drowns a statistic (cloudy paper), the greatest
+of many places scatters less than elsewhere, and to take it for as wide makes the press careful. (chosen of 0.5 to 1,
+decision 23)
+"""
 FOLDS: Final = 5
 PASSED_ON: Final = 0.05
 """Of a press's own good pages, at most so many are worth a second look. In the ranking's trials that catches as many
 misprints as looking twice at all of them (docs/results/ranking.md)."""
 
 
-def adapted(model: DetectorModel, good: Pages) -> DetectorModel:
-    """The model with shift and scale of every statistic as this press's good pages have them (``shift_and_scale``)."""
+def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> DetectorModel:
+    """The model with shift and scale of every statistic as this press's good pages have them (``shift_and_scale``).
+
+    real: they are real pages, so that a press may also be surer than others.
+    """
     plain = replace(model, shift=np.zeros_like(model.shift), scale=np.ones_like(model.scale))
     deviations = plain.deviations(good.values, good.page_features)
-    least = LEAST_EXACT if model.residual_variance.exact else LEAST_SCALE
+    least = LEAST_REAL if real else LEAST_SCALE
+    if model.residual_variance.exact:
+        least = LEAST_EXACT
     shift, scale = shift_and_scale(deviations, least_scale=least)
     return replace(model, shift=shift, scale=scale)
 
@@ -61,33 +71,41 @@ def fit_for(
     false_alarm_rate: float,
     misprint_rate: float,
     real: bool = False,
+    glyphs: NDArray[np.float64] | None = None,
 ) -> CalibratedDetector:
     """A ranking made fit for the press whose good pages these are, with the promise that they and the others allow.
 
     model: not adapted to any press, or to this one by other pages; references: its scores of those that taught it.
-    another: whether a scan showed another page.
+    another: whether a scan showed another page. glyphs: what glyphs of each say (``WeighedPage.score``); None: nobody
+    weighed them.
     """
     if model.screen is not None:
         model = replace(model, screen=model.screen.as_taught())
-    own = GoodScores.of(own_scores(model, good, another), good.design)
+    own = GoodScores.of(own_scores(model, good, another, real=real), good.design)
     return CalibratedDetector.calibrated(
-        sparing(adapted(model, good), good),
+        sparing(adapted(model, good, real=real), good),
         own,
         references=references,
-        pages=GoodPages(values=good.values, page_features=good.page_features),
+        pages=GoodPages(
+            values=good.values,
+            page_features=good.page_features,
+            glyphs=np.zeros(0) if glyphs is None else glyphs,
+        ),
         false_alarm_rate=false_alarm_rate,
         misprint_rate=misprint_rate,
         real=own.worst.size if real else 0,
     )
 
 
-def own_scores(model: DetectorModel, good: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+def own_scores(
+    model: DetectorModel, good: Pages, another: NDArray[np.bool_], *, real: bool = False
+) -> NDArray[np.float64]:
     """Scores of a press's good pages, (pages,), each by what the others of them taught (``FOLDS`` parts by design)."""
     turn = np.unique(good.design, return_inverse=True)[1] % FOLDS
     found = np.empty(len(turn))
     for index in range(FOLDS):
         mine = turn == index
         if mine.any():
-            others = adapted(model, good.rows(~mine))
+            others = adapted(model, good.rows(~mine), real=real)
             found[mine] = certain_score(others, good.rows(mine), another[mine])
     return found

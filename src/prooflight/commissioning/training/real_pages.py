@@ -52,6 +52,7 @@ def recalibrated(
         raise RequestError("good pages", what, remedy="leave out what is not good")
     values = [ours.pages.values[: ours.real], *(page.values[None] for page in fresh)]
     features = [ours.pages.page_features[: ours.real], *(page.page_features[None] for page in fresh)]
+    before = ours.pages.glyphs[: ours.real]
     count = ours.real + len(fresh)
     if count < FEWEST_REAL:
         what = f"{count} good pages that were not learned from before"
@@ -73,6 +74,7 @@ def recalibrated(
         false_alarm_rate=false_alarm_rate,
         misprint_rate=ours.misprint_rate,
         real=True,
+        glyphs=np.append(before, [page.glyphs for page in fresh]) if before.size == ours.real else None,
     )
     told = [ours.pages.variation, *(page.variation[None] for page in fresh)]
     learned = replace(learned, pages=replace(learned.pages, variation=np.concatenate(told)))

@@ -147,6 +147,7 @@ class PressDay:
             geometry=press.geometry,
             fringes=press.fringes,
             prior=self.prior,
+            glyphs=True,
         )
         return good, known
 
@@ -166,12 +167,11 @@ class PressDay:
 
     def statistics(
         self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
-    ) -> tuple[list[Observed], bool]:
-        """What a scan says, and whether it shows another page."""
+    ) -> tuple[list[Observed], bool, float]:
+        """What a scan says, whether it shows another page, and what its glyphs say (``WeighedPage.score``)."""
         analysis = self.analysed(known, scan)
-        return all_statistics(analysis.sums, analysis.fit, analysis.found, scatter), shows_another(
-            analysis.found
-        )
+        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, scatter)
+        return statistics, shows_another(analysis.found), analysis.glyphs.score
 
     def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
         """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
@@ -225,8 +225,8 @@ class UnitWork:
 class StatisticsWork:
     """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
 
-    Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page);
-    with a ``unit`` also windows (3 sensors,), the paper's statistics.
+    Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page),
+    glyphs; with a ``unit`` also windows (3 sensors,), the paper's statistics.
     """
 
     press: Press
@@ -252,7 +252,7 @@ class StatisticsWork:
                 if wrong is not None:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
-                statistics, another = day.statistics(known, scan, self.scatter)
+                statistics, another, glyphs = day.statistics(known, scan, self.scatter)
                 names = keys_of(statistics)
                 row: dict[str, Any] = {
                     "design": index,
@@ -260,6 +260,7 @@ class StatisticsWork:
                     "values": values_of(statistics),
                     "portrait": known.page_features,
                     "another": another,
+                    "glyphs": glyphs,
                 }
                 if self.unit is not None:
                     evidence = page_evidence(good.page, scan, self.press.station())

@@ -111,6 +111,7 @@ def trained(
         rows["another"][~every.bad],
         false_alarm_rate=false_alarm_rate,
         misprint_rate=press.costs.misprint_rate,
+        glyphs=rows["glyphs"][~every.bad],
     )
     return replace(press, ours=ours, bayes=None if unit is None else _bayes(press, rows, unit))
 

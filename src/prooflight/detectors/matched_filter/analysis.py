@@ -22,6 +22,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     Modes,
+    first_lines,
     moved,
     page_features,
     pixel_map,
@@ -35,12 +36,16 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
+from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
+from prooflight.detectors.matched_filter.glyphs.weighing import NOTHING, prepare_glyphs, weighed
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
+from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
+from prooflight.scans.scan import in_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,8 +53,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
+    from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.pages.raster import Page
+    from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.overlaps import Overlaps
@@ -76,8 +83,12 @@ class PreparedPage:
     page_features: NDArray[np.float64]
     prior: PrintPrior
     """What good prints do."""
+    zones: ZoneImages | None
+    """What is ignored, and what is judged by itself as well; None: nothing."""
     binned_geometry: ScanGeometry
     binned_sensors: tuple[SensorModel, ...]
+    glyphs: PageGlyphs | None = None
+    """None: they are not weighed."""
 
     def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
         """The same of sensors of which only the columns' gains are others; modes are of bare columns, and stay.
@@ -102,18 +113,28 @@ def prepare_page(
     geometry: ScanGeometry,
     fringes: bool = False,
     prior: PrintPrior | None = None,
+    zones: PageZones | None = None,
+    glyphs: bool = False,
 ) -> PreparedPage:
     """All that is known of a design ahead of its scans; expected: its prediction in its place.
 
     fringes: where planes share edges, prediction follows their fringes (``register_by_fringes``). prior: what good
-    prints do, by default those of the press world.
+    prints do, by default those of the press world. glyphs: whether its glyphs
+    are to be weighed.
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
     taken_as = _binned(sensors, geometry)
     modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
-    landmarks = prepare(page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place)
+    modes = replace(modes, images=first_lines(modes.images, len(inside)))
+    images, ignored = None, None
+    if zones is not None:
+        images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
+        inside = inside & (images.images[0] < 0.5)
+    landmarks = prepare(
+        page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place, ignored=ignored
+    )
     overlaps = None
     if fringes:
         overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm)
@@ -126,8 +147,10 @@ def prepare_page(
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
         prior=prior,
+        zones=images,
         binned_geometry=at,
         binned_sensors=taken_as,
+        glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
     )
 
 
@@ -140,8 +163,12 @@ class ScanAnalysis:
     sums: Sums
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's. [-]"""
+    careful: NDArray[np.bool_] | None
+    """(lines, pixels) binned pixels of careful areas; None: the page has no zones."""
     summed: Callable[[tuple[str, ...]], Sums]
     """Sums of those of ``MODES`` that are named."""
+    glyphs: WeighedPage = NOTHING
+    """What it says of the page's glyphs."""
 
     def of_every_mode(self) -> ScanAnalysis:
         """The same with the sums of all ``MODES``."""
@@ -152,35 +179,43 @@ def analyse(
     prepared: PreparedPage,
     scan: NDArray[np.uint16],
     *,
+    lost: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance | None = None,
     looked_at: tuple[str, ...] = MODES,
+    threads: int = 1,
 ) -> ScanAnalysis:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
 
-    A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page.
+    A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page,
+    and so are lines that were ``lost`` (sensors, lines).
     Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
-    alone. looked_at: those of ``MODES`` that are summed up at once, light the first.
+    alone. looked_at: those of ``MODES`` that are summed up at once, light the first. threads: that share its parts out.
     """
     page, prior, residual_variance = prepared.page, prepared.prior, residual_variance or ResidualVariance()
     geometry, at = prepared.landmarks.geometry, prepared.binned_geometry
     bins = bins_of(geometry)
-    found = register(prepared.landmarks, scan)
+    found = register(prepared.landmarks, scan, lost=lost, threads=threads)
     if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
     else:
-        placement, planes_mm = _followed(prepared, scan, found)
+        placement, planes_mm = _followed(prepared, scan, found, lost)
     where = pixel_map(page, at, placement)
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
+    careful = None
+    if prepared.zones is not None:
+        ignored, careful = prepared.zones.moved(where)
+        where = replace(where, inside=where.inside & ~ignored)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
-    seen = _predicted(prepared, printed, placement, exact=residual_variance.exact)
+    seen = _predicted(prepared, printed, placement, exact=residual_variance.exact, threads=threads)
     placed = PlacedScan(
         measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
         seen=seen,
-        modes=Modes(images=moved(prepared.images, where), sensors=len(seen.expected_dn)),
+        modes=Modes(images=moved(prepared.images, where, threads=threads), sensors=len(seen.expected_dn)),
         where=where,
         sensors=prepared.binned_sensors,
         colours=prepared.colours,
+        lost=None if lost is None else in_groups(lost, bins, where.inside.shape[0]),
     )
     fit = fit_nuisances(
         placed,
@@ -194,7 +229,7 @@ def analyse(
 
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
-            with_added(placed, prepared.added) if ADDED.intersection(modes) else placed,
+            with_added(placed, prepared.added, threads=threads) if ADDED.intersection(modes) else placed,
             left,
             weight,
             of_edges,
@@ -202,13 +237,25 @@ def analyse(
             page_width_mm=page.width_mm,
             prior=prior,
             looked_at=modes,
+            threads=threads,
         )
 
-    return ScanAnalysis(found=found, fit=fit, sums=sums_of(looked_at), noise=noise, summed=sums_of)
+    glyphs = NOTHING
+    if prepared.glyphs is not None:
+        glyphs = weighed(prepared.glyphs, left, weight, placed.light(), where, threads=threads)
+    return ScanAnalysis(
+        found=found,
+        fit=fit,
+        sums=sums_of(looked_at),
+        noise=noise,
+        careful=careful,
+        summed=sums_of,
+        glyphs=glyphs,
+    )
 
 
 def _predicted(
-    prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool
+    prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool, threads: int
 ) -> Prediction:
     """What binned pixels must show.
 
@@ -218,25 +265,28 @@ def _predicted(
     """
     if not exact:
         sensors, geometry = prepared.binned_sensors, prepared.binned_geometry
-        return predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+        return predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=threads)
     sensors, geometry = prepared.landmarks.sensors, prepared.landmarks.geometry
     bins = bins_of(geometry)
-    fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=1)
+    fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=threads)
     return Prediction(
         expected_dn=binned(fine.expected_dn, bins),
         variance_dn2=binned(fine.variance_dn2, bins) / np.float32(bins**2),
     )
 
 
-def with_added(placed: PlacedScan, added: AddedInks) -> PlacedScan:
+def with_added(placed: PlacedScan, added: AddedInks, *, threads: int = 1) -> PlacedScan:
     """With the images of inks printed where they are not, moved to where the page lies."""
-    images = moved(added.images, placed.where)
+    images = moved(added.images, placed.where, threads=threads)
     shape = (placed.modes.sensors, -1, *images.shape[1:])
     return replace(placed, modes=replace(placed.modes, add=images.reshape(shape)))
 
 
 def _followed(
-    prepared: PreparedPage, scan: NDArray[np.uint16], found: Registration
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    found: Registration,
+    lost: NDArray[np.bool_] | None,
 ) -> tuple[Placement, NDArray[np.float64]]:
     """The placement and the planes (4, 2) [mm] that prediction follows."""
     if prepared.overlaps is None or not found.found:
@@ -248,6 +298,7 @@ def _followed(
         placement=found.placement,
         planes_mm=found.planes_mm,
         plane_parts=found.plane_parts,
+        lost=lost,
     )
     if fringes is None:
         return found.placement, found.planes_mm

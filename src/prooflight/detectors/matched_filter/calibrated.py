@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Self
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
+from pydantic import Field
 
 from prooflight.detectors.false_alarm_rate import (
     GoodScores,
@@ -16,9 +17,12 @@ from prooflight.detectors.false_alarm_rate import (
     posterior_bound,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
+from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphPromise, both, together
+from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
+from prooflight.detectors.weighted_conformal import ToldPages
 from prooflight.errors import PressError
 from prooflight.files.schema import Block, Chance, Count, Kept, Misfit, check_arrays, checked, part_of, rising
 
@@ -27,10 +31,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.matched_filter.glyphs.weighing import WeighedGlyph, WeighedPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
+PAGES: Final = ("values", "page_features", "glyphs", "variation")
+"""Arrays of ``GoodPages``."""
 LEAST_SCORES: Final = 2
 """Of which one begins a tail."""
+MOST_TOLD: Final = 1000
+"""Times that one press may be calibrated anew before it is built again."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print lies: above that of any evidence."""
 
@@ -43,6 +52,9 @@ class GoodPages:
     """(pages, statistics)"""
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
+    glyphs: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(pages,) ``WeighedPage.score`` of each; empty: they were learned from before glyphs were weighed.
+    """
     variation: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(AMOUNTS), 2), np.float32))
     """(real pages that tell it, AMOUNTS, 2) ``page_variation``."""
 
@@ -63,6 +75,8 @@ class ScannedPage:
     """Of its scan."""
     variation: NDArray[np.float32]
     """(AMOUNTS, 2) ``page_variation``."""
+    glyphs: float = NONE
+    """``WeighedPage.score``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,8 +94,15 @@ class CalibratedDetector:
     """How many of them are real pages; 0: they are simulated."""
     promise: Promise
     threshold: float
+    asked_when_taught: float
+    """The rate of false alarms that was asked for when it was taught. [-]"""
+    taught_rate: float
+    """That which was promised then. [-]"""
+    taught_threshold: float
     misprint_rate: float
     """Of the press, before a page is seen. [-]"""
+    told: tuple[ToldPages, ...] = ()
+    """By what people told it was calibrated anew, the last of which counts; empty: it never was."""
     name: str = "ours"
 
     @classmethod
@@ -103,9 +124,10 @@ class CalibratedDetector:
         """
         count = own.worst.size
         scores = PressScores(reference=references.by(count), own=own)
-        rate = max(false_alarm_rate, scores.least_rate)
-        threshold, by_count = scores.threshold(rate)
-        alone = scores.alone(rate)
+        share = 1 - SHARE if pages.glyphs.size else 1.0
+        rate = max(false_alarm_rate, scores.least_rate / share)
+        threshold, by_count = scores.threshold(rate * share)
+        alone = scores.alone(rate * share)
         promise = Promise(
             rate=rate,
             asked=false_alarm_rate,
@@ -122,21 +144,104 @@ class CalibratedDetector:
             real=real,
             promise=promise,
             threshold=threshold,
+            asked_when_taught=false_alarm_rate,
+            taught_rate=rate,
+            taught_threshold=threshold,
             misprint_rate=misprint_rate,
         )
+
+    def recalibrated(self, told: ToldPages) -> Self:
+        """The same with the threshold that pages support which people told; RequestError: they are too few."""
+        return replace(
+            self,
+            threshold=told.threshold,
+            promise=Promise(
+                rate=told.rate, simulated=0, real=int(told.passed.sum()), asked=told.rate, told=str(told)
+            ),
+            told=(*self.told, told),
+        )
+
+    def before_told(self) -> Self | None:
+        """The detector that ``recalibrated`` made this one of; None: none did."""
+        if not self.told:
+            return None
+        found = self.calibrated(
+            self.model,
+            self.own,
+            references=self.references,
+            pages=self.pages,
+            false_alarm_rate=self.asked_when_taught,
+            misprint_rate=self.misprint_rate,
+            real=self.real,
+        )
+        for told in self.told[:-1]:
+            found = found.recalibrated(told)
+        return found
 
     @property
     def scores(self) -> PressScores:
         """Of good pages, by which the threshold was set."""
         return PressScores(reference=self.references.by(self.own.worst.size), own=self.own)
 
-    def decide(self, score: float) -> Decision:
-        """Decide by one page's score."""
-        p_value = self.scores.p_value(score, self.promise.rate)
+    @property
+    def glyphs(self) -> GlyphPromise | None:
+        """By which glyphs alarm; None: this press learned before glyphs were weighed."""
+        if not self.pages.glyphs.size:
+            return None
+        return GlyphPromise(own=self.pages.glyphs, rate=SHARE * self.taught_rate)
+
+    def wrong_glyphs(self, page: WeighedPage) -> tuple[WeighedGlyph, ...]:
+        """Those that speak for themselves, the worst first; none where the page does not alarm by its glyphs."""
+        if self.glyphs is None:
+            return ()
+        threshold = self.glyphs.threshold + max(self.raised, 0.0)
+        if page.score <= threshold:
+            return ()
+        return tuple(one for one in page.found if one.ratio > threshold)
+
+    @property
+    def ranking_rate(self) -> float:
+        """What of the rate that was taught the ranking may use; the rest is the glyphs'."""
+        return self.taught_rate if self.glyphs is None else (1 - SHARE) * self.taught_rate
+
+    @property
+    def raised(self) -> float:
+        """By how much people's words raised the threshold; below 0: lowered it."""
+        return self.threshold - self.taught_threshold
+
+    def decide(self, score: float, glyphs: float = NONE) -> Decision:
+        """Decide by one page's score, and by ``WeighedPage.score`` of its glyphs."""
+        of_ranking = self.decision(
+            score, self.taught_threshold, self.scores.p_value(score, self.ranking_rate)
+        )
+        return self.decided(of_ranking, glyphs)
+
+    def decided(self, taught: Decision, glyphs: float) -> Decision:
+        """A decision at ``taught_threshold`` that has used ``ranking_rate``, with what the page's glyphs say beside it.
+
+        Where people told what pages were, the score of all tests together counts, as the press was taught to make it:
+        by how much the page lies above its threshold by whichever test has it furthest above. No word changes that
+        score, so that weighted split-conformal (``weighted_conformal``) gives all tests together the rate that was
+        told, however they share it.
+        """
+        all_tests = self._with_glyphs(taught, glyphs)
+        if not self.told:
+            return all_tests
+        return self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
+
+    def _with_glyphs(self, decision: Decision, glyphs: float) -> Decision:
+        if self.glyphs is None or decision.p_value is None:
+            return decision
+        p_value = both(decision.p_value, self.glyphs.p_value(glyphs))
+        score = together(decision.score, decision.threshold, glyphs, self.glyphs.threshold)
+        return self.decision(score, decision.threshold, p_value)
+
+    def decision(self, score: float, threshold: float, p_value: float) -> Decision:
+        """Of a score, that alarms above a threshold."""
         return Decision(
-            misprint=bool(score > self.threshold),
+            misprint=bool(score > threshold),
             score=float(score),
-            threshold=self.threshold,
+            threshold=threshold,
             p_value=p_value,
             probability=posterior_bound(p_value, self.misprint_rate),
         )
@@ -149,8 +254,12 @@ class CalibratedDetector:
             "own": self.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
+        if len(self.pages.glyphs):  # absent of presses of before
+            scores["glyphs"] = self.pages.glyphs
         if len(self.pages.variation):  # absent where no real page was learned from
             scores["variation"] = self.pages.variation
+        for number, told in enumerate(self.told):
+            scores |= {f"told{number}.{name}": array for name, array in told.arrays().items()}
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
@@ -158,12 +267,15 @@ class CalibratedDetector:
         model = self.model.facts()
         if not np.isfinite(model["threshold"]):  # JSON knows no infinity; ours stands beside it
             model["threshold"] = None
-        return {
-            "false_alarm_rate": self.promise.asked,
+        facts = {
+            "false_alarm_rate": self.asked_when_taught,
             "misprint_rate": self.misprint_rate,
             "real": self.real,
             "tolerance": model,
         }
+        if self.told:  # a press that nobody calibrated anew is what it was before that could be
+            facts["told"] = [told.facts() for told in self.told]
+        return facts
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
@@ -171,7 +283,10 @@ class CalibratedDetector:
         told = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
         DetectorModel.check(part_of(arrays, mark), told.tolerance, under=under + mark)
-        own = {name: a for name, a in arrays.items() if not name.startswith(mark)}
+        marks = [f"told{number}." for number in range(len(told.told))]
+        for told_mark, pages in zip(marks, told.told, strict=True):
+            ToldPages.check(part_of(arrays, told_mark), pages, under=under + told_mark)
+        own = {name: a for name, a in arrays.items() if not name.startswith((mark, *marks))}
         sizes = {"statistics": len(told.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
         for name in ("reference", "own"):
@@ -185,17 +300,18 @@ class CalibratedDetector:
         """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
         told = dict(facts["tolerance"])
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
-        return cls.calibrated(
+        found = cls.calibrated(
             DetectorModel.from_parts(part_of(arrays, "tolerance."), told),
             GoodScores(worst=arrays["own"]),
             references=ReferenceScores(pages=arrays["reference_pages"], worst=arrays["reference"]),
             false_alarm_rate=facts["false_alarm_rate"],
             misprint_rate=facts["misprint_rate"],
-            pages=GoodPages(
-                **{name: arrays[name] for name in ("values", "page_features", "variation") if name in arrays}
-            ),
+            pages=GoodPages(**{name: arrays[name] for name in PAGES if name in arrays}),
             real=facts["real"],
         )
+        for number, pages in enumerate(facts.get("told", ())):
+            found = found.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
+        return found
 
 
 class CalibratedFacts(Block):
@@ -205,6 +321,7 @@ class CalibratedFacts(Block):
     misprint_rate: Chance
     real: Count
     tolerance: dict[str, Any]
+    told: Annotated[tuple[dict[str, Any], ...], Field(max_length=MOST_TOLD)] = ()
 
 
 TABLE: Final = {
@@ -213,6 +330,7 @@ TABLE: Final = {
     "own": Kept(dtype="float64", shape=("pages",), rule=rising),
     "values": Kept(dtype="float32", shape=("pages", "statistics")),
     "page_features": Kept(dtype="float64", shape=("pages", "features")),
+    "glyphs": Kept(dtype="float64", shape=("pages",), absent=True),
     "variation": Kept(dtype="float32", shape=("told", len(AMOUNTS), 2), absent=True),
 }
 

@@ -4,6 +4,7 @@ explained.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -12,35 +13,41 @@ import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, Inspection, KeptArrays, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.calibrated import looked_up, score_of
+from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up, score_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
+from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyphs_name, told_of_glyphs
+from prooflight.detectors.matched_filter.glyphs.weighing import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
 from prooflight.detectors.matched_filter.print_state import print_state
 from prooflight.detectors.matched_filter.run_test import PressRunTest
-from prooflight.detectors.matched_filter.statistics.families import all_statistics, screen_statistics
+from prooflight.detectors.matched_filter.statistics.families import (
+    all_statistics,
+    remaining_statistics,
+    screen_statistics,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
-from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
+from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
 from prooflight.detectors.matched_filter.variation import page_variation
+from prooflight.detectors.matched_filter.zones import ZonedJudge, careful_statistics
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
 from prooflight.detectors.verdict import Verdict
 from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, KeptArrays, PlannedPage, Station
+    from prooflight.detectors.base import Area, PlannedPage, Station
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision, Region
     from prooflight.pages.raster import Page
+    from prooflight.pages.zones.zone import PageZones
     from prooflight.scans.scan import Scan
 
 PICTURED_TILES: Final = 2
@@ -48,6 +55,7 @@ PICTURED_TILES: Final = 2
 STRONGEST: Final = 4
 """Families that are asked for kind and place."""
 ROWS_AT_ONCE: Final = 64
+UNPLACED: Final = "lines were lost, and the rest does not tell where the page lies"
 PARTS: Final = "parts of the page do not look as designed"
 
 
@@ -79,6 +87,8 @@ class MatchedFilterDetector(StationDetector):
             geometry=station.geometry,
             fringes=station.fringes,
             prior=self.calibrated.model.prior,
+            zones=planned.zones,
+            glyphs=self.in_full or self.calibrated.glyphs is not None,
         )
         model = self.calibrated.model
         widening = 1.0 if model.residual_variance.exact else known.colours.widening
@@ -88,6 +98,8 @@ class MatchedFilterDetector(StationDetector):
             inks=present_inks(planned.page),
             model=model.widened(widening),
             widening=widening,
+            zones=planned.zones,
+            judge=None if planned.zones is None else ZonedJudge.of(planned.zones),
         )
 
     def decided_again(self, kept: KeptArrays) -> Decision:
@@ -97,7 +109,13 @@ class MatchedFilterDetector(StationDetector):
             values = kept.array("values", "fiu", (len(model.statistics),))
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
             model = model.widened(_widening_of(kept))
-            return self.calibrated.decide(score_of(model, values, page_features, another=another))
+            glyphs = float(kept.array("glyphs", "f", ())) if "glyphs" in kept.kept else NONE
+            score = score_of(model, values, page_features, another=another)
+            zoned = ZonedJudge.kept(kept)
+            if zoned is None:
+                return self.calibrated.decide(score, glyphs)
+            judge, careful = zoned
+            return self.calibrated.decided(judge.decide(self.calibrated, score, careful), glyphs)
 
     def run_test(self, *, seed: int) -> PressRunTest:
         """See ``ChecksRuns``."""
@@ -116,30 +134,59 @@ class MatchedFilterPage:
     """By which this page is judged ..."""
     widening: float
     """... so many times as widely as others."""
+    zones: PageZones | None = None
+    judge: ZonedJudge | None = None
+    """By what it is decided where it has zones; None: it has none, or they are not calibrated."""
 
     def under(self, station: Station) -> MatchedFilterPage:
         """See ``PreparedPage``; next to no work."""
         return replace(self, detector=self.detector.at(station), known=self.known.under(station.sensors))
 
+    @property
+    def leaves_lost_lines_out(self) -> bool:
+        """See ``LeavesLostLinesOut``."""
+        return True
+
+    def complete(self) -> None:
+        """See ``MadeReadyInTwo``: what only the second look needs."""
+        _ = self.known.added.images
+
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
         station, ours, known = self.detector.station, self.detector.calibrated, self.known
         page, page_features = known.page, known.page_features
-        analysis, statistics, decision = self._looked_at(scan)
+        analysis, statistics, score = self._looked_at(scan)
         strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
         values, another = self.model.laid_out(statistics), shows_another(analysis.found)
-        told = self._explained(analysis, strongest, values) if decision.misprint else {}
+        glyphs = NOTHING if another else analysis.glyphs
+        kept: dict[str, NDArray[Any]] = {}
+        careful = self._careful(analysis)
+        if self.judge is not None:
+            kept |= self.judge.keeps(values_of(careful))
+            in_zones = self.judge.decide(ours, score, values_of(careful))
+            decision, by_ranking = ours.decided(in_zones, glyphs.score), in_zones.score > ours.threshold
+        else:
+            kept |= {"careful": values_of(careful)} if careful else {}
+            decision, by_ranking = ours.decide(score, glyphs.score), score > ours.threshold
+        told = self._explained(analysis, strongest, values, careful) if by_ranking else {}
+        wrong = ours.wrong_glyphs(glyphs) if decision.misprint else ()
+        if wrong and known.glyphs is not None:
+            others = told.get("regions", ())
+            if not told or glyphs_name(known.glyphs, wrong, others, kind=told["kind"]):
+                told = told_of_glyphs(known.glyphs, wrong, others)
         verdict = Verdict.from_decision(
             page.name,
             decision,
             costs=station.costs,
             shift_mm=shift_of(analysis.found),
             detector=ours.name,
-            family=strongest[0][0] if strongest else None,
+            family=FAMILY if told.get("kind") in KINDS else strongest[0][0] if strongest else None,
             inks=inks_found(analysis, self.inks),
             widened=round(self.widening, 2),
             **told,
         )
+        if decision.misprint and scan.lost is not None and not (another or analysis.found.found):
+            verdict = Verdict.skipped(page.name, UNPLACED, detector=ours.name)
         placement = analysis.found.placement if analysis.found.found else IN_PLACE
         area = inside(page, station.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(
@@ -149,48 +196,89 @@ class MatchedFilterPage:
             measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
             expect=lambda: cut(station.predict(page, placement), area),
-            kept={
+            kept=kept
+            | {
                 "wrong_page": np.array(another),
                 "values": values,
                 "portrait": page_features,
                 "widening": np.array(self.widening),
+                "glyphs": np.array(glyphs.score),
             },
             state=partial(print_state, analysis, station.sensors),
             variation=partial(page_variation, known, analysis),
-            summary=None if another else summary_of(self.model, values, page_features, score=decision.score),
+            summary=None if another else self._summary(values, score, decision),
         )
 
-    def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], Decision]:
-        """What a scan says, and the decision; for all statistics only where the first look is not enough to let a page
-        pass, for it costs more than all the rest.
+    def _summary(
+        self, values: NDArray[np.float32], score: float, decision: Decision
+    ) -> NDArray[np.float64] | None:
+        """What the run's test ranks the page by: where people told of pages, the score that they told of alone."""
+        if self.detector.calibrated.told:
+            return np.array([decision.score]) if np.isfinite(decision.score) else None
+        return summary_of(self.model, values, self.known.page_features, score=score)
+
+    def whole_score(self, inspection: Inspection) -> float:
+        """Score of the page as a whole in one of its inspections, without what careful areas say."""
+        kept = KeptArrays(inspection.kept, self.detector.name)
+        values = kept.array("values", "fiu", (len(self.model.statistics),))
+        score = score_of(self.model, values, self.known.page_features, another=kept.wrong_page)
+        return score if np.isfinite(score) else WRONG_PAGE
+
+    def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
+        """What a scan says, and the ranking's score; for all statistics only where the first look is not enough to let
+        a page pass, for it costs more than all the rest.
         """
         ours, model = self.detector.calibrated, self.model
+        threads = self.detector.station.threads or os.cpu_count() or 1
         looks_first = model.screen is not None and not self.detector.in_full
         modes = SCREEN_MODES if looks_first else MODES
         analysis = analyse(
-            self.known, scan.dn, residual_variance=ours.model.residual_variance, looked_at=modes
+            self.known,
+            scan.dn,
+            lost=scan.lost,
+            residual_variance=ours.model.residual_variance,
+            looked_at=modes,
+            threads=threads,
         )
-        another = shows_another(analysis.found)
+        another, scatter = shows_another(analysis.found), ours.model.scatter
 
-        def decided(look: Callable[..., list[Observed]]) -> tuple[list[Observed], Decision]:
-            statistics = look(analysis.sums, analysis.fit, analysis.found, ours.model.scatter)
+        def scored(statistics: list[Observed]) -> tuple[list[Observed], float]:
             values = looked_up(model, statistics, self.known.page_features)
-            score = score_of(model, values, self.known.page_features, another=another)
-            return statistics, ours.decide(score)
+            return statistics, score_of(model, values, self.known.page_features, another=another)
 
+        seen: list[Observed] = []
         if looks_first and not another:
-            statistics, decision = decided(screen_statistics)
-            if not np.isnan(decision.score) and not decision.misprint:
-                return analysis, statistics, decision
+            seen = screen_statistics(analysis.sums, analysis.fit, analysis.found, scatter, threads=threads)
+            statistics, score = scored(seen)
+            if score <= ours.threshold:
+                return analysis, statistics, score
         analysis = analysis.of_every_mode()
-        return analysis, *decided(all_statistics)
+        if not seen:
+            return analysis, *scored(all_statistics(analysis.sums, analysis.fit, analysis.found, scatter))
+        every = remaining_statistics(analysis.sums, scatter, seen, order=model.statistics, threads=threads)
+        return analysis, *scored(every)
+
+    def _careful(self, analysis: ScanAnalysis) -> list[Observed]:
+        """What the careful areas of the page say; empty: it has none."""
+        if analysis.careful is None or self.zones is None or "careful" not in self.zones.kinds:
+            return []
+        return careful_statistics(analysis.sums, self.detector.calibrated.model.scatter, analysis.careful)
 
     def _explained(
-        self, analysis: ScanAnalysis, strongest: list[tuple[str, Observed]], values: NDArray[np.float32]
+        self,
+        analysis: ScanAnalysis,
+        strongest: list[tuple[str, Observed]],
+        values: NDArray[np.float32],
+        careful: list[Observed],
     ) -> dict[str, Any]:
         """Kind, places and reason of a misprint."""
         page, model = self.known.page, self.model
         another = shows_another(analysis.found)
+        alarmed = self.judge is not None and self.judge.careful_alarms(
+            self.detector.calibrated, values_of(careful)
+        )
+        if self.judge is not None and alarmed and not another:
+            return self._in_careful(analysis, self.judge.telling(careful))
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else learned or named(strongest)
         regions = _regions(strongest, kind, analysis, page)
@@ -202,6 +290,19 @@ class MatchedFilterPage:
         only_parts = kind == WRONG_PAGE_KIND and not another
         reason = PARTS if only_parts else reason_for(kind, speaking, place, inks, analysis.found)
         return {"kind": kind, "regions": regions, "reason": reason}
+
+    def _in_careful(self, analysis: ScanAnalysis, telling: Observed) -> dict[str, Any]:
+        """The same of one that a careful area says; telling: which of its statistics."""
+        kind, strongest = kind_of(telling.statistic), [(telling.statistic.cause, telling)]
+        regions = _regions(strongest, kind, analysis, self.known.page)
+        inks, place = inks_found(analysis, self.inks), regions[0] if regions else None
+        reason = reason_for(kind, telling, place, inks, analysis.found)
+        zone = None
+        if place is not None and self.zones is not None:
+            middle = place.x_mm + place.width_mm / 2, place.y_mm + place.height_mm / 2
+            zone = self.zones.at(*middle)
+        name = f" '{zone.name}'" if zone is not None and zone.kind == "careful" else ""
+        return {"kind": kind, "regions": regions, "reason": f"{reason}, in the careful zone{name}"}
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Where the print is lighter (above 0) or darker than it should be, in standard deviations of good prints."""

@@ -13,6 +13,13 @@ gamblers together play no fair game. That none of them wins falsely is the union
 In a long run pages are forgotten, so that no more are kept than ``REMEMBERED``. Which one is drawn without regard to
 its age, the newest among them, and that leaves the theorem as it is: given all pages that were kept, the newest was any
 of them alike, and what is kept for later says nothing of which. Were the oldest forgotten, later ranks would tell.
+
+Of a press whose threshold people's words set, the promise rests on the pages that they told, and these were not drawn
+alike: every alarm, and few of those that passed. Each is kept with a probability in proportion to its weight, 1 over
+that with which it was drawn. So every good sheet of those runs is kept with one and the same probability, whatever it
+scored, and those that were kept are independent draws of the law that the promise is of (rejection; von Neumann 1951).
+Of each design one is kept. A run's pages are ranked among these by the one score that the threshold is of, and all of
+the above holds with one gambler. He has all of ``FALSELY``.
 """
 
 from __future__ import annotations
@@ -27,6 +34,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
+    from prooflight.detectors.weighted_conformal import ToldPages
 
 FALSELY: Final = 0.001
 """Of runs whose pages are exchangeable with the press's own, how many are ever called otherwise, at most."""
@@ -70,6 +78,8 @@ def of_every_page(model: DetectorModel) -> NDArray[np.int32]:
 
 def shares(groups: int) -> NDArray[np.float64]:
     """Of ``FALSELY``, (groups,), which add up to 1; the first is the score."""
+    if groups == 1:
+        return np.ones(1)
     return np.array([OF_SCORE, *[(1 - OF_SCORE) / (groups - 1)] * (groups - 1)])
 
 
@@ -96,6 +106,15 @@ class ExchangeabilityTest:
         names = groups_of(ours.model)
         deviations = ours.model.deviations(ours.pages.values, ours.pages.page_features)
         known = list(summaries(ours.model, deviations, ours.own.worst))
+        return cls._before(known, names)
+
+    @classmethod
+    def of_told(cls, told: ToldPages, rng: np.random.Generator) -> ExchangeabilityTest:
+        """Before a run's first page, by what people told; rng: which of these pages are kept."""
+        return cls._before([np.array([score]) for score in told.alike(rng)], (SCORE,))
+
+    @classmethod
+    def _before(cls, known: list[NDArray[np.float64]], names: tuple[str, ...]) -> ExchangeabilityTest:
         return cls(
             known=known,
             room=len(known) + REMEMBERED,
@@ -131,7 +150,9 @@ class ExchangeabilityTest:
 
     @property
     def strangest(self) -> str:
-        """The first word of those statistics that gained most."""
+        """The first word of those statistics that gained most; ``SCORE`` where there are none."""
+        if len(self.names) == 1:
+            return SCORE
         return self.names[1 + int(self.gained[1:].argmax())]
 
 

@@ -53,6 +53,10 @@ if TYPE_CHECKING:
 
 MOST: Final = 8
 """Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
+AGAINST_GOOD: Final = 0.5
+"""Share of what tells a kind from good pages, beside what tells it from other kinds, in its name. Of 344 misprints of
+seed 31 that had not taught, 75.0 % are named right with it, 73.5 % without and 73.5 % with all of it (a ranking of 581
+pages); by the shipped ranking 68, 65 and 68 of 76 of seed 7."""
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
 """What the fit states in standard deviations of what good prints do, whatever the page is like."""
 ARRAYS: Final = ("family", "centre", "baseline", "sd", "shift", "scale", "quantiles", "tail")
@@ -186,11 +190,17 @@ class DetectorModel:
         return scores_of(self.kind_forests, every)
 
     def kinds_of(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> list[str]:
-        """The kind of misprint that each page looks like most; empty where none was seen in learning."""
+        """The kind of misprint that each page looks like most; empty where none was seen in learning.
+
+        By what tells each kind from all others, and by ``AGAINST_GOOD`` of what tells it from good pages.
+        """
         if not self.name_forests:
             return [""] * len(values)
-        columns = family_columns(self.family_evidence(self.deviations(values, page_features)))
-        return [self.kinds[index] for index in scores_of(self.name_forests, columns).argmax(axis=1)]
+        deviations = self.deviations(values, page_features)
+        evidence = self.family_evidence(deviations)
+        against_good = self.of_kinds(every_column(evidence, page_features, deviations))
+        told = scores_of(self.name_forests, family_columns(evidence)) + AGAINST_GOOD * against_good
+        return [self.kinds[index] for index in told.argmax(axis=1)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What an artefact keeps as tensors."""

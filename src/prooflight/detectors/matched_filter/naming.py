@@ -42,6 +42,7 @@ FAMILIES: Final = {
     "fit": "amounts that the page as a whole is off by",
     "place": "where page and ink planes lie, and whether they look as designed",
     "energy": "differences of any kind",
+    "glyph": "letters and digits that are not the page's",
 }
 """By the first words of statistics, for people."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest
 from prooflight.detectors.matched_filter.naming import family_in_words
@@ -16,17 +16,32 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 
 
+PAGES_TO_LEARN: Final = 40
+"""Good pages that a person is asked to look at. (assumed: what a person looks through at one sitting)"""
+TAUGHT_REMEDY: Final = (
+    f"look at {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
+)
+TOLD_REMEDY: Final = (
+    "watch runs with --sample, say what their sheets were, and run `prooflight press recalibrate`"
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressRunTest:
     """Of one run of a press; see ``RunTest``."""
 
     test: ExchangeabilityTest
     rng: np.random.Generator
+    remedy: str = TAUGHT_REMEDY
+    """See ``RunTest``."""
 
     @classmethod
     def of(cls, ours: CalibratedDetector, *, seed: int) -> Self:
         """Before the run's first page."""
-        return cls(test=ExchangeabilityTest.of(ours), rng=stream(seed, "exchangeability-ties"))
+        rng = stream(seed, "exchangeability-ties")
+        if ours.told:
+            return cls(test=ExchangeabilityTest.of_told(ours.told[-1], rng), rng=rng, remedy=TOLD_REMEDY)
+        return cls(test=ExchangeabilityTest.of(ours), rng=rng)
 
     def add(self, summary: NDArray[np.float64]) -> None:
         """See ``RunTest``."""
@@ -40,4 +55,4 @@ class PressRunTest:
     @property
     def strangest(self) -> str:
         """See ``RunTest``."""
-        return family_in_words(self.test.strangest) or self.test.strangest
+        return family_in_words(self.test.strangest) or "their scores"

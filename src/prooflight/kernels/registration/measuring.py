@@ -210,7 +210,7 @@ def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type
 
 
 @kernel(
-    "scan (_, P), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
+    "scan (L, P), lost (L), light.offset (P), light.per_gain (P), light.noise (4), windows.signals (A, _, W), "
     "windows.origins (A, 2), windows.lines (A), windows.columns (A), taps.across (_, X), "
     "taps.across_slope (_, X), taps.along (_, Y), taps.along_slope (_, Y), tiles (N), moves (N, 2), size, "
     "workspace.value (V), workspace.slope (V), workspace.begins (size // EIGHT), workspace.weights (B), "
@@ -218,12 +218,13 @@ def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type
     where="W <= V",
     error_model="numpy",
 )
-def measure_tiles(scan, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
+def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
     """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
 
-    scan (lines, pixels) uint16; light: ``SensorLight``; windows: ``TileWindows``; taps: ``SensorTaps``; tiles (n,):
-    which to measure, of size x size pixels; workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number of
-    pixels, 0 where the tile lies outside the scan.
+    scan (lines, pixels) uint16; lost (lines,) bool: those of it that nobody saw; light: ``SensorLight``; windows:
+    ``TileWindows``; taps: ``SensorTaps``; tiles (n,): which to measure, of size x size pixels; workspace:
+    ``Workspace``. sums (n, SUMS + 1): the last is the number of pixels, 0 where the tile lies outside the scan, or
+    less than a quarter of its lines was seen.
     """
     image = np.empty((3, size, size), np.float32)
     error = np.empty((size, size), np.float32)
@@ -239,6 +240,11 @@ def measure_tiles(scan, light, windows, taps, tiles, moves, size, workspace, sum
         sums[n] = 0
         if i1 - i0 < size // 2 or l1 - l0 < size // 2:
             continue
+        gone = 0
+        for line in range(l0, l1):
+            gone += lost[top + line]
+        if l1 - l0 - gone < size // 4:
+            continue
         x = windows.origins[tile, 0] - (moves[n, 0] - whole_x) * taps.across_ratio
         y = windows.origins[tile, 1] - (moves[n, 1] - whole_y) * taps.along_ratio
         render_tile(windows.signals[tile], x, y, taps, workspace, image)
@@ -249,6 +255,12 @@ def measure_tiles(scan, light, windows, taps, tiles, moves, size, workspace, sum
         part = (l0, l1, i0, i1)
         total = subtract(scan, light, top, left, part, image, error, base)
         mean = total / np.float32(count)
+        if gone:
+            for line in range(l0, l1):
+                if lost[top + line]:
+                    error[line] = 0
+                    base[line] = 0
+            count -= gone * (i1 - i0)
         weigh(errors, value, by_x, by_y, weights, NO_ESTIMATE, False, mean, sums[n])
         weigh(errors, value, by_x, by_y, weights, solved(sums[n]), True, mean, sums[n])
         sums[n, SUMS] = count

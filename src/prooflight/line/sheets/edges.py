@@ -59,9 +59,11 @@ class SheetFinder:
         looks like backing so many lines below its edge.
         """
         self._store, self._lengths, self._like_gap = store, lengths, like_gap
-        self._row, self._run = 1, 0
+        self._row, self._run, self._run_seen = 1, 0, 0
         self._begun: int | None = None
         self._start: int | None = None
+        self._ended_at: int | None = None
+        self._gap = 0  # lines of the last that was seen between two sheets
 
     @property
     def needed_from(self) -> int:
@@ -94,16 +96,21 @@ class SheetFinder:
         length = SHRINK * row - self._start
         if gap:
             self._run += 1
+            # What stands in place of lost lines may look like a gap: it ends a sheet at a page's length alone.
+            self._run_seen += not self._store.is_lost(row)
             below = length - SHRINK * self._run
             whole = any(abs(below - known) <= STRETCH * known + EDGE_LINES for known in self._lengths())
-            if whole or (self._run >= GAP_ROWS and not self._like_gap(below)):
+            if whole or (self._run_seen >= GAP_ROWS and not self._like_gap(below)):
                 return self._ended(self._start, self._last_line(SHRINK * (row - self._run + 2)), free=True)
             return None
-        self._run = 0
+        self._run = self._run_seen = 0
         lengths = self._lengths() if row % LOOK_ROWS == 0 else []
         if lengths and length > (1 + STRETCH) * max(lengths) + EDGE_LINES + SHRINK:
             sheet = self._ended(self._start, self._start + lengths[0], free=False)
-            self._start = sheet.end
+            last = range(sheet.end // SHRINK - GAP_ROWS, row + 1)
+            # Where lines were lost at its end the gap went with them, and the next sheet begins behind such a one.
+            hidden = any(self._store.is_lost(one) for one in last)
+            self._start = sheet.end + (self._gap if hidden else 0)
             return sheet
         return None
 
@@ -114,12 +121,17 @@ class SheetFinder:
         elif row == self._begun + 1 and not self._store.is_wide(row):
             self._begun = None
         elif row - self._begun >= BEGUN_ROWS:
-            self._start, self._run = self._first_line(self._begun), 0
+            self._start, self._run, self._run_seen = self._first_line(self._begun), 0, 0
             self._begun = None
+            if self._ended_at is not None:
+                between = range(self._ended_at // SHRINK, self._start // SHRINK + 1)
+                if not any(self._store.is_lost(one) for one in between):
+                    self._gap = self._start - self._ended_at
 
     def _ended(self, start: int, end: int, *, free: bool) -> Sheet:
         sheet = Sheet(start=start, end=end, free=free)
-        self._start, self._run = None, 0
+        self._start, self._run, self._run_seen = None, 0, 0
+        self._ended_at = end if free else None
         return sheet
 
     def _first_line(self, row: int) -> int:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 from prooflight.kernels.thumbnails import STEPS
 from prooflight.line.sheets.fitting import evidence, inside, is_blank, lay, taped_rows
+from prooflight.line.sheets.readings import Reading, Readings
 from prooflight.line.sheets.records import Fault, MissingPage
 from prooflight.line.sheets.thumbnails import signature
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
     from prooflight.line.sheets.fitting import Fit
-    from prooflight.line.sheets.records import FaultKind
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.scans.geometry import ScanGeometry
 
@@ -34,9 +34,10 @@ WIDE: Final = 512
 """The same where the sheet is like none of those."""
 TRIED: Final = 8
 """Pages of the wide search whose likeness is looked at: those of the most similar signatures."""
-UNSEEN: Final = "the camera gave no lines when it passed"
-PATIENCE: Final = 2
-"""Pages that may come before one of which they were expected behind, until it is said to be missing."""
+LIKENED: Final = 4
+"""Pages that a sheet is likened to where the look of the page due is not known."""
+BLANK: Final = "a blank sheet"
+STRANGER: Final = "a sheet that is no page of the job"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +52,8 @@ class Match:
     """The scan laid on the page that it shows."""
     likeness: float = 0.0
     """The greatest found, of the page it shows or not. [-]"""
+    readings: tuple[Reading, ...] = ()
+    """What it may be in the job, the most likely first."""
 
 
 class Expected(Protocol):
@@ -63,37 +66,21 @@ class Expected(Protocol):
         ...
 
 
-@dataclass(slots=True, eq=False)
 class Following:
     """Where the run stands in its job."""
 
-    expected: Expected
-    geometry: ScanGeometry
-    frontier: int = 0
-    """The page expected next: behind the furthest that came."""
-    last: int | None = None
-    """The page that came last."""
-    waiting: dict[int, int] = field(default_factory=dict)
-    """Pages passed over, with how many have come since."""
-    missing: set[int] = field(default_factory=set)
-    """Pages said to be missing; they may come yet."""
-    blind: bool = False
-    """Whether lines were lost since the last page of the job, and nobody knows how many."""
-    strays: list[str] = field(default_factory=list)
-    """What came since the last page of the job: sheets that show none of its pages."""
+    def __init__(self, *, expected: Expected, geometry: ScanGeometry) -> None:
+        self.expected, self._geometry = expected, geometry
+        self.readings = Readings(pages=len(expected))
 
     @property
     def due(self) -> int:
-        """The page that should come next if every stray sheet came in the place of one; no further than ``AHEAD``."""
-        return self.frontier + min(len(self.strays), AHEAD)
-
-    def next_page(self) -> Thumbnail | None:
-        """Of the page expected next; None: not known, or the job is over."""
-        return self.expected[self.frontier] if self.frontier < len(self.expected) else None
+        """The page that should come next."""
+        return self.readings.best.due
 
     def known_near(self) -> list[Thumbnail]:
-        """Thumbnails of pages near the expected one, that first, each once."""
-        near = sorted(self._near(), key=lambda page: (page != self.frontier, abs(page - self.frontier)))
+        """Thumbnails of pages near the one due, that first, each once."""
+        near = sorted(self._near(), key=lambda page: (page != self.due, abs(page - self.due)))
         known = (self.expected[page] for page in near)
         return list({id(page): page for page in known if page is not None}.values())
 
@@ -102,26 +89,47 @@ class Following:
 
         skipped: sheets for which there was room in the gap before it.
         """
-        if self.frontier < len(self.expected) and self.next_page() is None:
-            # What is not known cannot be told from what is like it.
-            return Match(job_page=None, taken_for=self.frontier)
-        near = self._designs(sorted(self._near()), skipped)
-        if not near:
-            return Match(job_page=None)
+        near = self._designs(self._near(), lambda page: self.readings.cost(page, skipped=skipped))
         by_cost = sorted(near, key=lambda entry: entry[2])
+        if self.due < len(self.expected) and not self._is_known(self.due):
+            # What is not known cannot be told from what is like it, unless the sheets before bear that out.
+            best = self._liken(light, by_cost[:LIKENED], longer)
+            return self._read(best, skipped) if best.likeness >= ALIKE else self._stray(best)
+        if not near:
+            return self._stray(Match(job_page=None))
         first = by_cost[0][1]
-        if is_blank(light, inside(first, self.geometry)) and not self._is_blank(first):
-            return Match(job_page=None, blank=True)
+        if is_blank(light, inside(first, self._geometry)) and not self._is_blank(first):
+            return self._stray(Match(job_page=None, blank=True))
         best = self._liken(light, by_cost[:1], longer)
         if best.likeness < ALIKE:
             best = max(best, self._liken(light, by_cost[1:], longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE:
-            wide = self._designs(self._wide(light), skipped)
+            wide = self._designs(self._wide(light), lambda page: float(abs(page - self.due)))
             best = max(best, self._liken(light, wide, longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE or best.fit is None:
-            unknown = self.due < len(self.expected) and self.expected[self.due] is None
-            return Match(job_page=None, taken_for=self.due if unknown else None, likeness=best.likeness)
-        return self._weighed(light, best, best.fit, near, longer)
+            return self._stray(best)
+        return self._read(self._weighed(light, best, best.fit, near, longer), skipped)
+
+    def _read(self, match: Match, skipped: int) -> Match:
+        """The same, read as what is the most likely in the job."""
+        shown = match.job_page
+        pages = {page for page in self._near() if self._same(page, match)} | ({shown} - {None})
+        readings = self.readings.of_page(
+            {page for page in pages if page is not None}, skipped=skipped, known=self._is_known
+        )
+        return replace(match, job_page=readings[0].page, taken_for=readings[0].taken_for, readings=readings)
+
+    def _stray(self, match: Match) -> Match:
+        """The same of a sheet that shows no page that is known."""
+        known = (lambda _page: True) if match.blank else self._is_known
+        readings = self.readings.of_stray(BLANK if match.blank else STRANGER, known=known)
+        return replace(match, job_page=None, fit=None, taken_for=readings[0].taken_for, readings=readings)
+
+    def _same(self, page: int, match: Match) -> bool:
+        return match.fit is not None and self.expected[page] is match.fit.page
+
+    def _is_known(self, page: int) -> bool:
+        return self.expected[page] is not None
 
     def _weighed(
         self,
@@ -152,113 +160,70 @@ class Following:
     ) -> Match:
         best = Match(job_page=None)
         for job_page, page, _ in pages:
-            fit = lay(light, page, self.geometry, longer=longer)
+            fit = lay(light, page, self._geometry, longer=longer)
             if fit.likeness > best.likeness:
                 best = Match(job_page=job_page, fit=fit, likeness=fit.likeness)
         return best
 
     def _is_blank(self, page: Thumbnail) -> bool:
-        return is_blank(page.light.astype(np.float32) / np.float32(STEPS), inside(page, self.geometry))
+        return is_blank(page.light.astype(np.float32) / np.float32(STEPS), inside(page, self._geometry))
 
-    def _near(self) -> set[int]:
-        pages = set(range(self.frontier - AHEAD, self.frontier + AHEAD + 1)) | set(self.waiting)
-        if self.last is not None:
-            pages |= {self.last, self.last + 1}
-        return {page for page in pages if 0 <= page < len(self.expected)}
+    def _near(self) -> list[int]:
+        """Pages that a sheet is laid on first."""
+        kept, last = self.readings.kept, self.readings.last
+        pages = set(range(self.due - AHEAD, self.due + AHEAD + 1)) | {one.due for one in kept}
+        pages |= {page for one in kept for page, _ in one.waiting}
+        if last is not None:
+            pages |= {last, last + 1}
+        return sorted(page for page in pages if 0 <= page < len(self.expected))
 
     def _wide(self, light: NDArray[np.float32]) -> list[int]:
         """Pages further away whose signature is most like the scan's."""
         of_scan = signature(light)
-        around = range(max(self.frontier - WIDE, 0), min(self.frontier + WIDE + 1, len(self.expected)))
-        designs = self._designs(around, 0)
+        around = range(max(self.due - WIDE, 0), min(self.due + WIDE + 1, len(self.expected)))
         similar = [
             (float(page.signature @ of_scan), job_page)
-            for job_page, page, _ in designs
+            for job_page, page, _ in self._designs(around, lambda page: float(abs(page - self.due)))
             if page.signature.size == of_scan.size
         ]
         return [job_page for _, job_page in sorted(similar, reverse=True)[:TRIED]]
 
-    def _designs(self, pages: Iterable[int], skipped: int) -> list[tuple[int, Thumbnail, float]]:
-        """Every design among pages once, as the page that is the least surprising: page, thumbnail, cost [nat]."""
+    def _designs(
+        self, pages: Iterable[int], cost: Callable[[int], float]
+    ) -> list[tuple[int, Thumbnail, float]]:
+        """Every known design among pages once, as the page that costs least: page, thumbnail, cost."""
         found: dict[int, tuple[int, Thumbnail, float]] = {}
         for job_page in pages:
             page = self.expected[job_page]
             if page is None:
                 continue
-            cost = self._cost(job_page, skipped)
-            if id(page) not in found or cost < found[id(page)][2]:
-                found[id(page)] = (job_page, page, cost)
+            costs = cost(job_page)
+            if id(page) not in found or costs < found[id(page)][2]:
+                found[id(page)] = (job_page, page, costs)
         return list(found.values())
 
-    def _cost(self, job_page: int, skipped: int) -> float:
-        """-log of how likely a page is to come next, about: assumed, one page in a thousand is not the one expected."""
-        if job_page == self.frontier + skipped:
-            return 0.0
-        if job_page == self.frontier:
-            return 3.0
-        if job_page == self.last or job_page in self.waiting:
-            return 5.0 + 3.0 * (skipped > 0)
-        if self.last is not None and job_page == self.last + 1:
-            return 6.0
-        far = 0.3 * min(abs(job_page - self.frontier), 50)
-        return (6.0 if job_page > self.frontier else 8.0) + far
+    def arrived(self, match: Match, first_line: int) -> tuple[list[Fault], list[MissingPage]]:
+        """Go on behind a sheet: faults of order that it shows, and pages now said to be missing."""
+        fault = match.readings[0].fault
+        faults = [] if fault is None else [Fault(kind=fault[0], first_line=first_line, detail=fault[1])]
+        return faults, _missing(self.readings.go_on(match.readings), first_line)
 
-    def arrived(self, job_page: int, first_line: int) -> tuple[list[Fault], list[MissingPage]]:
-        """Go on to behind a page that came: its faults of order, and pages now said to be missing."""
-        faults, gone = list[Fault](), list[MissingPage]()
-
-        def say(kind: FaultKind, detail: str) -> None:
-            faults.append(Fault(kind=kind, first_line=first_line, detail=detail))
-
-        if job_page >= self.frontier:
-            passed = list(range(self.frontier, job_page))
-            if self.blind:
-                gone += [self._gone(absent, first_line, UNSEEN) for absent in passed]
-                passed = []
-            gone += self._strayed(passed, first_line)
-            for absent in passed[len(self.strays) :]:
-                self.waiting[absent] = -1
-            if len(passed) > len(self.strays):
-                say("missing", f"page {job_page + 1} came where page {self.frontier + 1} was expected")
-            self.frontier = job_page + 1
-        elif job_page in self.waiting or job_page in self.missing:
-            self.waiting.pop(job_page, None)
-            self.missing.discard(job_page)
-            say("out-of-order", f"page {job_page + 1} came behind page {(self.last or 0) + 1}")
-        else:
-            again = "again" if job_page == self.last else f"again, behind page {(self.last or 0) + 1}"
-            say("repeated", f"page {job_page + 1} came {again}")
-        self.last, self.strays, self.blind = job_page, [], False
-        for absent in list(self.waiting):
-            self.waiting[absent] += 1
-            if self.waiting[absent] >= PATIENCE:
-                gone.append(self._gone(absent, first_line, f"page {absent + 1} has not come"))
-        return faults, gone
-
-    def taken(self, job_page: int, first_line: int) -> list[MissingPage]:
-        """A sheet passed in the place of a page whose look is not known: it is taken to be it.
-
-        Returns the pages before it in whose places strays came.
+    def hidden(self, first_line: int) -> tuple[int | None, list[MissingPage]]:
+        """Go on behind a sheet of which nobody can see what it shows; the page it is taken for, None: nobody can tell,
+        and pages now said to be missing.
         """
-        gone = self._strayed(range(self.frontier, job_page), first_line)
-        self.frontier, self.strays = job_page + 1, []
-        return gone
+        if self.readings.blind or self.due >= len(self.expected):
+            return None, []
+        readings = self.readings.of_hidden()
+        return readings[0].taken_for, _missing(self.readings.go_on(readings), first_line)
 
-    def stray(self, what: str) -> None:
-        """A sheet passed that shows no page of the job."""
-        self.strays.append(what)
+    def ended(self, first_line: int) -> list[MissingPage]:
+        """No more lines come: pages that were passed over and have not come."""
+        return _missing(self.readings.ended(), first_line)
 
-    def _strayed(self, passed: Iterable[int], first_line: int) -> list[MissingPage]:
-        """Of pages passed over, those in whose places strays came."""
-        return [
-            self._gone(absent, first_line, stray) for absent, stray in zip(passed, self.strays, strict=False)
-        ]
 
-    def ended(self, line: int) -> list[MissingPage]:
-        """Pages that were passed over and have not come until the end."""
-        return [self._gone(absent, line, f"page {absent + 1} has not come") for absent in list(self.waiting)]
-
-    def _gone(self, absent: int, line: int, detail: str) -> MissingPage:
-        self.waiting.pop(absent, None)
-        self.missing.add(absent)
-        return MissingPage(job_page=absent, faults=(Fault(kind="missing", first_line=line, detail=detail),))
+def _missing(gone: Iterable[tuple[int, str]], first_line: int) -> list[MissingPage]:
+    return [
+        MissingPage(job_page=page, faults=(Fault(kind="missing", first_line=first_line, detail=why),))
+        for page, why in gone
+    ]

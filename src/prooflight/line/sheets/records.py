@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from prooflight.scans.lines import Unseen
+
 FaultKind = Literal[
     "slip",
     "stretch",
@@ -57,8 +59,10 @@ class SeenPage:
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
     """The page in whose place it came, where it could not be told which it shows: ``job_page`` is None then."""
-    unseen: tuple[tuple[int, int], ...] = ()
-    """First and behind the last of the scan's lines that the camera lost; something else stands in their place."""
+    unseen: tuple[Unseen, ...] = ()
+    """Of the scan's lines, those that the camera lost."""
+    begun_within: bool = False
+    """Whether the lines began within it: what lies before was never seen. It is torn then."""
     torn: bool = False
     """Whether lines were lost within the sheet, and nobody knows how many."""
     cut_short: bool = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from itertools import permutations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from prooflight.kernels.thumbnails import SHRINK, count_near
 from prooflight.line.sheets.records import Fault
 from prooflight.line.sheets.thumbnails import Shrinker
-from prooflight.scans.lines import check_block, runs
+from prooflight.scans.lines import Unseen, check_block, runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,6 +49,8 @@ class LineStore:
             for sensor in press.sensors
         ]
         self.backing_dn = np.clip(np.stack(backing), 0, 65535).astype(np.uint16)
+        self._offset_dn = np.stack([sensor.column_offset_dn for sensor in press.sensors])
+        self._white_dn = np.stack([sensor.column_gain * sensor.white_dn for sensor in press.sensors])
         self._gap_lines = round(GAP_MM / press.geometry.line_pitch_mm)
         self.backing_light = float(
             np.mean([sensor.backing_dn / sensor.white_dn for sensor in press.sensors], dtype=np.float64)
@@ -57,7 +60,7 @@ class LineStore:
         """Light this close to it counts as backing. [white]"""
         self._parts: deque[tuple[int, NDArray[np.uint16], float]] = deque()
         self._counts: list[tuple[int, int]] = []  # from this position on, the camera's count is so much more
-        self._unseen = deque[tuple[int, int]]()  # first and behind the last position of lines that were lost
+        self._unseen = deque[Unseen]()  # by position
         self._breaks = deque[tuple[int, int]]()  # the same, where nobody knows how many
         self._named_until = 0  # behind the last line of which the source itself has said what befell it
         self._backing = deque[int]()  # columns at the backing's light in every row from ``first_row`` on
@@ -68,25 +71,25 @@ class LineStore:
     def add(self, block: LineBlock) -> list[tuple[int, Fault]]:
         """Take a block's lines in; what its count says went wrong, with the position. ScanError: not of this camera."""
         check_block(block, sensors=self._sensors, pixels=self._pixels)
-        lines, said = block.lines, list[tuple[int, Fault]]()
+        lines, said = self._lent(block), list[tuple[int, Fault]]()
         if not self._counts:
             self._counts.append((0, block.first_line))
         due = self.count_at(self.end)
         ahead = block.first_line - due
-        away = any(fault.kind == "camera-away" for fault in block.faults)
+        away = any(fault.kind == "camera-away" and fault.sensor is None for fault in block.faults)
         for fault in block.faults:
             first = max(self.end + fault.first_line - due, 0)
             kind: FaultKind = "lost-lines" if fault.unseen else "extra-lines"
             said.append((first, Fault(kind=kind, first_line=fault.first_line, detail=fault.detail)))
             if fault.unseen and not away:
-                self._unseen.append((first, first + fault.lines))
+                self._unseen.append(Unseen(first, first + fault.lines, fault.sensor))
             self._named_until = max(self._named_until, fault.next_line)
         if away or abs(ahead) > self._longest:
             if not away:
                 what = f"the camera counts {block.first_line} after {due}: lines were lost, how many is not known"
                 said.append((self.end, Fault(kind="lost-lines", first_line=block.first_line, detail=what)))
             gap = self.end, self.end + self._gap_lines
-            self._unseen.append(gap)
+            self._unseen.append(Unseen(*gap))
             self._breaks.append(gap)
             self._keep(np.repeat(self.backing_dn[:, None], self._gap_lines, axis=1), block.time_s)
             self._counts.append((self.end, block.first_line - self.end))
@@ -95,7 +98,7 @@ class LineStore:
             if due >= self._named_until:
                 what = f"lines {due} to {block.first_line - 1} were not delivered"
                 said.append((self.end, Fault(kind="lost-lines", first_line=due, detail=what)))
-            self._unseen.append((self.end, self.end + ahead))
+            self._unseen.append(Unseen(self.end, self.end + ahead))
             last = self._parts[-1][1][:, -1:] if self._parts else self.backing_dn[:, None]
             self._keep(np.repeat(last, ahead, axis=1), block.time_s)
         elif ahead < 0:
@@ -105,6 +108,28 @@ class LineStore:
             lines = lines[:, again:]
         self._keep(lines, block.time_s)
         return said
+
+    def _lent(self, block: LineBlock) -> NDArray[np.uint16]:
+        """A block's lines; where one sensor did not see them, what another saw stands in, at that sensor's levels.
+
+        So sheets are still found, and told apart, while one of several cameras is away.
+        """
+        lost = np.zeros(block.lines.shape[:2], bool)
+        for fault in block.faults:
+            if fault.sensor is not None and fault.unseen:
+                first = fault.first_line - block.first_line
+                lost[fault.sensor, max(first, 0) : max(first + fault.lines, 0)] = True
+        if not lost.any():
+            return block.lines
+        lines = block.lines.copy()
+        for borrower, lender in permutations(range(self._sensors), 2):
+            at = lost[borrower] & ~lost[lender]
+            if at.any():
+                light = (lines[lender, at] - self._offset_dn[lender]) / self._white_dn[lender]
+                own = self._offset_dn[borrower] + self._white_dn[borrower] * light
+                lines[borrower, at] = np.rint(np.clip(own, 0, 65535)).astype(np.uint16)
+                lost[borrower, at] = False
+        return lines
 
     def _keep(self, lines: NDArray[np.uint16], time_s: float) -> None:
         if not lines.shape[1]:
@@ -125,6 +150,14 @@ class LineStore:
     def is_gap(self, row: int) -> bool:
         """Whether lines 8 row to 8 row + 7 show nothing but backing."""
         return self._backing[row - self.first_row] >= GAP_SHARE * self._shrinker.columns
+
+    def is_lost(self, row: int) -> bool:
+        """Whether any of these lines was lost, where it is known how many were."""
+        first, end = SHRINK * row, SHRINK * (row + 1)
+        return any(
+            begin < end and first < behind and (begin, behind) not in self._breaks
+            for begin, behind, _ in self._unseen
+        )
 
     def is_wide(self, row: int) -> bool:
         """Whether they show something as wide as a sheet."""
@@ -160,15 +193,17 @@ class LineStore:
         found[:, max(stop - first, 0) :] = self.backing_dn[:, None]
         return found
 
-    def unseen(self, first: int, count: int) -> tuple[tuple[int, int], ...]:
-        """Of so many lines from a position on, those that were lost: first and behind the last of each run, in order.
-
-        0 is the line at ``first``.
-        """
-        lost = np.zeros(count, bool)
-        for begin, end in self._unseen:
-            lost[max(begin - first, 0) : max(end - first, 0)] = True
-        return tuple(runs(lost))
+    def unseen(self, first: int, count: int) -> tuple[Unseen, ...]:
+        """Of so many lines from a position on, those that were lost, in order; 0 is the line at ``first``."""
+        lost = np.zeros((self._sensors, count), bool)
+        for begin, end, sensor in self._unseen:
+            of = slice(None) if sensor is None else sensor
+            lost[of, max(begin - first, 0) : max(end - first, 0)] = True
+        by_all = np.asarray(lost.all(axis=0))
+        found = [Unseen(*run) for run in runs(by_all)]
+        for sensor, own in enumerate(lost if self._sensors > 1 else ()):
+            found += [Unseen(*run, sensor) for run in runs(own & ~by_all)]
+        return tuple(sorted(found, key=lambda run: run.first))
 
     def broken(self, first: int, end: int) -> bool:
         """Whether lines were lost between two positions, or beside them, and nobody knows how many."""
@@ -186,9 +221,10 @@ class LineStore:
         """Let go of lines that no one needs any more."""
         while self._parts and self._parts[0][0] + self._parts[0][1].shape[1] <= before:
             self._parts.popleft()
-        for lost in (self._unseen, self._breaks):
-            while lost and lost[0][1] < before:
-                lost.popleft()
+        while self._unseen and self._unseen[0].end < before:
+            self._unseen.popleft()
+        while self._breaks and self._breaks[0][1] < before:
+            self._breaks.popleft()
         row = min(before // SHRINK, self.end_row)
         while self.first_row < row:
             self._backing.popleft()

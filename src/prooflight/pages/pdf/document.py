@@ -10,6 +10,7 @@ import contextlib
 import re
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
+import numpy as np
 import pymupdf
 from pymupdf import mupdf
 
@@ -17,17 +18,22 @@ from prooflight.errors import InputError, JobError, ProfileError, RequestError
 from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import separations as plates
 from prooflight.pages.pdf.boxes import BoxError, printed_box
+from prooflight.pages.pdf.marks import page_marks
+from prooflight.pages.pdf.taking_together import taken_together
 from prooflight.pages.raster import POINTS_PER_INCH
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    import numpy as np
     from numpy.typing import NDArray
+
+    from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
 """While drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
+BAND_PIXELS: Final = 2**24
+"""Of a page that is drawn finer than its raster: so many at once, a page of A4 at 960 dpi in six bands."""
 PIXELS_MAX: Final = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES: Final = 128  # ICC.1:2022, 7.2
 ICC_BYTES_MAX: Final = 64 * 2**20
@@ -97,25 +103,49 @@ class PdfFile:
             boxes = [self._box(self._load(number), number) for number in range(1, self.pages + 1)]
         return [(box.x1 - box.x0, box.y1 - box.y0) for box in boxes]
 
+    def marks(self, number: int) -> dict[str, Any]:
+        """What page ``number`` says of its own places (``pages.pdf.marks``); errors as ``draw``."""
+        with self._listening(f"page {number} is damaged"):
+            page = self._load(number)
+            box = self._box(page, number)
+            return page_marks(page, (box.x0, box.y0))
+
     def draw(
-        self, number: int, dpi: float, raster: Callable[[tuple[int, int, int]], NDArray[np.uint8]]
+        self,
+        number: int,
+        dpi: float,
+        raster: Callable[[tuple[int, int, int], int], NDArray[np.uint8]],
+        *,
+        finer: int = 1,
+        light: InkLight | None = None,
     ) -> NDArray[np.uint8]:
         """Draw page ``number`` into the empty array that ``raster`` gives for its shape, (rows, columns, 4).
 
-        RequestError: there is no such page; JobError: it cannot be ripped; MemoryError: not within its limit.
+        raster: is also told how many pixels are drawn at once. finer: drawn at so many times the resolution, and
+        ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be ripped;
+        MemoryError: not within its limit.
         """
         with self._listening(f"page {number} is damaged"):
             page = self._load(number)
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
-            self._refuse_oversize(number, dpi, rows, columns)
-            cmyk = raster((rows, columns, 4))
-            ctm = mupdf.FzMatrix(scale, 0, 0, scale, -box.x0 * scale, -box.y0 * scale)
-            try:
-                troubles = plates.draw(page, ctm, cmyk, self._profile)
-            except plates.PlateError as error:
-                what = f"page {number}: {error}"
-                raise JobError(self._shown, what, remedy="correct and export it again") from None
+            band_rows = rows if finer == 1 else max(min(BAND_PIXELS // (finer * finer * columns), rows), 1)
+            drawn = finer * finer * band_rows * columns
+            self._refuse_oversize(number, dpi, rows, columns, drawn=drawn)
+            cmyk = raster((rows, columns, 4), drawn)
+            troubles = dict[str, None]()
+            for top in range(0, rows, band_rows):
+                band = cmyk[top : top + band_rows]
+                fine = band if finer == 1 else np.zeros((finer * len(band), finer * columns, 4), np.uint8)
+                by = finer * scale
+                ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - finer * top)
+                try:
+                    troubles |= dict.fromkeys(plates.draw(page, ctm, fine, self._profile))
+                except plates.PlateError as error:
+                    what = f"page {number}: {error}"
+                    raise JobError(self._shown, what, remedy="correct and export it again") from None
+                if finer > 1:
+                    taken_together(fine, band, light)
             self._said += [f"page {number}: {trouble}" for trouble in troubles]
         return cmyk
 
@@ -132,13 +162,13 @@ class PdfFile:
             what = f"page {number} {error}"
             raise JobError(self._shown, what, remedy="correct and export it again") from None
 
-    def _refuse_oversize(self, number: int, dpi: float, rows: int, columns: int) -> None:
+    def _refuse_oversize(self, number: int, dpi: float, rows: int, columns: int, *, drawn: int) -> None:
         refuse_oversize(f"{self._shown}, page {number}", rows, columns)
         if rows * columns > PIXELS_MAX:
             what = f"page {number} at {dpi:g} dpi has {rows * columns / 1e6:.0f} megapixels"
             remedy = f"lower the resolution: at most {PIXELS_MAX / 1e6:.0f} can be ripped"
             raise JobError(self._shown, what, remedy=remedy)
-        needed, free = rows * columns * BYTES_PER_PIXEL, available_bytes()
+        needed, free = max(rows * columns * 4, drawn * BYTES_PER_PIXEL), available_bytes()
         if needed > free:
             what = f"page {number}, {columns} x {rows} pixels, needs {needed / 1e9:.1f} GB"
             raise JobError(

@@ -2,7 +2,9 @@
 
 What is printed is the TrimBox where the page has one, else the CropBox, else the MediaBox, turned by /Rotate and
 scaled by /UserUnit; annotations and layers as for printing. Its top-left corner is the corner of pixel (0, 0), and
-the raster has round(size * dpi / 72) columns and rows. A pixel is ink or paper: nothing is anti-aliased.
+the raster has round(size * dpi / 72) columns and rows. Nothing is anti-aliased: where a page is drawn at the raster's
+own resolution, a pixel is ink or paper. Then letters and lines lie up to half a pixel from where a press of another,
+finer resolution prints them. Drawn ``finer`` and taken together, they lie up to half of one of those pixels from it.
 
 Colour: DeviceCMYK and DeviceGray (to K alone) are printed as they stand; RGB, ICC-based and Lab colours are
 converted to the given profile, else to the output intent of the page or document, else to MuPDF's built-in CMYK
@@ -13,9 +15,10 @@ Opening and ripping take place in a process of their own, within limits: ``rip_p
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages.files import check_dpi, page_name
@@ -23,8 +26,27 @@ from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 
+if TYPE_CHECKING:
+    from prooflight.pages.pdf.taking_together import InkLight
+
 PDF_HEAD_BYTES: Final = 1024
 """Within the first so many a PDF says that it is one (ISO 32000-1, annex H.3.4.1)."""
+
+
+Box = tuple[float, float, float, float]
+"""x, y, width and height on the page as printed. [mm]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageMarks:
+    """What a PDF page says of its own places."""
+
+    bleed: Box | None
+    """Its BleedBox; None: it has none."""
+    layers: tuple[tuple[str, Box], ...]
+    """Every layer that shows anything on it, with the rectangle about all of that."""
+    annotations: tuple[tuple[tuple[str, ...], Box], ...]
+    """Every annotation that is printed, by all names it goes by: its sort, its field's, its title, its subject."""
 
 
 class PdfJob:
@@ -75,14 +97,33 @@ class PdfJob:
         sizes = self._asked("measuring its pages", do="sizes")["sizes"]
         return tuple((width * scale, height * scale) for width, height in sizes)
 
-    def page(self, number: int, dpi: float) -> Page:
-        """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped."""
+    def page(self, number: int, dpi: float, *, finer: int = 1, light: InkLight | None = None) -> Page:
+        """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped.
+
+        finer: see the top of this file. light: by which pixels are then taken together.
+        """
         check_dpi(self.path, dpi)
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
-        cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi))["cmyk"]
+        asked = {"do": "page", "number": number, "dpi": float(dpi), "finer": finer, "light": light}
+        cmyk = self._asked(f"page {number}", **asked)["cmyk"]
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
+
+    def marks(self, number: int) -> PageMarks:
+        """What page ``number`` (from 1) says of its own places; errors as ``page``."""
+        found = self._asked(f"page {number}", do="marks", number=number)["marks"]
+        scale = MM_PER_INCH / POINTS_PER_INCH
+
+        def box(corners: list[float]) -> Box:
+            x0, y0, x1, y1 = (scale * one for one in corners)
+            return x0, y0, x1 - x0, y1 - y0
+
+        return PageMarks(
+            bleed=None if found["bleed"] is None else box(found["bleed"]),
+            layers=tuple((name, box(corners)) for name, corners in found["layers"]),
+            annotations=tuple((tuple(names), box(corners)) for names, corners in found["annotations"]),
+        )
 
     def _asked(self, subject: str, **asked: Any) -> dict[str, Any]:
         """The answer, once its messages have been taken in; JobError names what ``subject`` could not be ripped for."""

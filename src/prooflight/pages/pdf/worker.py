@@ -90,12 +90,17 @@ class Worker:
     def _page(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
 
-        def raster(shape: tuple[int, int, int]) -> NDArray[np.uint8]:
-            _limit_memory(request["room_bytes"] + BYTES_PER_PIXEL * shape[0] * shape[1])
+        def raster(shape: tuple[int, int, int], drawn_pixels: int) -> NDArray[np.uint8]:
+            _limit_memory(request["room_bytes"] + BYTES_PER_PIXEL * max(drawn_pixels, shape[0] * shape[1]))
             return self._raster(shape)
 
-        shape = file.draw(request["number"], request["dpi"], raster).shape
+        number, dpi, finer, light = (request[name] for name in ("number", "dpi", "finer", "light"))
+        shape = file.draw(number, dpi, raster, finer=finer, light=light).shape
         return {"shape": shape, "said": file.said()}
+
+    def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
+        file = self._file(request)
+        return {"marks": file.marks(request["number"]), "said": file.said()}
 
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._files.pop(_key(request), None)

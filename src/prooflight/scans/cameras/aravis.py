@@ -30,7 +30,15 @@ from prooflight.scans.cameras.aravis_library import (
 )
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
 from prooflight.scans.cameras.missing_bytes import Canary
-from prooflight.scans.cameras.setting_up import gone, not_taken, settable, temperature_c, value_of
+from prooflight.scans.cameras.setting_up import (
+    CHUNKS,
+    chunk,
+    gone,
+    not_taken,
+    settable,
+    temperature_c,
+    value_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -110,7 +118,8 @@ class AravisCamera:
     def __init__(self, found: FoundCamera) -> None:
         """ScanError: it does not answer, or another program controls it."""
         self.found = found
-        self._camera = self._stream = 0
+        self._camera = self._stream = self._parser = 0
+        self._chunk_names: tuple[str, ...] = ()
         self._buffers: dict[int, NDArray[np.uint8]] = {}
         self._taken = 0
         self._canary: Canary | None = None
@@ -176,6 +185,7 @@ class AravisCamera:
         if status != SUCCESS and not block_id:
             return None  # its number was lost with its first packet: whose lines they are, nobody can tell
         data = self._buffers[buffer]
+        chunks = self._chunks(buffer) if status == SUCCESS else {}
         return Grab(
             block_id=block_id,
             id_wraps=self._networked,
@@ -186,6 +196,9 @@ class AravisCamera:
             pixels=self._pixels,
             padding=0,
             time_s=time.monotonic(),
+            triggers=chunk(chunks, "triggers"),
+            encoder=chunk(chunks, "encoder"),
+            chunks=chunks,
         )
 
     def health(self) -> Health:
@@ -203,12 +216,12 @@ class AravisCamera:
 
     def close(self) -> None:
         """See ``Camera``; takes seconds where the camera does not answer any more."""
-        camera, stream, taken = self._camera, self._stream, self._taken
-        self._camera = self._stream = self._taken = 0
+        camera, stream, taken, parser = self._camera, self._stream, self._taken, self._parser
+        self._camera = self._stream = self._taken = self._parser = 0
         if stream:
             with contextlib.suppress(AravisError):
                 called("arv_camera_stop_acquisition", None, (POINTER,), camera)
-        for thing in (taken, stream, camera):
+        for thing in (taken, parser, stream, camera):
             unref(thing)
         self._buffers.clear()
 
@@ -237,6 +250,9 @@ class AravisCamera:
             set_property(self._stream, "socket-buffer", FIXED_BUFFER, kind=kind)
             set_property(self._stream, "socket-buffer-size", SOCKET_BYTES, kind="int")
         self._canary = Canary(payload)
+        known = (name for names in CHUNKS.values() for name in names)
+        self._chunk_names = tuple(name for name in known if self._node(name) is not None)
+        self._parser = plainly("arv_camera_create_chunk_parser", POINTER, (POINTER,), camera)
         count = min(max(BUFFER_BYTES // payload, FEWEST_BUFFERS), MOST_BUFFERS)
         for _ in range(count):
             data = self._canary.buffer()
@@ -244,6 +260,18 @@ class AravisCamera:
             self._buffers[buffer] = data
             self._push(buffer)
         called("arv_camera_start_acquisition", None, (POINTER,), camera)
+
+    def _chunks(self, buffer: int) -> dict[str, int]:
+        """Whole numbers that the camera sent with a block."""
+        if not plainly("arv_buffer_has_chunks", BOOL, (POINTER,), buffer):
+            return {}
+        found = {}
+        for name in self._chunk_names:
+            with contextlib.suppress(AravisError):
+                getter = "arv_chunk_parser_get_integer_value"
+                types = (POINTER, POINTER, TEXT)
+                found[name] = called(getter, ctypes.c_int64, types, self._parser, buffer, name.encode())
+        return found
 
     def _push(self, buffer: int) -> None:
         plainly("arv_stream_push_buffer", None, (POINTER, POINTER), self._stream, buffer)

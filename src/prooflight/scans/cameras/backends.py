@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import RequestError
 from prooflight.scans.cameras.aravis import Aravis
+from prooflight.scans.cameras.pylon import Pylon
 from prooflight.scans.cameras.setting_up import set_up
 from prooflight.scans.cameras.viva import Viva
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Backend, Camera, FoundCamera
     from prooflight.scans.cameras.setting_up import CameraSettings
 
-BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva())
+BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva(), Pylon())
 """The one that is asked first comes first."""
 
 

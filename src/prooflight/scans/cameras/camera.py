@@ -73,9 +73,12 @@ class Grab:
     time_s: float
     """When its last line was read, by the clock of ``time.monotonic``; about: when its last byte arrived."""
     triggers: int | None = None
-    """Line triggers that the camera had seen by its last line, taken or not; None: it does not say."""
+    """Line triggers that the camera had seen by its last line, taken or not; None: it does not say. It may have 16 or
+    32 bits and begin again."""
+    encoder: int | None = None
+    """Steps that the encoder had made by then, alike."""
     chunks: Mapping[str, int] = field(default_factory=dict)
-    """What the camera sent with it, by name."""
+    """What the camera sent with it, by name: frame ID, timestamp and counts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,11 +95,13 @@ class Health:
     resends: int = 0
     """Packets that were asked for again, by the backend's count."""
     buffers_free: int = 0
-    """Buffers that wait to be filled; none left: blocks are lost."""
+    """Buffers that wait to be filled; none left: blocks are lost. 0 as well where the library does not say."""
     temperature_c: float | None = None
     """None: the camera has no such feature."""
     away: int = 0
     """How often the camera has been away."""
+    present: bool = True
+    """Whether it is open; not while it is away."""
 
 
 class Camera(Protocol):

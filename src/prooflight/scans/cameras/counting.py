@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 PERIOD: Final = 65535
 """Of 16-bit block numbers: GigE Vision 1.2 leaves out 0, which is for test packets."""
+SHORT, LONG = 1 << 16, 1 << 32
+"""Counts after which cameras' counters of triggers and encoder steps begin again."""
+MOST_IGNORED: Final = 1 << 14
+"""Triggers that may be passed over from block to block; where a counter says more, it has begun anew."""
 LATEST: Final = 1024
 """Blocks by which one may come too late; further back, the number has begun again."""
 
@@ -39,6 +43,12 @@ def blocks_ahead(block_id: int, last_id: int, *, wraps: bool, period: int = PERI
         return ahead
     ahead %= period
     return ahead - period if ahead > period - LATEST else ahead
+
+
+def counted_on(value: int, last: int) -> int:
+    """How far a camera's counter has gone on; it begins again after 16 bits or, where it has been beyond, after 32."""
+    on = value - last
+    return on if on >= 0 else on % (SHORT if last < SHORT else LONG)
 
 
 def lost_lines(
@@ -64,6 +74,8 @@ class LineCounter:
     pixels: int | None = None
     """Of a line; None: as the first block has it."""
     sensors: int | None = None
+    encoder_steps: int | None = None
+    """From line to line, where blocks say the encoder's count and not that of triggers."""
     next_line: int = 0
     """The count behind the last line that came or is known to be lost."""
     lines: int = 0
@@ -74,30 +86,77 @@ class LineCounter:
     """Blocks that came with a part missing."""
     _last_id: int | None = None
     _triggers: int | None = None
+    _untold: int = 0
+    """Lines since the block that said the last count."""
+    _encoder: int | None = None
+    _steps: int = 0
+    """Of the encoder, without a turn."""
+    base: int | None = None
+    """What the camera's own count of triggers is more than ours; None: it tells none."""
+    exact: bool = True
+    """Whether lines are counted to the line since the first; not behind an absence that the camera did not count."""
     _period: int = PERIOD
     _to_say: list[LineFault] = field(default_factory=list)
 
-    def restarted(self, *, lines: int, why: str) -> None:
-        """The camera has been away while about so many lines passed: its numbers begin anew, the count goes on."""
-        self._say("camera-away", lines, f"about {lines} lines from {self.next_line} on were lost: {why}")
+    def restarted(self, *, lines: int, why: str, grab: Grab | None = None) -> int:
+        """The camera has been away while about so many lines passed: its numbers begin anew, the count goes on.
+
+        grab: the first block since. Where the camera has gone on counting triggers, it says how many passed. Returns
+        how many are lost.
+        """
+        known = None if grab is None or self._triggers is None else self._passed(grab, lines)
+        if known is None:
+            self.base, self.exact = None, False
+        about = "about " if known is None else ""
+        lost = lines if known is None else known
+        self._say("camera-away", lost, f"{about}{lost} lines from {self.next_line} on were lost: {why}")
         self._last_id = self._triggers = None
+        self._untold = 0
+        return lost
+
+    def _passed(self, grab: Grab, about: int) -> int | None:
+        """Lines that passed before a block since the last, by the camera's own count; None: that begins anew."""
+        triggers, before = self._count(grab), self._triggers
+        if triggers is None or before is None:
+            return None
+        passed = counted_on(triggers, before) - grab.lines
+        if triggers > before:  # a press may have stood, or run faster, but not many times as fast
+            return passed if 0 <= passed <= 2 * about + MOST_IGNORED else None
+        # Either the counter has gone round, or the camera lost its power and counts from nought.
+        return passed if abs(passed - about) <= about // 4 else None
+
+    @property
+    def period(self) -> int:
+        """Lines after which its own count of triggers begins again."""
+        turn = SHORT if max(self._triggers or 0, self._encoder or 0) < SHORT else LONG
+        return turn if self._encoder is None else max(turn // (self.encoder_steps or 1), 1)
 
     def take(self, grab: Grab) -> Iterator[LineBlock]:
         """Its lines, cut where some are lost. ScanError: they are not of a camera with so many pixels and sensors."""
         form = pixel_format(grab.pixel_format, where=self.name)
         self._check(grab.pixels, form.sensors)
+        if grab.missing and not self.blocks and not self.next_line:
+            return  # the count begins with a whole block, which alone tells where the camera's own count stands
         ahead = self._ahead(grab)
         if ahead <= 0:
             first = max(self.next_line + (ahead - 1) * grab.lines, 0)
             what = f"block {grab.block_id} came behind block {self._last_id}, and its lines were left out"
             self._to_say.append(LineFault(kind="late-lines", first_line=first, lines=grab.lines, detail=what))
             return
-        ignored = self._ignored(grab, ahead)
+        triggers = self._count(grab)
+        ignored = self._ignored(triggers, ahead * grab.lines)
+        untold = (
+            self._untold if ignored else 0
+        )  # of blocks that came without their count: they are in doubt as well
         if ahead > 1:
             count = (ahead - 1) * grab.lines
             blocks = f"{ahead - 1} blocks before block {grab.block_id}"
             self._say("lost-blocks", count, f"{self._lines(count)} lost: {blocks} did not come")
-        self._last_id, self._triggers = grab.block_id, grab.triggers
+        self._last_id = grab.block_id
+        if triggers is None:
+            self._untold += ahead * grab.lines
+        else:
+            self._triggers, self._untold = triggers, 0
         self.blocks += 1
         gone = lost_lines(
             grab.missing,
@@ -106,20 +165,19 @@ class LineCounter:
             padding=grab.padding,
         )
         self.broken += bool(gone.any())
-        yield from self._pieces(grab, gone, ignored)
+        yield from self._pieces(grab, gone, ignored, untold)
 
-    def _pieces(self, grab: Grab, gone: NDArray[np.bool_], ignored: int) -> Iterator[LineBlock]:
+    def _pieces(self, grab: Grab, gone: NDArray[np.bool_], ignored: int, untold: int) -> Iterator[LineBlock]:
         """The lines that came, each run of them a block of its own; what is said of lost ones goes with the next."""
         first, form = self.next_line, pixel_format(grab.pixel_format, where=self.name)
         if ignored:
-            what = f"{ignored} line triggers were passed over somewhere in lines {first} to {first + grab.lines - 1}"
-            self._to_say.append(
-                LineFault(kind="lost-triggers", first_line=first, lines=grab.lines + ignored, detail=what)
-            )
+            begin, lines = first - untold, untold + grab.lines + ignored
+            what = f"{ignored} line triggers were passed over somewhere in lines {begin} to {first + grab.lines - 1}"
+            self._to_say.append(LineFault(kind="lost-triggers", first_line=begin, lines=lines, detail=what))
             self.lost += ignored
-        lines = None
+        came = None
         if not gone.all():
-            lines = unpacked(
+            came = unpacked(
                 grab.data, form, lines=grab.lines, pixels=grab.pixels, padding=grab.padding, where=self.name
             )
         at = 0
@@ -127,9 +185,9 @@ class LineCounter:
             if begin > at:
                 lost = f"parts of block {grab.block_id} did not arrive"
                 self._say("lost-packets", begin - at, f"{self._lines(begin - at)} lost: {lost}")
-            if end > begin and lines is not None:
+            if end > begin and came is not None:
                 faults, self._to_say = tuple(self._to_say), []
-                piece = lines if end - begin == grab.lines else np.ascontiguousarray(lines[:, begin:end])
+                piece = came if end - begin == grab.lines else np.ascontiguousarray(came[:, begin:end])
                 block = LineBlock(first_line=self.next_line, lines=piece, time_s=grab.time_s, faults=faults)
                 self.next_line += end - begin
                 self.lines += end - begin
@@ -154,11 +212,27 @@ class LineCounter:
             self._period = PERIOD + 1  # this camera counts 0 as well
         return blocks_ahead(grab.block_id, self._last_id, wraps=grab.id_wraps, period=self._period)
 
-    def _ignored(self, grab: Grab, ahead: int) -> int:
-        """Triggers that the camera saw since the last block and took no line for."""
-        if grab.triggers is None or self._triggers is None:
+    def _count(self, grab: Grab) -> int | None:
+        """Line triggers by the end of a block, as the camera counts them or as its encoder's steps tell."""
+        if grab.triggers is not None or grab.encoder is None or self.encoder_steps is None:
+            return grab.triggers
+        self._steps += grab.encoder if self._encoder is None else counted_on(grab.encoder, self._encoder)
+        self._encoder = grab.encoder
+        return self._steps // self.encoder_steps
+
+    def _ignored(self, triggers: int | None, lines: int) -> int:
+        """Triggers that the camera saw since the last block and took no line for; lines: that it took or lost."""
+        if triggers is None:
             return 0
-        return max(grab.triggers - self._triggers - ahead * grab.lines, 0)
+        if self._triggers is None:
+            if self.base is None:
+                self.base = triggers - lines - self.next_line
+            return 0
+        ignored = counted_on(triggers, self._triggers) - lines - self._untold
+        if ignored > MOST_IGNORED:
+            self.base, self.exact = None, False
+            return 0
+        return max(ignored, 0)
 
     def _check(self, pixels: int, sensors: int) -> None:
         known = self.pixels or pixels, self.sensors or sensors

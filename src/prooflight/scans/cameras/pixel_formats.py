@@ -107,9 +107,13 @@ PIXEL_FORMATS: Final = {
     )
 }
 
+OLDER: Final = {f"RGB{bits}Packed": f"RGB{bits}" for bits in (8, 10, 12, 16)}
+"""GigE Vision 1 called by these names what the naming convention does not."""
+
 
 def pixel_format(name: str, *, where: str) -> PixelFormat:
     """The format of that name; ScanError names those that can be read. where: the camera, in errors."""
+    name = OLDER.get(name, name)
     if name not in PIXEL_FORMATS:
         known = ", ".join(PIXEL_FORMATS)
         raise ScanError(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.errors import RequestError, ScanError
+from prooflight.scans.alignment import SensorOffset
 
 if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Camera, Feature
@@ -26,8 +27,17 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "trigger_selector": ("TriggerSelector",),
     "trigger_mode": ("TriggerMode",),
     "trigger_source": ("TriggerSource",),
+    "position": ("EncoderValue", "ShaftEncoderModuleCounter", "RotaryEncoderCounterValue"),
 }
-"""The standard's name first, then those of makers: Basler's up to GigE ace and runner end in ``Abs``."""
+"""The standard's name first, then those of makers: Basler's up to GigE ace and runner end in ``Abs``. position: how far
+the encoder has gone, which tells a press that stands from a camera that has hung."""
+CHUNKS: Final[Mapping[str, tuple[str, ...]]] = {
+    "triggers": ("ChunkLineTriggerCount", "ChunkTriggerinputcounter", "ChunkLineTriggerEndToEndCounter"),
+    "encoder": ("ChunkEncoderValue", "ChunkShaftEncoderCounter"),
+    "frame": ("ChunkFrameID", "ChunkFramecounter"),
+    "timestamp": ("ChunkTimestamp",),
+}
+"""What cameras send with a block: line triggers and encoder steps that they have seen, its number, its time."""
 LINE_TRIGGERS: Final = ("LineStart", "LineTrigger")
 """Entries of ``TriggerSelector`` that start a line."""
 ENCODERS: Final = (
@@ -47,6 +57,8 @@ MOST_SHOWN: Final = 12
 class CameraSettings:
     """``[camera]`` of a press file; None: as the camera stands."""
 
+    id: str | None = None
+    """By which it is found: ID, serial number or address."""
     pixel_format: str | None = None
     block_lines: int | None = None
     line_rate_hz: float | None = None
@@ -55,10 +67,26 @@ class CameraSettings:
     """What starts a line: nothing but time, or the encoder."""
     trigger_source: str | None = None
     """Of an encoder, by the camera's name; None: the first of ``ENCODERS`` that it has."""
+    encoder_steps: int | None = None
+    """Of the encoder from line to line; where blocks tell its count, lines that it asked for can be told by it."""
+    chunks: bool | None = None
+    """Whether it is to send what it has of ``CHUNKS`` with every block."""
+    offset_lines: tuple[float, ...] = ()
+    """Of each of its sensors: how many lines later than in the press's count it sees a place of the page."""
+    offset_pixels: tuple[float, ...] = ()
+    """Of each of its sensors: how many pixels further right it sees a place of the page."""
     features: Mapping[str, Value] = field(default_factory=dict)
     """Others, by the camera's own names, set before all these and in this order."""
     names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """By model: what the words of ``NAMES`` are called there."""
+
+    def offsets(self, sensors: int | None = None) -> tuple[SensorOffset, ...]:
+        """Of each of its sensors that offsets are stated of; of none: of so many sensors, or of one."""
+        count = max(len(self.offset_lines), len(self.offset_pixels)) or sensors or 1
+        lines, pixels = self.offset_lines or (0.0,) * count, self.offset_pixels or (0.0,) * count
+        return tuple(
+            SensorOffset(lines=along, pixels=across) for along, across in zip(lines, pixels, strict=False)
+        )
 
 
 def set_up(camera: Camera, settings: CameraSettings, *, where: str) -> None:
@@ -70,6 +98,7 @@ def set_up(camera: Camera, settings: CameraSettings, *, where: str) -> None:
         *_own(camera, settings, where),
         *_common(camera, settings, where),
         *_triggered(camera, settings, where),
+        *_chunked(camera, settings, where),
     ]
     for name, value in wanted:
         camera.set(name, value)
@@ -107,6 +136,21 @@ def settable(camera: Camera, name: str, value: str) -> Feature:
 def not_taken(camera: Camera, name: str, value: str, error: Exception) -> RequestError:
     """The camera itself refused a value."""
     return RequestError(name, f"{camera.found.id} does not take {value!r} ({error})", remedy=LOOK)
+
+
+def chunk(chunks: Mapping[str, int], word: str) -> int | None:
+    """What a block's chunks say of one of ``CHUNKS``; None: nothing."""
+    return next((chunks[name] for name in CHUNKS[word] if name in chunks), None)
+
+
+def position(camera: Camera, settings: CameraSettings) -> int | None:
+    """How far the encoder has gone, in steps; None: the camera does not say. ScanError: it does not answer."""
+    own = settings.names.get(camera.found.model, {}).get("position")
+    for name in NAMES["position"] if own is None else (own,):
+        one = camera.feature(name)
+        if one is not None and one.value:
+            return int(float(one.value))
+    return None
 
 
 def value_of(camera: Camera, name: str) -> str:
@@ -184,6 +228,22 @@ def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tup
         (source, encoder, f"{where}, camera.trigger_source"),
     ]
     return _checked(camera, asked)
+
+
+def _chunked(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str, str]]:
+    if settings.chunks is None:
+        return []
+    field_name = f"{where}, camera.chunks"
+    mode = camera.feature("ChunkModeActive")
+    if mode is None:
+        raise _lacks(camera, field_name, ("ChunkModeActive",), nameable=False)
+    told = _checked(camera, [(mode, _text(settings.chunks), field_name)])
+    selector = camera.feature("ChunkSelector") if settings.chunks else None
+    known = {name.removeprefix("Chunk") for names in CHUNKS.values() for name in names}
+    for entry in () if selector is None else selector.choices:
+        if entry in known:
+            told += [("ChunkSelector", entry), ("ChunkEnable", "true")]
+    return told
 
 
 def _named(camera: Camera, settings: CameraSettings, word: str, where: str) -> Feature:

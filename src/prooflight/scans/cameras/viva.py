@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
-from prooflight.scans.cameras.setting_up import gone, not_taken, settable, temperature_c
+from prooflight.scans.cameras.setting_up import chunk, gone, not_taken, settable, temperature_c
 from prooflight.scans.lines import runs
 
 if TYPE_CHECKING:
@@ -36,12 +36,6 @@ KINDS: Final[Mapping[str, FeatureKind]] = {
     "String": "string",
     "Command": "command",
 }
-TRIGGER_CHUNKS: Final = (
-    "ChunkLineTriggerCount",
-    "ChunkTriggerinputcounter",
-    "ChunkLineTriggerEndToEndCounter",
-)
-"""Names under which cameras send how many line triggers they have seen."""
 
 
 class Viva:
@@ -157,7 +151,8 @@ class VivaCamera:
             pixels=frame.width,
             padding=frame.padding_x,
             time_s=time.monotonic(),
-            triggers=next((chunks[name] for name in TRIGGER_CHUNKS if name in chunks), None),
+            triggers=chunk(chunks, "triggers"),
+            encoder=chunk(chunks, "encoder"),
             chunks=chunks,
         )
 

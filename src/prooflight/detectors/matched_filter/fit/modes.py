@@ -19,6 +19,7 @@ from prooflight.kernels.prediction.look_up import NODES
 from prooflight.kernels.residuals.fit import InkImages
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums
+from prooflight.pages.parallel import shared_out
 from prooflight.prediction.predict import predict_light
 from prooflight.prediction.tables import EVERY, SLOPE_NODES, SameArray, mean_slopes, node_fractions
 
@@ -178,7 +179,14 @@ class AddedInks:
             predict_light(
                 page, sensor.footprint, mode_tables(sensor).add, list(out), geometry=geometry, sign=-1
             )
-        return images.reshape(-1, *shape[2:])
+        return first_lines(images.reshape(-1, *shape[2:]), geometry.lines(self.page.height_mm))
+
+
+def first_lines(images: NDArray[np.float32], lines: int) -> NDArray[np.float32]:
+    """Images (n, lines, pixels) of a thinned page, which may reach a line beyond the page itself: its last squares of
+    raster pixels need not be full.
+    """
+    return images if images.shape[1] == lines else np.ascontiguousarray(images[:, :lines])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,12 +236,15 @@ def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margi
     return PixelMap(across=by_x, along=by_y, inside=inside.view(np.bool_))
 
 
-def moved(images: NDArray[np.float32], seen: PixelMap) -> NDArray[np.float32]:
+def moved(images: NDArray[np.float32], seen: PixelMap, *, threads: int = 1) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
     out = unset(images.shape)
     some = np.array([image[::8].any() for image in images])
     out[~some] = 0
-    move_smooth(images, np.flatnonzero(some), seen.across, seen.along, out)
+    parts = np.array_split(np.flatnonzero(some), threads)
+    shared_out(
+        [partial(move_smooth, images, part, seen.across, seen.along, out) for part in parts], threads=threads
+    )
     return out
 
 

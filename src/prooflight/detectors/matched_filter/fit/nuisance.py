@@ -277,6 +277,18 @@ class PlacedScan:
     where: PixelMap
     sensors: Sequence[SensorModel]
     colours: Colours
+    lost: NDArray[np.bool_] | None = None
+    """(sensors, lines) lines that were not seen; None: all were."""
+
+    def inside(self, sensor: int) -> NDArray[np.bool_]:
+        """What of the page this sensor saw, (lines, pixels)."""
+        return self.where.inside if self.lost is None else self.where.inside & ~self.lost[sensor, :, None]
+
+    def seen_by_all(self) -> NDArray[np.bool_]:
+        """What of the page every sensor saw, (lines, pixels)."""
+        if self.lost is None:
+            return self.where.inside
+        return self.where.inside & ~np.any(self.lost, axis=0, keepdims=True).T
 
     def light(self) -> NDArray[np.float32]:
         """What is expected without what columns give in the dark, (sensors, lines, pixels). [DN]"""
@@ -348,7 +360,7 @@ class _Blocks:
 
 
 def _summed(scan: PlacedScan) -> _Blocks:
-    inside, colours = scan.where.inside, scan.colours
+    inside, colours = scan.seen_by_all(), scan.colours
     rows, columns = (extent // BLOCK for extent in inside.shape)
     cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
     # Along, then across: both at once takes six times as long.

@@ -48,14 +48,15 @@ def residual_images(
 
     The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
     """
-    seen, modes, inside, sensors = scan.seen, scan.modes, scan.where.inside, scan.sensors
-    pixels = inside.shape[1]
+    seen, modes, sensors = scan.seen, scan.modes, scan.sensors
+    pixels = scan.where.inside.shape[1]
     u = (np.arange(pixels) + 0.5) / pixels
     lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
     noise, bells, light = np.ones(len(sensors)), scan.colours.bells(), scan.light()
     for index, sensor in enumerate(sensors):
+        inside = scan.inside(index)
         fitted = FittedAmounts(
             shape=scan.colours.weights(fit.shape[index]),
             columns=(fit.white[index] + lamp).astype(np.float32),

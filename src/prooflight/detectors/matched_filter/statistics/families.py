@@ -38,9 +38,10 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     Statistic,
     in_screen,
 )
+from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -49,6 +50,12 @@ if TYPE_CHECKING:
     from prooflight.registration.register import Registration
 
 SAMPLES: Final = 400
+GHOST_MODES: Final = ("light", *(name for name in MODES if name.startswith("add")))
+MODE_GROUPS: Final = (
+    ("light", *(name for name in MODES if name.startswith("gain") or name == "blur")),
+    GHOST_MODES,
+)
+"""Of modes that the first look does not sum up, by what they cost."""
 
 
 def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
@@ -68,17 +75,54 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
     ]
 
 
-def screen_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
-    """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least."""
+def screen_statistics(
+    sums: Sums, fit: Fit, found: Registration, scatter: Scatter, *, threads: int = 1
+) -> list[Observed]:
+    """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least, in
+    parts that threads share out.
+    """
     own = scatter.of_modes(sums.modes)
-    every = [
-        *_of_modes(sums, flat_part(sums), own),
-        *of_slants(sums, own),
-        *_of_fit(fit),
-        *_of_place(found),
-        *of_energy(sums),
+    parts: list[Callable[[], list[Observed]]] = [
+        lambda: list(_of_modes(sums, flat_part(sums), own)),
+        lambda: [*of_slants(sums, own), *_of_fit(fit), *_of_place(found), *of_energy(sums)],
     ]
+    every = [one for part in shared_out(parts, threads=threads) for one in part]
     return [one for one in every if in_screen(one.statistic)]
+
+
+def remaining_statistics(
+    sums: Sums,
+    scatter: Scatter,
+    seen: Sequence[Observed],
+    *,
+    order: Sequence[Statistic] | None = None,
+    threads: int = 1,
+) -> list[Observed]:
+    """``all_statistics`` of a scan of which those ``in_screen`` were seen, the others found in parts that threads share
+    out. order: in which they come; None: any. ValueError: they are others than those of the order.
+    """
+    groups = MODE_GROUPS if threads > 1 else (tuple(dict.fromkeys(sum(MODE_GROUPS, ()))),)
+    noise = np.broadcast_to(NOISE, scatter.ghosts.shape)
+    parts: list[Callable[[], list[Observed]]] = [
+        *(partial(_of_mode_group, sums, scatter, names) for names in groups),
+        lambda: list(of_ghosts(sums, scatter.ghosts, GOOD_PRINTS, OWN_PAGE)),
+        lambda: list(of_ghosts(flat_part(sums.of_modes(GHOST_MODES)), noise, FLAT_AREAS)),
+        lambda: [*of_swapped_planes(sums), *of_steps(sums), *_of_shifts(sums)],
+    ]
+    found = [one for part in shared_out(parts, threads=threads) for one in part]
+    known = {one.statistic: one for one in (*found, *seen)}
+    if order is None:
+        return list(known.values())
+    if known.keys() != set(order):
+        raise ValueError("these are not the statistics asked for")
+    return [known[which] for which in order]
+
+
+def _of_mode_group(sums: Sums, scatter: Scatter, names: tuple[str, ...]) -> list[Observed]:
+    """Of some modes, light the first, what the first look does not see."""
+    own, of_own = sums.of_modes(names), scatter.of_modes(names)
+    every = [*_of_modes(own, flat_part(own), of_own), *of_slants(own, of_own)]
+    return [one for one in every if not in_screen(one.statistic)]
 
 
 def _of_modes(sums: Sums, flat: Sums, scatter: Scatter) -> Iterator[Observed]:

@@ -10,6 +10,7 @@ noise, what registration leaves at edges, and the tolerance of good prints; c, c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -23,6 +24,7 @@ from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
+from prooflight.pages.parallel import shared_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -99,6 +101,18 @@ class Sums:
     modes: tuple[str, ...] = MODES
     """Those of ``MODES`` that were looked at; light is the first."""
 
+    def of_modes(self, names: Sequence[str]) -> Sums:
+        """Of those of its modes alone, light the first, and the energy."""
+        which = [self.modes.index(name) for name in names]
+        lines = [index for index in which if index < len(self.line_modes)]
+        return replace(
+            self,
+            tiles=self.tiles[:, [*which, len(self.modes)]],
+            columns=self.columns[:, lines],
+            flat_columns=self.flat_columns[:, lines],
+            modes=tuple(names),
+        )
+
     @property
     def line_modes(self) -> tuple[str, ...]:
         """Those of columns."""
@@ -115,10 +129,11 @@ def summed(
     page_width_mm: float,
     prior: PrintPrior,
     looked_at: tuple[str, ...] = MODES,
+    threads: int = 1,
 ) -> Sums:
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way.
 
-    looked_at: those of ``MODES`` that are summed up, light the first.
+    looked_at: those of ``MODES`` that are summed up, light the first. threads: that share it out.
     """
     left = left.copy()
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
@@ -127,7 +142,8 @@ def summed(
     which = np.array([MODES.index(name) for name in looked_at])
     which_lines = which[which < len(LINE_MODES)]
     tiles = unset((4, which.size + 1, lines // side, pixels // side))
-    columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
+    parts = np.array_split(which_lines, min(threads, which_lines.size))
+    columns = [np.zeros((2, 4, part.size, SEGMENTS, pixels), np.float32) for part in parts]
     shift = -np.rint(where.slant()).astype(np.int64)
     light = scan.light()
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
@@ -136,14 +152,30 @@ def summed(
     column_gains_found = np.empty((len(sensors), pixels), np.float32)
     for index, gains in enumerate(column_gains_found):
         own = ResidualImages._make(image[index] for image in images)
-        line_sums(own, np.array([1, FLAT], np.float32), shift, -(-lines // SEGMENTS), which_lines, columns)
+        segment, least = -(-lines // SEGMENTS), np.array([1, FLAT], np.float32)
+        shared_out(
+            [
+                partial(line_sums, own, least, shift, segment, part, out)
+                for part, out in zip(parts, columns, strict=True)
+            ],
+            threads=threads,
+        )
         column_gains(left[index], weight[index], light[index], np.float32(1 / prior.column**2), gains)
         # What is smooth across is lamp or scum, not a column's own gain.
         gains -= ndimage.uniform_filter1d(
             gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
         )
         take_columns(left[index], weight[index], light[index], gains)
-    tile_sums(images, side, which, tiles)
+    shifts = np.zeros((INKS, 4))
+
+    def tiled() -> None:
+        tile_sums(images, side, which, tiles)
+
+    def shifted() -> None:
+        if looked_at == MODES:
+            shifts[:] = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
+
+    shared_out([tiled, shifted], threads=threads)
     size = (pixels // side, lines // side)
     cover = np.stack(
         [
@@ -151,13 +183,11 @@ def summed(
             for c in modes.cover
         ]
     )
-    shifts = np.zeros((INKS, 4))
-    if looked_at == MODES:
-        shifts = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
+    whole, flat = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
     return Sums(
         tiles=tiles,
-        columns=columns[0],
-        flat_columns=columns[1],
+        columns=whole,
+        flat_columns=flat,
         cover=cover,
         shifts=shifts,
         tile_mm=side * geometry.pixel_pitch_mm,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
@@ -83,15 +84,7 @@ class Statistic(NamedTuple):
         >>> Statistic.parse("box/gain-C+/8")[:5], Statistic.parse("calm/void/2/full").reference.value
         (('box', 'gain', 'C', '+', 8), 'flat areas')
         """
-        word, *rest = key.split("/")
-        mode = ink = sign = ""
-        if rest and not _is_size(rest[0]):
-            first = rest.pop(0)
-            sign = first[-1] if first[-1:] in ("+", "-") else ""
-            mode, ink = mode_and_ink(first.removesuffix(sign))
-        size = int(rest.pop(0)) if rest and _is_size(rest[0]) else None
-        family, reference = _MEANINGS.get(word, (word, GOOD_PRINTS))
-        return cls(family, mode, ink, sign, size, "/".join(rest), reference)
+        return cls._make(_parsed(key))
 
     @property
     def key(self) -> str:
@@ -117,6 +110,20 @@ class Statistic(NamedTuple):
         if self.family in OF_ALL_SORTS:
             return self.word
         return self._replace(size=None, part="").key
+
+
+@lru_cache(maxsize=4096)
+def _parsed(key: str) -> Statistic:
+    """A press is read several times, and has a thousand of them each time."""
+    word, *rest = key.split("/")
+    mode = ink = sign = ""
+    if rest and not _is_size(rest[0]):
+        first = rest.pop(0)
+        sign = first[-1] if first[-1:] in ("+", "-") else ""
+        mode, ink = mode_and_ink(first.removesuffix(sign))
+    size = int(rest.pop(0)) if rest and _is_size(rest[0]) else None
+    family, reference = _MEANINGS.get(word, (word, GOOD_PRINTS))
+    return Statistic(family, mode, ink, sign, size, "/".join(rest), reference)
 
 
 def in_screen(statistic: Statistic) -> bool:

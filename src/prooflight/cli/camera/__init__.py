@@ -1,0 +1,1 @@
+"""``prooflight camera``: cameras on paper, measured, and plugged in."""

@@ -1,0 +1,192 @@
+"""``prooflight camera set-up``: a line camera is set up step by step, and the press file says what was measured."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import typer
+from rich.text import Text
+
+from prooflight.cli import show
+from prooflight.cli.camera.line_cameras import CameraId
+from prooflight.cli.options import Json
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.commissioning.line_camera.dialogue import Protocol
+    from prooflight.press.press_file import PressFile
+
+STYLES: Final = {"title": "bold", "plain": "", "good": "green", "poor": "bold red", "faint": "dim"}
+
+
+def set_up(
+    name: CameraId,
+    press_file: Annotated[
+        Path,
+        typer.Argument(metavar="PRESS.toml", help="Press file; begun from the prototype's if there is none."),
+    ],
+    like: Annotated[
+        Path | None, typer.Option(metavar="OTHER.toml", help="Begin a new press file from this one.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Nobody answers: Enter to every question.")] = False,
+    answers: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="A.toml", help='Nobody answers: key = "answer" a question; Enter to the others.'
+        ),
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="Begin anew where a set-up was left unfinished.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Set a line camera up step by step: dark, light, focus, width, encoder; and write the press file.
+
+    Each step says what to do, waits for Enter, measures, and says what it found. Comments of the press file stay. A
+    set-up that was stopped goes on where it was.
+    """
+    from prooflight.commissioning.line_camera import dialogue
+    from prooflight.commissioning.line_camera.steps import QUESTIONS
+    from prooflight.commissioning.line_camera.tap import CameraTap
+    from prooflight.press.press_file import PressFile
+    from prooflight.scans.cameras.backends import found_camera, ready
+
+    given = None if answers is None else dialogue.answers_of(_answers(answers), QUESTIONS, where=answers)
+    camera = found_camera(name)
+    begun = not press_file.exists()
+    unfinished = dialogue.protocol_path(press_file)
+    left = None if again or begun else dialogue.Protocol.of(unfinished, camera=camera.id)
+    press = _source(like) if begun else PressFile.read(press_file)
+    settings = press.camera_settings()
+    opened = ready(camera, settings, where=str(press_file))
+    try:
+        tap = CameraTap(opened, names=settings.names.get(camera.model))
+        if begun:
+            _begin(press_file, press, sensors=tap.sensors, camera=camera.id)
+            _say(f"{press_file} is begun from {press.path.name}", "faint", quiet=json)
+        protocol = left or dialogue.Protocol(camera=camera.id, begun=begun)
+        attended = not yes and given is None
+        talk = dialogue.Talk(
+            say=lambda text, kind: _say(text, kind, quiet=json),
+            answer=_typed if attended else _given(given, quiet=json),
+            attended=attended,
+        )
+        try:
+            dialogue.SetUp(tap=tap, path=press_file, talk=talk, protocol=protocol).run()
+        except dialogue.Stopped:
+            _say("stopped; the same command goes on from here", "faint", quiet=json)
+    finally:
+        opened.close()
+    if json:
+        show.print_json(_told(protocol, press_file))
+    else:
+        _summary(protocol, press_file)
+
+
+def _source(like: Path | None) -> PressFile:
+    """What a new press file is begun from."""
+    from prooflight.press.press_file import PressFile
+
+    return PressFile.prototype() if like is None else PressFile.read(like)
+
+
+def _begin(path: Path, source: PressFile, *, sensors: int, camera: str) -> None:
+    """RequestError: it is of another kind of camera."""
+    from prooflight.files.atomic import whole_file
+
+    described = len(source.camera().sensors)
+    if described != sensors:
+        what = f"{camera} sends {sensors} sensors, {source.path.name} describes {described}"
+        raise RequestError(
+            path, what, remedy="say --like OTHER.toml, a press file of as many [[sensor]] blocks"
+        )
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(source.text.encode())
+
+
+def _answers(path: Path) -> dict[str, Any]:
+    from prooflight.files.given import GivenFiles
+
+    files = GivenFiles(error=RequestError, remedy='give a file of key = "answer" (TOML)', largest_mb=1)
+    try:
+        tree = tomllib.loads(files.read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise RequestError(path, f"is not TOML ({error})", remedy=files.remedy) from error
+    return _flat(tree)
+
+
+def _flat(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """``sheet.across = "..."`` as well as ``"sheet.across" = "..."``."""
+    found: dict[str, Any] = {}
+    for key, value in tree.items():
+        found |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return found
+
+
+def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *, quiet: bool) -> None:
+    if not quiet:
+        show.people.print(
+            text if kind == "title" else f"  {text}", style=STYLES[kind], highlight=False, soft_wrap=True
+        )
+
+
+def _typed(_key: str, words: str, usual: str) -> str:
+    """Read one line; the question goes to standard error, so that standard output may be a document."""
+    from prooflight.commissioning.line_camera.dialogue import Stopped
+
+    show.errors.print(f"> {words}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
+    show.errors.file.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise Stopped
+    return line
+
+
+def _given(given: Callable[[str], str] | None, *, quiet: bool) -> Callable[[str, str, str], str]:
+    def answer(key: str, words: str, usual: str) -> str:
+        said = given(key) if given is not None else ""
+        _say(f"> {words} [{said or usual or 'Enter'}]", "faint", quiet=quiet)
+        return said
+
+    return answer
+
+
+def _told(protocol: Protocol, press_file: Path) -> dict[str, Any]:
+    return {
+        "camera": protocol.camera,
+        "press_file": press_file,
+        "finished": protocol.finished,
+        "steps": protocol.steps,
+        "questions": protocol.questions,
+        "asked": len(protocol.questions),
+        "measured_s": round(sum(one["seconds"] for one in protocol.steps.values()), 3),
+        "waited_s": round(sum(one["seconds"] for one in protocol.questions), 3),
+    }
+
+
+def _summary(protocol: Protocol, press_file: Path) -> None:
+    from prooflight.commissioning.line_camera.dialogue import protocol_path
+
+    table = show.table_of("", ("step", "state", "seconds"), words=("step", "state"))
+    for one in protocol.steps.values():
+        style = {"good": "green", "poor": "bold red", "failed": "bold red"}.get(one["state"], "dim")
+        table.add_row(one["title"], Text(one["state"], style=style), f"{one['seconds']:.1f}")
+    show.people.print(table)
+    unmeasured = [line for one in protocol.steps.values() for line in one["unmeasured"]]
+    skipped = [one["title"] for one in protocol.steps.values() if one["state"] == "skipped"]
+    if skipped:
+        show.people.print("skipped, the press file says what it said:", ", ".join(skipped), highlight=False)
+    for line in unmeasured:
+        show.people.print("not measured:", line, highlight=False, style="dim")
+    show.people.print(show.strong(press_file), "says what was measured")
+    if protocol.finished:
+        show.people.print(
+            f"Next: prooflight press build {press_file} -o {press_file.stem}.press"
+            f" --columns {protocol_path(press_file)}",
+            highlight=False,
+        )

@@ -1,0 +1,117 @@
+"""``prooflight camera view``: what a line camera shows now, while a person turns the lens."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from prooflight.cli import show
+from prooflight.cli.camera.line_cameras import CameraId
+from prooflight.cli.options import Json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from prooflight.commissioning.line_camera.tap import CameraTap, LastLines
+    from prooflight.press.press_file import PressFile
+    from prooflight.reporting.camera_live import CameraShown
+
+WINDOW_LINES: Final = 4096
+"""That are looked at: a group of a ruler page, 92 mm, at 0.022 mm a line."""
+FIRST_LINES: Final = 256
+"""Before the first look."""
+LOOK_S: Final = 0.5
+"""Between two looks."""
+
+
+def view(
+    name: CameraId,
+    press: Annotated[
+        Path | None, typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets it up.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the last look.")] = None,
+    frames: Annotated[int | None, typer.Option(help="Looks; default until Ctrl-C.", min=1)] = None,
+    seconds: Annotated[float | None, typer.Option(help="How long; default until Ctrl-C.", min=0)] = None,
+    json: Json = False,
+) -> None:
+    """What a camera shows now: profile along the line, saturation, black, light, focus, lines/s, loss, temperature.
+
+    Focus is the frequency at which half of the contrast is left (MTF50), from a ruler page (`chart make --ruler`) that
+    passes, or from edges that lie still.
+    """
+    from rich.live import Live
+
+    from prooflight.commissioning.line_camera.tap import CameraTap
+    from prooflight.press.press_file import PressFile
+    from prooflight.reporting.camera_live import draw_camera, live_camera
+    from prooflight.scans.cameras.backends import found_camera, ready
+    from prooflight.scans.cameras.setting_up import CameraSettings
+
+    file = None if press is None else PressFile.read(press)
+    settings = CameraSettings() if file is None else file.camera_settings()
+    found = found_camera(name)
+    opened = ready(found, settings, where=str(press))
+    shown: CameraShown | None = None
+    try:
+        tap = CameraTap(opened, names=settings.names.get(found.model))
+        live = not json and show.people.is_terminal
+        with ExitStack() as stack:
+            screen = stack.enter_context(Live(console=show.people, auto_refresh=False)) if live else None
+            try:
+                for shown in _looks(tap, file, frames=frames, seconds=seconds):
+                    if json:
+                        show.print_json(shown.facts())
+                    elif screen is not None:
+                        screen.update(live_camera(shown), refresh=True)
+                    elif frames is not None or seconds is not None:
+                        show.people.print(live_camera(shown))
+            except KeyboardInterrupt:
+                pass  # a person has seen enough
+    finally:
+        opened.close()
+    if picture is not None and shown is not None:
+        draw_camera(picture, shown)
+        if not json:
+            show.written(picture)
+
+
+def _looks(
+    tap: CameraTap, file: PressFile | None, *, frames: int | None, seconds: float | None
+) -> Iterator[CameraShown]:
+    """One look after another, as lines come."""
+    begun_s = looked_s = time.monotonic()
+    looks = 0
+    for last in tap.endless(WINDOW_LINES, fresh=False):
+        now_s = time.monotonic()
+        ends = seconds is not None and now_s - begun_s >= seconds
+        if not ends and (last.count < FIRST_LINES or (looks and now_s - looked_s < LOOK_S)):
+            continue
+        yield _look(tap, last, file)
+        looks, looked_s = looks + 1, time.monotonic()
+        if ends or looks == frames:
+            return
+
+
+def _look(tap: CameraTap, last: LastLines, file: PressFile | None) -> CameraShown:
+    from prooflight.commissioning.line_camera.page_steps import lens_mtf50
+    from prooflight.commissioning.line_camera.seen import sensor_views
+    from prooflight.reporting.camera_live import CameraShown
+
+    camera = None if file is None else file.camera()
+    top = tap.top_code_dn
+    if camera is not None and tap.form.bits == 16:
+        top = 2 ** camera.sensors[0].bits - 1
+    lines = last.lines()
+    return CameraShown(
+        camera=tap.name,
+        form=f"{tap.sensors} x {tap.pixels} pixels, {tap.form.name}",
+        top_code_dn=top,
+        lines=lines,
+        views=sensor_views(lines, top_code_dn=top, where=tap.name),
+        health=tap.health(),
+        lens_mtf50=None if camera is None else lens_mtf50(camera, camera.sensors[0]),
+    )

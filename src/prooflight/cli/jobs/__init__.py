@@ -1,0 +1,1 @@
+"""Commands on jobs: printed, scanned, inspected; their zones and codes; the demonstration."""

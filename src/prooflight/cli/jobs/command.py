@@ -1,0 +1,337 @@
+"""Commands on jobs: demo, rip, simulate, inspect."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from prooflight.cli import faults, laid_out, show
+from prooflight.cli.options import (
+    Detector,
+    JobPath,
+    Json,
+    LayoutWords,
+    Pages,
+    PressArtefact,
+    Profile,
+    Seed,
+    Zones,
+)
+from prooflight.errors import RequestError
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from prooflight.cli.jobs.inspected import Inspected
+    from prooflight.inspection.job import InspectPage, Pair
+    from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.reporting.report import PageEntry
+
+InRun = TypeVar("InRun", "Judged", "PageEntry")
+
+
+World = Annotated[
+    str,
+    typer.Option(
+        help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift."
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the program."""
+    for command in (demo, rip, simulate, inspect):
+        app.command()(command)
+
+
+def demo(
+    job: Annotated[
+        Path | None, typer.Option(metavar="F.pdf", help="Your own job; default a sample job.")
+    ] = None,
+    pages: Annotated[int | None, typer.Option(help="How many sheets to print.", min=1)] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
+    world: World = "press",
+    profile: Profile = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Print a job on the simulated press with some misprints, inspect every sheet, write report.html.
+
+    In the press world prints move and drift as real ones do, and our detector looks at them; in the ideal world, the
+    paper's own, its first detector does.
+    """
+    from prooflight.cli.jobs import demonstration
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.parallel import in_order
+    from prooflight.press.pages import job_source
+    from prooflight.reporting.report import RunSummary, counts, write_report
+    from prooflight.simulation.worlds import known_world
+
+    into = known_world(world)
+    say = show.steps(quiet=json)
+    titles: tuple[str, ...] = ()
+    if job is None:
+        from prooflight.simulation.corpus.sample_job.sample_job import (
+            make_sample_job,
+        )  # needs the extra [demo]
+
+        job = out / "sample-job.pdf"
+        say("composing the sample job")
+        titles = make_sample_job(job, seed=seed).titles
+    source = JobSource(path=job, dpi=1.0, profile=profile)
+    with source.open() as opened:
+        sizes, name = opened.page_sizes_mm, opened.name
+    press = demonstration.demo_press(
+        sizes,
+        world=into,
+        seed=seed,
+        progress=say,
+        shown=lambda days, total, what: _shown(days, total, what, quiet=json),
+    )
+    artefact = out / f"{press.name}.press"
+    press.save(artefact)
+    source = job_source(job, press, profile=profile)
+    sheets = demonstration.plan(len(sizes), pages, seed=seed)
+    work = demonstration.PrintAndInspect(job=source, press=press, world=into, seed=seed, titles=titles)
+    started = time.perf_counter()
+    entries = list(_shown(in_order(work, sheets), len(sheets), "printing and inspecting", quiet=json))
+    pages_per_s = len(entries) / (time.perf_counter() - started)
+    inspector = Inspector.of(press, demonstration.DETECTOR[into])
+    summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
+    report = out / "report.html"
+    say("writing the report")
+    good = next((sheet for sheet in sheets if sheet.first_kind is None), None)
+    worlds = work.worlds(good) if good and into == "press" else None
+    write_report(report, entries, summary, worlds=worlds)
+    of_run = counts(entries)
+    totals: dict[str, float] = {
+        "pages": of_run.pages,
+        "misprints": of_run.misprints,
+        "caught": of_run.caught,
+        "false_alarms": of_run.false_alarms,
+        "pages_per_s": round(pages_per_s, 3),
+    }
+    if json:
+        show.print_json(totals)
+        return
+    show.people.print(
+        show.verdict_table((entry.verdict for entry in entries), title=f"{name} on press {press.name}")
+    )
+    show.people.print(
+        f"{totals['pages']} sheets, {totals['misprints']} misprints printed, {totals['caught']} caught, "
+        f"{totals['false_alarms']} false alarms, {pages_per_s:.2f} sheets/s simulated and inspected"
+    )
+    show.people.print("Open", show.strong(report))
+
+
+def rip(
+    job: Annotated[Path, typer.Argument(metavar="JOB.pdf", help="PDF, or a folder of PDFs and images.")],
+    dpi: Annotated[float, typer.Option(help="Resolution [pixels/inch].")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    profile: Profile = None,
+    pages: Pages = None,
+    json: Json = False,
+) -> None:
+    """Write each page as a CMYK TIFF, as the press would print it."""
+    from prooflight.pages.files import write_tiff
+    from prooflight.pages.job import JobSource, parse_pages
+
+    rows: list[dict[str, Any]] = []
+    with JobSource(path=job, dpi=dpi, profile=profile).open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
+        out.mkdir(parents=True, exist_ok=True)
+        for number in _shown(numbers, len(numbers), "ripping", quiet=json):
+            page = opened.page(number)
+            path = out / f"{page.name}.tif"
+            write_tiff(page, path)
+            rows.append(
+                {
+                    "page": page.name,
+                    "file": str(path),
+                    "width_mm": round(page.width_mm, 2),
+                    "height_mm": round(page.height_mm, 2),
+                    "dpi": page.dpi,
+                    "pixels": [page.cmyk.shape[1], page.cmyk.shape[0]],
+                }
+            )
+    if json:
+        show.print_json(rows)
+    else:
+        show.people.print(count(len(rows), "page"), "in", show.strong(out))
+
+
+def simulate(
+    job: JobPath,
+    press: PressArtefact,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
+    world: World = "ideal",
+    misprint: Annotated[
+        str | None, typer.Option(metavar="KIND[:SEVERITY]", help="Misprint on every page.")
+    ] = None,
+    layout: LayoutWords = None,
+    pages: Pages = None,
+    profile: Profile = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json."""
+    from prooflight.pages.job import parse_pages
+    from prooflight.pages.parallel import in_order
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
+    from prooflight.simulation.files import ScanToFile, write_truth
+    from prooflight.simulation.scans import MisprintRequest
+    from prooflight.simulation.worlds import known_world
+
+    known_world(world)
+    loaded = Press.load(press)
+    source = job_source(job, loaded, profile=profile)
+    source, _ = laid_out.laid_out(source, layout, loaded.geometry)
+    request = MisprintRequest.parse(misprint) if misprint else None
+    with source.open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
+        job_pages = len(opened)
+    out.mkdir(parents=True, exist_ok=True)
+    work = ScanToFile(
+        job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
+    )
+    truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
+    write_truth(out / "truth.json", truths, world=world, seed=seed, press=loaded)
+    if json:
+        show.print_json(truths)
+    else:
+        show.people.print(count(len(truths), "scan"), "and truth.json in", show.strong(out))
+
+
+def inspect(
+    job: JobPath,
+    scans: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCANS",
+            help="Folder of scans, or a TIFF in page order; with --golden JOB may be left out.",
+        ),
+    ] = None,
+    press: Annotated[
+        Path | None,
+        typer.Option("--press", metavar="X.press", help="Press artefact; only --golden does without."),
+    ] = None,
+    golden: Annotated[
+        Path | None,
+        typer.Option(metavar="SCAN", help="A good scan to compare with, or one for each page; needs no job."),
+    ] = None,
+    layout: LayoutWords = None,
+    detector: Detector = None,
+    report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
+    zones: Zones = None,
+    profile: Profile = None,
+    json: Json = False,
+) -> None:
+    """Compare scans with the job, one verdict a page in job order.
+
+    Exits 1 if there is a misprint, 3 if a page was not inspected.
+    """
+    done: Inspected[Any]
+    if golden is not None:
+        from prooflight.cli.jobs.golden import inspect_golden
+
+        raster_only = {"--detector": detector, "--report": report, "--layout": layout, "--zones": zones}
+        for option, given in raster_only.items():
+            if given is not None:
+                remedy = "leave it out: it needs the job's raster"
+                raise RequestError(option, "does not go with --golden", remedy=remedy)
+        of_job = (None, job) if scans is None else (job, scans)
+        done = inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json)
+        _leave(done)
+        return
+    if scans is None or press is None:
+        missing = "SCANS" if scans is None else "--press"
+        raise RequestError(
+            "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
+        )
+    from prooflight.cli.jobs.inspected import inspected
+    from prooflight.cli.jobs.zones import zones_in_force
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.job import InspectPage, Tried, paired
+    from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.pages.parallel import in_order
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
+
+    loaded = Press.load(press)
+    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    source = job_source(job, loaded, profile=profile)
+    source, plan = laid_out.laid_out(source, layout, loaded.geometry)
+    with source.open() as opened:
+        known = zones_in_force(zones, opened, loaded)
+        inspector = replace(inspector, zones=known)
+        pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
+    work = InspectPage(job=source, inspector=inspector, scans=scans)
+    promise = PromiseWatch.of(inspector.detector)
+    if report is None:
+        tried = Tried(work, work.name, Judged)
+        done = inspected(
+            _in_run(in_order(tried, pairs, killed=tried.killed), promise),
+            attrgetter("verdict"),
+            names=[work.name(pair) for pair in pairs],
+            unseen=lambda _place, verdict: Judged(promise.marked(verdict)),
+            json=json,
+        )
+    else:
+        done = _reported(work, pairs, report, promise, job=name, json=json)
+    if not json:
+        show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
+        if report is not None:
+            show.people.print("Open", show.strong(report / "report.html"))
+    if plan is not None:
+        laid_out.of_job(plan, done.verdicts, json=json)
+    if promise.suspended:
+        faults.told(promise.suspended)
+    _leave(done)
+
+
+def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
+    """What inspection makes, in the order of the job, with what the run by then says of its promise."""
+    for place, item in enumerate(items):
+        promise.add(item.summary, place)
+        yield replace(item, verdict=promise.marked(item.verdict), summary=None)
+
+
+def _leave(done: Inspected[Any]) -> None:
+    """Say what was not inspected, and end with the run's exit code."""
+    if code := done.code():
+        raise typer.Exit(code)
+
+
+def _reported(
+    work: InspectPage, pairs: Sequence[Pair], report: Path, promise: PromiseWatch, *, job: str, json: bool
+) -> Inspected[PageEntry]:
+    """Inspect, and write ``report.html`` into the folder."""
+    from prooflight.cli.jobs.inspected import inspected
+    from prooflight.pages.parallel import in_order
+    from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
+
+    started, pictured = time.perf_counter(), PicturedPage(work)
+    done = inspected(
+        _in_run(in_order(pictured, pairs, killed=pictured.killed), promise),
+        attrgetter("verdict"),
+        names=[work.name(pair) for pair in pairs],
+        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], promise.marked(verdict)),
+        json=json,
+    )
+    report.mkdir(parents=True, exist_ok=True)
+    pages_per_s = len(pairs) / (time.perf_counter() - started)
+    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s, suspended=promise.suspended)
+    write_report(report / "report.html", done.items, summary)
+    return done
+
+
+def _shown(items: Iterable[Any], total: int, what: str, *, quiet: bool) -> Iterator[Any]:
+    return iter(items) if quiet else show.progress(items, total=total, what=what)

@@ -1,0 +1,71 @@
+"""``prooflight inspect --golden``: scans against a good scan rather than a job's raster."""
+
+from __future__ import annotations
+
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+from prooflight.cli import show
+from prooflight.errors import JobError
+from prooflight.pages.files import page_name
+from prooflight.pages.job import JobSource
+from prooflight.press.artefact import Press
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.cli.jobs.inspected import Inspected
+    from prooflight.detectors.verdict import Verdict
+    from prooflight.pages.job import Job
+
+
+def inspect_golden(
+    golden: Path, scans: Path, *, job: Path | None, press: Path | None, profile: Path | None, json: bool
+) -> Inspected[Verdict]:
+    """Show one verdict a scan, or a page of the job."""
+    from prooflight.cli.jobs.inspected import inspected
+    from prooflight.inspection.golden import GoldenInspector, golden_pages
+    from prooflight.inspection.job import Tried, alone
+    from prooflight.pages.parallel import in_order
+
+    loaded = None if press is None else Press.load(press)
+    troubles: dict[str, str] = {}
+    lefts_mm = None if job is None else _lefts_mm(job, loaded, profile, troubles)
+    sensors = None if loaded is None else len(loaded.sensors)
+    pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm, troubles=troubles)
+    work = GoldenInspector.of(loaded, *dict.fromkeys(page.golden for page in pages))
+    tried = Tried(work, attrgetter("name"), alone)
+    done = inspected(
+        in_order(tried, pages, killed=tried.killed),
+        lambda verdict: verdict,
+        names=[page.name for page in pages],
+        unseen=lambda _place, verdict: verdict,
+        json=json,
+    )
+    if not json:
+        show.judged(done.verdicts, title=f"{scans.name} against {golden.name}")
+    return done
+
+
+def _lefts_mm(job: Path, press: Press | None, profile: Path | None, troubles: dict[str, str]) -> list[float]:
+    """How far each page of the job begins from the scan's left end; 0 where no press tells.
+
+    troubles: gets the names of pages that cannot be used, and why.
+    """
+    with JobSource(path=job, dpi=72.0 if press is None else press.dpi, profile=profile).open() as opened:
+        try:
+            sizes_mm = list(opened.page_sizes_mm)
+        except JobError:
+            sizes_mm = [_size_mm(opened, number, troubles) for number in range(1, len(opened) + 1)]
+    if press is None:
+        return [0.0] * len(sizes_mm)
+    geometry = press.geometry
+    return [geometry.left_mm(width if geometry.sees(width) else height) for width, height in sizes_mm]
+
+
+def _size_mm(job: Job, number: int, troubles: dict[str, str]) -> tuple[float, float]:
+    try:
+        return job.page_size_mm(number)
+    except JobError as error:
+        troubles[page_name(number)] = str(error)
+        return 0.0, 0.0

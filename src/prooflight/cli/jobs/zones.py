@@ -1,0 +1,349 @@
+"""``prooflight job zones`` and ``prooflight zones``: zones on the pages of a job, what they cost, and how they lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from prooflight.cli import faults, show
+from prooflight.cli.options import JobPath, Json, Pages, PressArtefact, Profile, Seed
+from prooflight.errors import RequestError
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from prooflight.commissioning.zones.price import Price
+    from prooflight.pages.job import Job
+    from prooflight.pages.zones.rules import Rules
+    from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+    from prooflight.press.artefact import Press
+
+ANY_DPI: Final = 72.0
+"""Where only the sizes of pages are asked."""
+MOST_PRINTS: Final = 100_000
+ZonesPath = Annotated[Path, typer.Argument(metavar="ZONES", help="job.zones.json.")]
+Picture = Annotated[
+    Path | None, typer.Option(metavar="F.png", help="Draw the first page that has zones, with them.")
+]
+
+
+def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None:
+    """Zones that a run is given; None: none. JobError, RequestError: see ``JobZones``; overlaps are told."""
+    if path is None:
+        return None
+    from prooflight.pages.zones.zones_file import JobZones
+
+    known = JobZones.read(path, job.page_sizes_mm)
+    known.refuse_unpriced(press.digest, where=path)
+    for line in known.contested():
+        faults.told(line)
+    if press.ours is not None and press.ours.told and not press.ours.told[-1].rests_on(known.zones_digest):
+        faults.told(
+            f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
+            "of those alone; watch with --sample and calibrate it anew by pages with them"
+        )
+    return known
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the program."""
+    job = typer.Typer(help="Zones from what a job says of itself.", no_args_is_help=True)
+    job.callback()(_job)
+    job.command("zones")(job_zones)
+    zones = typer.Typer(help="Zones: their price, and a picture.", no_args_is_help=True)
+    zones.command("price")(price)
+    zones.command("show")(show_zones)
+    zones.command("drop")(drop)
+    app.add_typer(job, name="job")
+    app.add_typer(zones, name="zones")
+
+
+def _job() -> None:
+    """Zones from what a job says of itself."""
+
+
+def job_zones(
+    job: JobPath,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="F.json", help="Where to write them.")],
+    layer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=KIND", help="What an optional-content layer shows: ignore, normal or careful."
+        ),
+    ] = None,
+    annotation: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=KIND", help="Annotations of this sort, field, title or subject."),
+    ] = None,
+    outside_bleed: Annotated[
+        str | None, typer.Option(metavar="KIND", help="What is printed outside the BleedBox.")
+    ] = None,
+    edge_mm: Annotated[
+        float,
+        typer.Option("--edge", metavar="MM", help="Ignore a strip along the page's edges.", min=0, max=50),
+    ] = 0.0,
+    press: Annotated[
+        Path | None,
+        typer.Option("--press", metavar="X.press", help="Bar codes that its camera reads are careful."),
+    ] = None,
+    pages: Pages = None,
+    profile: Profile = None,
+    json: Json = False,
+) -> None:
+    """Write zones of a job by rules: layers and annotations by name, boxes, bar codes.
+
+    What is printed is the TrimBox: nothing outside it is ever judged. The zones are in force once their price was seen
+    and saved: `prooflight zones price`.
+    """
+    from prooflight.pages.job import JobSource, parse_pages
+    from prooflight.pages.zones.rules import Rule, Rules, on_all_pages
+    from prooflight.pages.zones.zones_file import JobZones
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
+
+    rules = Rules(
+        layers=tuple(Rule.parse("--layer", one) for one in layer or ()),
+        annotations=tuple(Rule.parse("--annotation", one) for one in annotation or ()),
+        outside_bleed=None
+        if outside_bleed is None
+        else Rule.parse("--outside-bleed", f"x={outside_bleed}").kind,
+        edge_mm=edge_mm,
+    )
+    loaded = None if press is None else Press.load(press)
+    if loaded is None:
+        source = JobSource(path=job, dpi=ANY_DPI, profile=profile)
+    else:
+        source = job_source(job, loaded, profile=profile)
+    with source.open() as opened:
+        numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
+        sizes = opened.page_sizes_mm
+        walked = numbers if json else show.progress(numbers, total=len(numbers), what="looking for zones")
+        entries, unmet = _entries(opened, walked, rules, loaded)
+    if not entries:
+        what = "; ".join(unmet) or "no page has anything that these rules name"
+        raise RequestError(
+            job, what, remedy="name layers or annotations that it has, or give --press for its codes"
+        )
+    made = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
+    made.save(out)
+    for line in (*unmet, *made.contested()):
+        faults.told(line)
+    if json:
+        show.print_json(
+            {"zones": made.document.model_dump(mode="json", by_alias=True), "digest": made.digest}
+        )
+        return
+    show.people.print(_table(made, job.name))
+    show.written(out)
+
+
+def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple[list[ZoneEntry], list[str]]:
+    """Zones of pages, and which rules found nothing."""
+    from prooflight.inspection.codes.zones import code_zones
+
+    found, seen = [], []
+    for number in numbers:
+        marks, size = job.marks(number), job.page_size_mm(number)
+        seen += [] if marks is None else [marks]
+        found += rules.entries(marks, number, size)
+        if press is not None:
+            found += code_zones(job, number, press)
+    return found, rules.unmet(seen)
+
+
+def _table(zones: JobZones, title: str) -> Any:
+    table = show.table_of(
+        f"zones of {title}", ("zone", "kind", "pages", "mm"), words=("zone", "kind", "pages", "mm")
+    )
+    for entry in zones.document.zones:
+        if entry.rectangle_mm is not None:
+            x, y, width, height = entry.rectangle_mm
+            place = f"{width:.0f} x {height:.0f} at {x:.0f}, {y:.0f}"
+        else:
+            place = f"{len(entry.polygon_mm or ())} corners"
+        table.add_row(entry.name, entry.kind, entry.pages, place)
+    return table
+
+
+def price(
+    zones: ZonesPath,
+    job: JobPath,
+    press: PressArtefact,
+    save: Annotated[
+        bool, typer.Option("--save", help="Put them in force: write the price into ZONES.")
+    ] = False,
+    prints: Annotated[
+        int, typer.Option(help="Good prints that calibrate them.", min=12, max=MOST_PRINTS)
+    ] = 90,
+    trials: Annotated[
+        int,
+        typer.Option(
+            help="Prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
+        ),
+    ] = 24,
+    picture: Picture = None,
+    profile: Profile = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """What zones cost: the smallest spot, streak and loss of density caught at 99 % with and without them.
+
+    Good prints of the job's pages are simulated; they also calibrate the zones, so that the press's promise holds
+    page-wide with them in force. Nothing is written without --save.
+    """
+    from prooflight.commissioning.zones.price import price_of
+    from prooflight.pages.zones.zones_file import JobZones
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
+
+    loaded = Press.load(press)
+    source = job_source(job, loaded, profile=profile)
+    with source.open() as opened:
+        known = JobZones.read(zones, opened.page_sizes_mm)
+    for line in known.contested():
+        faults.told(line)
+    found = price_of(
+        source,
+        loaded,
+        known,
+        prints=prints,
+        trials=trials,
+        seed=seed,
+        shown=lambda items, total, what: items if json else show.progress(items, total=total, what=what),
+    )
+    if picture is not None:
+        _draw(picture, source, known)
+    if save:
+        known.priced(found.entry).save(zones)
+    if json:
+        show.print_json(_plain(found, saved=save))
+        return
+    _say(found)
+    if save:
+        show.written(zones)
+    else:
+        show.people.print("Nothing was saved: --save puts the zones in force.")
+
+
+def _say(price: Price) -> None:
+    """The price, for people."""
+    from prooflight.commissioning.zones.defects import SORTS
+
+    words = ("zone", "kind", "what is caught at 99 %")
+    table = show.table_of("price of the zones", (*words, "without zones", "with them"), words=words)
+    for area in price.areas:
+        for at, sort in enumerate(SORTS):
+            if sort.name in area.before:
+                told = (_least(area.before[sort.name], sort.unit), _least(area.after[sort.name], sort.unit))
+                first = ("", "") if at else (area.name, "" if area.kind == "rest" else area.kind)
+                table.add_row(*first, WHAT[sort.name], *told)
+    if price.areas:
+        show.people.print(table)
+    show.people.print(
+        f"False alarms: at most one good page in {1 / price.promised:,.0f}, without zones and with them. "
+        f"Of {price.good} good prints {price.alarmed_before} alarm without zones, {price.alarmed_after} with them."
+    )
+    if price.extrapolated:
+        show.people.print(
+            "The careful zones' share of that is extrapolated: more --prints promise it by count."
+        )
+
+
+WHAT: Final = {
+    "spot": "smallest spot",
+    "streak": "faintest streak, 0.5 mm wide",
+    "density": "least loss of all inks",
+}
+
+
+def _least(one: Any, unit: str) -> str:
+    if not one.ever:
+        return "none"
+    high = f"{one.high:.2g}" if one.high < float("inf") else "more"
+    return f"{one.least:.2g} {unit} ({one.low:.2g} to {high})"
+
+
+def _plain(price: Price, *, saved: bool) -> dict[str, Any]:
+    return {
+        "zones": list(price.entry.told),
+        "promised": price.promised,
+        "good_prints": price.good,
+        "alarmed_before": price.alarmed_before,
+        "alarmed_after": price.alarmed_after,
+        "extrapolated": price.extrapolated,
+        "saved": saved,
+    }
+
+
+def show_zones(
+    zones: ZonesPath, job: JobPath, picture: Picture = None, profile: Profile = None, json: Json = False
+) -> None:
+    """List the zones of a job's pages, with the price that was told when they were saved; draw them."""
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.zones.zones_file import JobZones
+
+    source = JobSource(path=job, dpi=DRAWN_DPI, profile=profile)
+    with source.open() as opened:
+        known = JobZones.read(zones, opened.page_sizes_mm)
+    for line in known.contested():
+        faults.told(line)
+    if picture is not None:
+        _draw(picture, source, known)
+    if json:
+        show.print_json(
+            {"zones": known.document.model_dump(mode="json", by_alias=True), "digest": known.digest}
+        )
+        return
+    show.people.print(_table(known, job.name))
+    told = known.document.price
+    said = (
+        "not priced yet, and not in force"
+        if told is None
+        else f"priced by {count(told.prints, 'good print')}"
+    )
+    show.people.print(f"{said}; digest {known.digest[:12]}")
+
+
+def drop(
+    zones: ZonesPath,
+    job: JobPath,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the zone, as `zones show` lists it.")],
+    profile: Profile = None,
+    json: Json = False,
+) -> None:
+    """Take a zone out of a job's zones; a file whose last zone goes is removed. The others are to be priced again."""
+    from prooflight.line.granting import without_zone
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.zones.zones_file import JobZones
+
+    with JobSource(path=job, dpi=ANY_DPI, profile=profile).open() as opened:
+        sizes = opened.page_sizes_mm
+    known = JobZones.read(zones, sizes)
+    left = without_zone(known, name)
+    if left:
+        share = known.document.careful_share
+        JobZones.made(left, sizes, careful_share=share, where=zones).save(zones)
+    else:
+        zones.unlink()
+    if json:
+        show.print_json({"zones": str(zones) if left else None, "left": [one.name for one in left]})
+        return
+    show.people.print(f"{name}: taken back; {count(len(left), 'zone')} left")
+
+
+DRAWN_DPI: Final = 100.0
+
+
+def _draw(picture: Path, source: Any, zones: JobZones) -> None:
+    from dataclasses import replace
+
+    from prooflight.files.atomic import whole_file
+    from prooflight.reporting.zones_picture import zones_picture
+
+    number = next(iter(zones.of_pages))
+    with replace(source, dpi=DRAWN_DPI).open() as opened:
+        drawn = zones_picture(opened.page(number), zones.of_pages[number])
+    with whole_file(picture) as unfinished:
+        drawn.save(unfinished, format="PNG")
+    show.written(picture)

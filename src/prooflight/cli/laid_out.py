@@ -1,0 +1,156 @@
+"""``--layout`` of commands on jobs: how pages lie on sheets."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+from rich.text import Text
+
+from prooflight.cli import show
+from prooflight.errors import RequestError, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from prooflight.detectors.verdict import Verdict
+    from prooflight.inspection.sheets import Counts, SetVerdict, SheetVerdict, ToLookAt
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.reading import Damaged
+    from prooflight.journal.records import RunRow
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.scans.geometry import ScanGeometry
+
+
+def laid_out(
+    job: JobSource, words: str | None, geometry: ScanGeometry, *, sheets: int | None = None
+) -> tuple[JobSource, SheetPlan | None]:
+    """The job as sides, and how they lie on its sheets; None: no layout was said, and pages are printed as they are.
+
+    sheets: of the run; None: the job once. Errors as ``planned``.
+    """
+    if words is None:
+        return job, None
+    from prooflight.pages.layout.layout import Layout
+    from prooflight.press.sheets import planned
+
+    said = Layout.parse(words)
+    with job.open() as opened:
+        plan = planned(opened, said, geometry, sheets=sheets)
+    return replace(job, layout=plan.layout), plan
+
+
+def of_job(plan: SheetPlan, verdicts: Sequence[Verdict], *, json: bool) -> None:
+    """Tell the sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
+    from prooflight.inspection.sheets import Assembling
+    from prooflight.journal.records import PageRecord
+
+    assembling, found = Assembling(plan), list[Any]()
+    for position in range(plan.passings):
+        side = plan.side_at(position)
+        verdict = verdicts[side]
+        found += assembling.add(
+            PageRecord(sheet=side, job_page=position, verdict=verdict, late=False, first_line=0, time_s=0.0)
+        )
+    found += assembling.end()
+    if not json:
+        sheets_told(found, assembling.counts)
+        return
+    for one in found:
+        show.print_json(sheet_facts(one))
+
+
+def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | None:
+    """A run's sheets and sets that somebody should look at, from its rows; None: it has none."""
+    from prooflight.inspection.sheets import to_look_at
+    from prooflight.pages.layout.plan import facts_plan
+
+    plan = facts_plan(run.facts.settings)
+    if plan is None:
+        return None
+    passed, rows = 0, []
+    for page in journal.pages(run.id, damaged=damaged):
+        passed = max(passed, 0 if page.job_page is None else page.job_page + 1)
+        if page.verdict.verdict != "good" or page.faults:
+            rows.append(page)
+    return to_look_at(plan, rows, passed=passed, ended=run.state != "running")
+
+
+def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
+    """For programs: all sheets and sets of a run; RequestError: it has none."""
+    from prooflight.inspection.sheets import SheetVerdict, assembled
+    from prooflight.pages.layout.plan import facts_plan
+
+    plan = facts_plan(run.facts.settings)
+    if plan is None:
+        what = f"run {run.id} was watched without --layout"
+        raise RequestError("sheets", what, remedy="leave out --sheets: every page is a sheet of its own")
+    found = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
+    sheets = [sheet_facts(one)["sheet_verdict"] for one in found if isinstance(one, SheetVerdict)]
+    sets = [sheet_facts(one)["set_verdict"] for one in found if not isinstance(one, SheetVerdict)]
+    show.print_json({"run": run.id, "layout": plan.layout.words, "sheets": sheets, "sets": sets})
+
+
+def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
+    """For programs: ``{"sheet": ...}`` or ``{"set": ...}``."""
+    from prooflight.inspection.sheets import SheetVerdict
+
+    if isinstance(found, SheetVerdict):
+        more: dict[str, Any] = {"bad_pages": found.bad_pages, "doubled": found.doubled}
+        return {"sheet_verdict": asdict(found) | more | {"out_of_order": found.out_of_order}}
+    return {"set_verdict": asdict(found) | {"complete": found.complete}}
+
+
+def sheets_told(
+    found: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
+) -> None:
+    """For people: sheets and sets that are not as they should be, and how many there are. last: so many of each."""
+    from prooflight.inspection.sheets import SheetVerdict
+
+    spoiled = [one for one in found if not one.clean]
+    sheets = [one for one in spoiled if isinstance(one, SheetVerdict)]
+    sets = [one for one in spoiled if not isinstance(one, SheetVerdict)]
+    if sheets:
+        words = ("name", "verdict", "bad pages", "why")
+        table = show.table_of("Sheets to look at", ("sheet", "copy", *words), words=words)
+        for one in sheets[-last if last else 0 :]:
+            table.add_row(
+                str(one.sheet),
+                str(one.copy),
+                visible(one.name),
+                Text(one.verdict, style=show.VERDICT_STYLE[one.verdict]),
+                ", ".join(map(str, one.bad_pages)),
+                visible("; ".join(one.why)),
+            )
+        show.people.print(table)
+    if sets:
+        of_sets = ("verdict", "why")
+        table = show.table_of("Sets to look at", ("set", *of_sets), words=of_sets)
+        for own in sets[-last if last else 0 :]:
+            style = show.VERDICT_STYLE[own.verdict]
+            table.add_row(str(own.set_number), Text(own.verdict, style=style), "; ".join(own.why))
+        show.people.print(table)
+    show.people.print(sheets_line(counts))
+
+
+def sheets_line(counts: Counts) -> str:
+    """How many sheets and sets of each kind, in one line."""
+    parts = [_of("sheet", counts.sheets)]
+    if any(counts.sets.values()):
+        parts.append(f"{_of('set', counts.sets)}, {counts.spoiled:,} not to be delivered as they are")
+    return "; ".join(parts)
+
+
+def _of(what: str, words: dict[Any, int]) -> str:
+    from prooflight.reporting.wording import count
+
+    bad, unseen = words["misprint"], words["not-inspected"]
+    return ", ".join(
+        [
+            count(sum(words.values()), what),
+            f"{words['good']:,} good",
+            *([count(bad, "misprint")] if bad else []),
+            *([f"{unseen:,} not inspected"] if unseen else []),
+        ]
+    )

@@ -1,0 +1,163 @@
+"""``prooflight plant``: try what a press file says of the plant; play a controller for whoever has none."""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.live import Live
+from rich.text import Text
+
+from prooflight.cli import show
+from prooflight.cli.exit_codes import UNUSABLE_INPUT
+from prooflight.cli.options import Json
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from prooflight.plant.checking import Answer
+    from prooflight.plant.simulator.plc import SimulatedPlc
+
+REFRESH_S: Final = 0.2
+PORT: Final = 5020
+"""No privilege is needed for it, as it is for 502."""
+
+app = typer.Typer(help="Try the plant's gate and outlets; play a controller.", no_args_is_help=True)
+
+
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.add_typer(app, name="plant")
+
+
+@app.command()
+def check(
+    press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
+    json: Json = False,
+) -> None:
+    """Try the gate's controller and every outlet, and say what answers; exits 2 if one does not."""
+    from prooflight.plant.checking import answers
+    from prooflight.press.press_file import PressFile
+
+    found = answers(PressFile.read(press_file))
+    if not found:
+        what = "says nothing of a plant"
+        raise RequestError(press_file, what, remedy="add [gate]; see docs/how-to/gate.md")
+    if json:
+        show.print_json([asdict(one) for one in found])
+    else:
+        show.people.print(_answers_table(found))
+    if not all(one.answers for one in found):
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+@app.command()
+def simulate(
+    press_file: Annotated[
+        Path | None, typer.Argument(metavar="PRESS.toml", help="Whose [gate] is played; default one of 2 m.")
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help=f"Default that of [gate.plc], else 127.0.0.1:{PORT}."),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="One JSON object a sheet, for `run reconcile`.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="How long; default until Ctrl-C.", min=0.1, max=1e7)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Play a controller with a gate and two trays. `watch --source drum:N --plant ...` fills its belt."""
+    from prooflight.plant.simulator.belt import Belt
+    from prooflight.plant.simulator.plc import SimulatedPlc
+    from prooflight.plant.simulator.server import PlcServer
+    from prooflight.press.gate import GateSettings, PlcSettings
+    from prooflight.press.press_file import PressFile
+
+    settings = None if press_file is None else PressFile.read(press_file).gate_settings()
+    if press_file is not None and settings is None:
+        raise RequestError(press_file, "has no [gate]", remedy="add it; see docs/how-to/gate.md")
+    settings = settings or GateSettings(distance_mm=2000, plc=PlcSettings(host="127.0.0.1", port=PORT))
+    host, port = (settings.plc.host, settings.plc.port) if listen is None else _address(listen)
+    with ExitStack() as stack:
+        rows = None if log is None else stack.enter_context(log.open("w", encoding="utf-8", buffering=1))
+        belt = Belt(distance_mm=settings.distance_mm, counts_per_mm=settings.plc.counts_per_mm)
+        heartbeat_s = settings.plc.heartbeat_ms / 1e3
+        plc = SimulatedPlc(belt=belt, heartbeat_s=heartbeat_s, log=rows, style=settings.plc.style)
+        first, unit = settings.plc.first_register, settings.plc.unit
+        server = stack.enter_context(PlcServer(plc, host=host, port=port, first_register=first, unit=unit))
+        where = f"{host}:{server.port}"
+        if not json:
+            show.step(f"a controller answers at {where}, gate {settings.distance_mm:g} mm behind the camera")
+        _shown(plc, where, seconds, json=json)
+    if json:
+        show.print_json({"listened": where, **_counts(plc)})
+
+
+def _shown(plc: SimulatedPlc, where: str, seconds: float | None, *, json: bool) -> None:
+    """Show the controller until its time is over, or Ctrl-C."""
+    from prooflight.cli.plant.view import plc_view
+
+    until_s = None if seconds is None else time.monotonic() + seconds
+    with ExitStack() as stack:
+        view = None
+        if not json and show.people.is_terminal:
+            live = Live(plc_view(plc, where), console=show.people, auto_refresh=False)
+            view = stack.enter_context(live)
+        stack.enter_context(_ended_by_signal())
+        try:
+            while until_s is None or time.monotonic() < until_s:
+                time.sleep(
+                    REFRESH_S if until_s is None else min(REFRESH_S, max(until_s - time.monotonic(), 0))
+                )
+                if view is not None:
+                    view.update(plc_view(plc, where), refresh=True)
+        except KeyboardInterrupt:
+            pass
+        if view is None and not json:
+            show.people.print(plc_view(plc, where))
+
+
+@contextmanager
+def _ended_by_signal() -> Iterator[None]:
+    """SIGTERM ends it as Ctrl-C does."""
+
+    def stop(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _counts(plc: SimulatedPlc) -> dict[str, Any]:
+    return {"good": plc.counts["good"], "reject": plc.counts["reject"], "stopped": plc.stopped}
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    try:
+        number = int(port)
+    except ValueError:
+        number = -1
+    if not host or not 0 <= number <= 65_535:
+        raise RequestError("listen", f"{text!r} is no address", remedy=f"write e.g. 127.0.0.1:{PORT}")
+    return host, number
+
+
+def _answers_table(found: list[Answer]) -> Any:
+    headings = ("what", "where", "answers", "what it says")
+    table = show.table_of("The plant", headings, words=headings)
+    for one in found:
+        word = Text("yes", style="green") if one.answers else Text("no", style="bold red")
+        table.add_row(one.what, one.where, word, one.says)
+    return table

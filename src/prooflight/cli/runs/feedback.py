@@ -1,0 +1,358 @@
+"""What people say of sheets, and what follows: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``
+and ``press go-back``.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from prooflight.cli import show
+from prooflight.cli.options import Json
+from prooflight.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
+from prooflight.errors import RequestError
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from prooflight.journal.records import RunRow
+    from prooflight.line.told import AskedSheet, Replayed
+    from prooflight.line.tolerances import Proposal
+    from prooflight.press.artefact import Press
+
+REPLAYED_RUNS: Final = 5
+ANY_DPI: Final = 72.0
+"""Where only the sizes of pages are asked."""
+SHOWN: Final = 40
+"""Sheets that are listed."""
+MARKS: Final = ("misprint", "good", "unknown")
+
+
+def register_of_runs(app: typer.Typer) -> None:
+    """Add the commands of ``prooflight run``."""
+    app.command()(mark)
+    app.command()(asked)
+    app.command()(tolerances)
+
+
+def register_of_presses(app: typer.Typer) -> None:
+    """Add the commands of ``prooflight press``."""
+    app.command()(recalibrate)
+    app.command("go-back")(go_back)
+
+
+def mark(
+    run: RunNumber,
+    sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.", min=0)],
+    word: Annotated[str, typer.Argument(metavar="WORD", help="What it was: misprint, good or unknown.")],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who says so.")],
+    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Anything else.")] = "",
+    journal: JournalUrl = None,
+    json: Json = False,
+) -> None:
+    """Say what a sheet was, also while its run goes on. Words are added, none is replaced; the last one counts."""
+    from prooflight.journal.words import MOST_NOTE, Words, run_key
+
+    if word not in MARKS:
+        raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join(MARKS)}")
+    if len(why) > MOST_NOTE:
+        raise RequestError("--why", f"has {len(why):,} letters", remedy=f"give {MOST_NOTE:,} at most")
+    with reading(journal) as opened:
+        found = run_of(opened, run)
+        page = opened.page(found.id, sheet)
+        said = Words(opened.path).say(
+            word, run=run_key(found), sheet=sheet, by=by, at_s=time.time(), note=why
+        )
+    if json:
+        show.print_json(
+            {"run": found.id} | {name: value for name, value in asdict(said).items() if name != "run"}
+        )
+        return
+    counts = "" if page.asked is not None else "; it was not asked about, so it moves no threshold"
+    show.people.print(f"sheet {sheet} of run {found.id}: {word}, says {said.by}{counts}")
+
+
+def asked(
+    run: RunNumber = "last",
+    journal: JournalUrl = None,
+    every: Annotated[bool, typer.Option("--all", help="Those that were told as well.")] = False,
+    json: Json = False,
+) -> None:
+    """Sheets about which people are asked and have not told, and what those that were told say of the run."""
+    from prooflight.journal.words import Words
+    from prooflight.line.told import asked_of_run, counts_of
+
+    with reading(journal) as opened:
+        found = run_of(opened, run)
+        sheets = asked_of_run(opened, Words(opened.path), found)
+    counts = counts_of(found, sheets)
+    listed = [one for one in sheets if every or not one.state]
+    if json:
+        show.print_json(
+            {
+                "run": found.id,
+                **asdict(counts),
+                "false_alarms": None if counts.false_alarms is None else asdict(counts.false_alarms),
+                "missed": None if counts.missed is None else asdict(counts.missed),
+                "sheets": [_asked_facts(one) for one in listed],
+            }
+        )
+        return
+    title = f"Run {found.id}: asked" + ("" if every else ", not yet told")
+    headings = ("sheet", "page", "verdict", "drawn with", "told")
+    table = show.table_of(title, headings, words=("page", "verdict", "told"))
+    for one in listed[:SHOWN]:
+        record = one.record
+        table.add_row(
+            str(record.sheet),
+            record.verdict.page,
+            record.verdict.verdict,
+            f"{record.asked:g}",
+            one.state or "-",
+        )
+    show.people.print(table)
+    if (more := len(listed) - SHOWN) > 0:
+        show.people.print(f"and {count(more, 'more sheet')}")
+    for line in sample_lines(found, sheets):
+        show.people.print(line)
+
+
+def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
+    """What the asked sheets of a run say of it, for people."""
+    from prooflight.line.told import counts_of
+
+    counts = counts_of(run, sheets)
+    told = f"{counts.passed_told} of the sheets that passed and {counts.alarms_told} of {count(counts.alarms, 'alarm')}"
+    lines = [f"told: {told}"]
+    if (rate := counts.false_alarms) is not None:
+        lines.append(
+            f"false alarms: {rate.value:.2%} of good sheets (95 %: {rate.low:.2%} to {rate.high:.2%}), "
+            f"{counts.alarms_good} of the alarms that were told"
+        )
+    if (missed := counts.missed) is not None:
+        lines.append(
+            f"misprints missed: about {missed.value:.0f} of {counts.passed:,} sheets that passed "
+            f"(95 %: {missed.low:.0f} to {missed.high:.0f})"
+        )
+    return lines
+
+
+def tolerances(
+    journal: JournalUrl = None,
+    runs: Annotated[int, typer.Option(metavar="N", help="Look at the last N runs.", min=1)] = 20,
+    grant: Annotated[
+        int | None, typer.Option(metavar="N", help="Put proposal N into --zones.", min=1)
+    ] = None,
+    zones: Annotated[
+        Path | None, typer.Option(metavar="F.json", help="Zones of the job; made where there are none.")
+    ] = None,
+    job: Annotated[Path | None, typer.Option(metavar="JOB", help="The job that was printed.")] = None,
+    json: Json = False,
+) -> None:
+    """False alarms that come again and again at one place, each as a tolerance that could be granted, with its price.
+
+    Nothing is applied but what --grant names: its place becomes an ignored zone of the job, in force once its price was
+    seen and saved (`prooflight zones price --save`). `prooflight zones drop` takes it back.
+    """
+    from prooflight.journal.words import Words
+    from prooflight.line.tolerances import proposals
+
+    with reading(journal) as opened:
+        found = proposals(opened, Words(opened.path), opened.runs(damaged=lambda _: None)[-runs:])
+    if grant is not None:
+        _grant(found, grant, zones=zones, job=job, json=json)
+        return
+    if json:
+        show.print_json([asdict(one) for one in found])
+        return
+    if not found:
+        show.people.print("No false alarm comes often enough at one place to propose a tolerance.")
+        return
+    for number, one in enumerate(found, 1):
+        show.people.print(f"{number}.", show.strong(f"{one.kind} {one.where}"), f"on {', '.join(one.pages)}")
+        for line in one.told:
+            show.people.print(f"  {line}")
+    show.people.print("None of these is applied: --grant N puts one into the zones of its job.")
+
+
+def _grant(found: list[Proposal], number: int, *, zones: Path | None, job: Path | None, json: bool) -> None:
+    """Write one proposal's zone into a job's zones, whose price is void by it."""
+    from prooflight.line.granting import granted, with_zone
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.zones.zones_file import JobZones
+
+    if zones is None or job is None:
+        raise RequestError("--grant", "needs the job and its zones", remedy="give --zones F.json --job JOB")
+    if number > len(found):
+        what = f"there {'is' if len(found) == 1 else 'are'} {count(len(found), 'proposal')}"
+        raise RequestError("--grant", what, remedy="see `prooflight run tolerances` for their numbers")
+    proposal = found[number - 1]
+    with JobSource(path=job, dpi=ANY_DPI).open() as opened:
+        sizes = opened.page_sizes_mm
+    known = JobZones.read(zones, sizes) if zones.exists() else None
+    entry = granted(proposal, sizes)
+    share = {} if known is None else {"careful_share": known.document.careful_share}
+    JobZones.made(with_zone(known, entry), sizes, where=zones, **share).save(zones)
+    if json:
+        show.print_json({"zones": str(zones), "granted": entry.model_dump(mode="json", exclude_none=True)})
+        return
+    for line in proposal.told:
+        show.people.print(f"  {line}")
+    show.people.print(
+        "Zones know no kind and no amount: whatever is printed there will pass, which is more than was proposed."
+    )
+    show.written(zones)
+    show.people.print(
+        f"Not in force until its price was seen: `prooflight zones price {zones} {job} --press X.press --save`; "
+        f"`prooflight zones drop {zones} {job} {entry.name!r}` takes it back."
+    )
+
+
+def recalibrate(
+    artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="Y.press", help="Where to write the new one.")],
+    journal: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--journal", metavar="URL", help="Journal with words on its sheets; may be given again."
+        ),
+    ] = None,
+    promise: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="One good page in N may alarm; default what X.press promises.", min=2),
+    ] = None,
+    half_life: Annotated[
+        float | None,
+        typer.Option(
+            "--half-life", metavar="DAYS", help="Pages count half after so long; default all alike.", min=0.01
+        ),
+    ] = None,
+    replay: Annotated[
+        int, typer.Option(metavar="N", help="Replay the last N runs at the new threshold.", min=0)
+    ] = REPLAYED_RUNS,
+    json: Json = False,
+) -> None:
+    """Set the threshold anew by what people told of alarms and of the random sample; X.press stays as it is."""
+    from prooflight.journal.words import Words
+    from prooflight.line.told import asked_of_run, replayed_run, told_pages
+    from prooflight.press.artefact import Press
+
+    press = Press.load(artefact)
+    if press.ours is None:
+        what = f"press {press.name} was not taught our detector"
+        raise RequestError(artefact, what, remedy="build it with `prooflight press build --detector quick`")
+    if out.exists() and out.samefile(artefact):
+        raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
+    digests = {press.digest, *(told.replaces for told in press.ours.told)}
+    with ExitStack() as stack:
+        given: list[str | None] = [*journal] if journal else [None]
+        journals = [stack.enter_context(reading(one)) for one in given]
+        found = [
+            [(run, asked_of_run(opened, Words(opened.path), run)) for run in opened.runs()]
+            for opened in journals
+        ]
+        told = told_pages(
+            [one for of_journal in found for one in of_journal],
+            digests=digests,
+            replaces=press.digest,
+            rate=1 / promise if promise else press.ours.promise.rate,
+            now_s=time.time(),
+            journals=[opened.path.name for opened in journals],
+            half_life_days=half_life,
+        )
+        ours = press.ours.recalibrated(told)
+        replays: list[Replayed] = []
+        for opened, of_journal in zip(journals, found, strict=True):
+            of_press = [one for one in of_journal if one[0].facts.press_digest in digests]
+            for run, sheets in of_press[max(len(of_press) - replay, 0) :]:
+                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=ours.threshold))
+    digest = replace(press, ours=ours).save(out)
+    if json:
+        show.print_json(
+            {
+                "press": str(out),
+                "digest": digest,
+                "replaces": press.digest,
+                "promise": str(ours.promise),
+                "threshold_before": press.ours.threshold,
+                "threshold": ours.threshold,
+                "sampled": int(told.passed.sum()),
+                "false_alarms": int((~told.passed).sum()),
+                "replayed": [asdict(one) for one in replays],
+            }
+        )
+        return
+    show.people.print(
+        f"threshold {press.ours.threshold:.2f} before, {ours.threshold:.2f} now: {ours.promise}"
+    )
+    _show_replays(replays)
+    show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {press.digest[:16]}")
+
+
+def _show_replays(replays: list[Replayed]) -> None:
+    """Which alarms of runs would go and come at another threshold."""
+    if not replays:
+        return
+    headings = ("run", "sheets", "alarms", "would go", "of these told", "would come")
+    table = show.table_of("At the new threshold", headings, words=("of these told",))
+    for one in replays:
+        said = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())
+        table.add_row(
+            str(one.run), f"{one.sheets:,}", str(one.alarms), str(len(one.gone)), said, str(len(one.come))
+        )
+    show.people.print(table)
+    for one in replays:
+        for what, sheets in (("would no longer alarm", one.gone), ("would alarm", one.come)):
+            if sheets:
+                listed = ", ".join(map(str, sheets[:SHOWN])) + (", ..." if len(sheets) > SHOWN else "")
+                show.people.print(f"run {one.run}: {what}: sheets {listed}")
+
+
+def go_back(
+    artefact: Annotated[
+        Path, typer.Argument(metavar="Y.press", help="Press artefact that was calibrated anew.")
+    ],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the one before.")
+    ],
+    json: Json = False,
+) -> None:
+    """The press artefact that `press recalibrate` replaced, of the same digest: it stands in the new one."""
+    from prooflight.press.artefact import Press
+
+    before = before_recalibration(Press.load(artefact), artefact)
+    digest = before.save(out)
+    if json:
+        show.print_json({"press": str(out), "digest": digest})
+        return
+    show.people.print(show.strong(out), f"written, digest {digest[:16]}")
+
+
+def before_recalibration(press: Press, where: Path) -> Press:
+    """The press that this one replaced; RequestError: it replaced none, or another one than it names."""
+    ours = None if press.ours is None else press.ours.before_told()
+    if press.ours is None or ours is None:
+        raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
+    before = replace(press, ours=ours)
+    wanted = press.ours.told[-1].replaces
+    if before.digest != wanted:
+        what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
+        raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
+    return before
+
+
+def _asked_facts(one: AskedSheet) -> dict[str, Any]:
+    record, word = one.record, one.word
+    return {
+        "sheet": record.sheet,
+        "page": record.verdict.page,
+        "verdict": record.verdict.verdict,
+        "asked": record.asked,
+        "told": one.state or None,
+        "by": None if word is None else word.by,
+        "why": "" if word is None else word.note,
+    }

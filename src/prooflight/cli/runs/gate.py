@@ -1,0 +1,155 @@
+"""``prooflight run reconcile`` and ``reprint-list``: what became of every sheet, and what must be printed again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.text import Text
+
+from prooflight.cli import faults, show
+from prooflight.cli.exit_codes import MISPRINT_FOUND, NOT_ALL_INSPECTED
+from prooflight.errors import visible
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.records import RunRow
+    from prooflight.plant.gate.log import KeptDecisions
+    from prooflight.plant.gate.reconciling import Accounted, Reconciliation
+
+    Opened = Callable[[str | None], Journal]
+    Chosen = Callable[[Journal, str], RunRow]
+
+SHOWN: Final = 20
+TraysFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--trays",
+        metavar="FILE",
+        help="The controller's log: JSON lines or CSV of session, tag, tray, count; default what it told us.",
+    ),
+]
+WORDS: Final = {
+    "accepted": "in the good tray, as decided",
+    "diverted": "rejected, as decided",
+    "lost": "good, but rejected",
+    "unseen": "rejected, never judged",
+    "not-at-gate": "judged, not seen at the gate",
+    "did-not-come": "page that did not come",
+    "wrong": "IN THE GOOD TRAY AGAINST THE DECISION",
+}
+
+
+def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -> None:
+    """Account for every sheet of a run; exits 1 if one is in the good tray that must not be, 3 if one is open."""
+    found, _ = accounted(opened, run, trays)
+    if json:
+        show.print_json(
+            {
+                "run": run.id,
+                "counts": dict(found.counts),
+                "lost_by": dict(found.lost_by),
+                "off_mm": _off_facts(found),
+                "not_in_the_journal": sum(
+                    not one.in_journal and one.sheet is not None for one in found.sheets
+                ),
+                "sheets": [asdict(one) for one in found.sheets],
+            }
+        )
+    else:
+        _told(found, run)
+    if found.wrong:
+        raise typer.Exit(MISPRINT_FOUND)
+    if found.open:
+        raise typer.Exit(NOT_ALL_INSPECTED)
+
+
+def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path | None, json: bool) -> None:
+    """What must be printed again, where it goes, and why."""
+    from prooflight.files.atomic import whole_file
+    from prooflight.journal.schema import json_text
+    from prooflight.plant.reprinting import by_trays
+
+    found, kept = accounted(opened, run, trays)
+    listed = by_trays(found.sheets, kept)
+    if out is not None:
+        with whole_file(out) as unfinished:
+            text = json_text(
+                {"run": run.id, "job": run.facts.job, "reprints": [asdict(one) for one in listed]}
+            )
+            unfinished.write_text(text + "\n", encoding="utf-8")
+        show.written(out)
+        return
+    if json:
+        show.print_json({"run": run.id, "job": run.facts.job, "reprints": [asdict(one) for one in listed]})
+        return
+    headings = ("copy", "page", "set", "goes behind", "why")
+    table = show.table_of(f"To print again, run {run.id}", headings, words=headings[1:])
+    for one in listed:
+        why = f"{one.why}; take it out of the good tray" if one.take_out else one.why
+        number = f"{one.number} ({visible(one.page)})"
+        table.add_row(
+            str(one.copy), number, str(one.set_number), visible(one.behind or "nothing"), visible(why)
+        )
+    show.people.print(table if listed else "Nothing: every page is in the good tray.")
+
+
+def accounted(opened: Journal, run: RunRow, trays: Path | None) -> tuple[Reconciliation, KeptDecisions]:
+    """A run's sheets, and its gate's log. PlantError: it had no gate. RequestError: the trays' log is none."""
+    from prooflight.plant.gate.log import KeptDecisions, log_path
+    from prooflight.plant.gate.reconciling import read_trays, reconciled
+
+    kept = KeptDecisions.read(log_path(opened.path, run.id))
+    rows = None if trays is None else read_trays(trays)
+    return reconciled(opened.pages(run.id), kept, rows), kept
+
+
+def _told(found: Reconciliation, run: RunRow) -> None:
+    headings = ("sheets", "what became of them")
+    table = show.table_of(f"Run {run.id}, reconciled", headings, words=headings[1:])
+    for account, words in WORDS.items():
+        if number := found.counts[account]:
+            style = "bold red" if account == "wrong" else ""
+            table.add_row(f"{number:,}", Text(words, style=style))
+    table.add_row(f"{len(found.sheets):,}", Text("all", style="bold"))
+    show.people.print(table)
+    _reasons("Good sheets lost", found.lost_by)
+    _reasons("Never judged", Counter(one.why for one in found.sheets if one.account == "unseen"))
+    if off := _off_facts(found):
+        show.people.print(
+            f"Sheets reached the gate {off['median']:+.1f} mm from their place (median), {off['greatest']:.1f} mm at "
+            "most; a constant part of it goes into [gate] distance_mm."
+        )
+    for one in found.wrong[:SHOWN]:
+        faults.told(f"{_name(one)} is in the good tray: {one.why}")
+    if len(found.wrong) > SHOWN:
+        faults.told(f"{count(len(found.wrong) - SHOWN, 'more sheet')} in the good tray against the decision")
+
+
+def _off_facts(found: Reconciliation) -> dict[str, float]:
+    """How far from their places sheets reached the gate; empty: nobody knows."""
+    if not found.off_mm:
+        return {}
+    greatest = max(map(abs, found.off_mm))
+    return {"median": round(median(found.off_mm), 2), "greatest": round(greatest, 2)}
+
+
+def _reasons(title: str, counts: Counter[str]) -> None:
+    if not counts:
+        return
+    headings: tuple[str, ...] = ("sheets", "why")
+    table: Any = show.table_of(title, headings, words=headings[1:])
+    for why, number in counts.most_common():
+        table.add_row(f"{number:,}", visible(why))
+    show.people.print(table)
+
+
+def _name(one: Accounted) -> str:
+    return "a sheet that nobody judged" if one.sheet is None else f"sheet {one.sheet} ({visible(one.page)})"

@@ -1,0 +1,45 @@
+"""``--journal`` and the number of a run: what commands on runs have in common."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.records import RunRow
+
+JournalUrl = Annotated[
+    str | None,
+    typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
+]
+RunNumber = Annotated[str, typer.Argument(metavar="ID", help="Number of a run, or `last`.")]
+
+
+def reading(journal: str | None) -> Journal:
+    """A journal to be read, by what ``--journal`` says; JournalError."""
+    from prooflight.journal.journal import Journal
+
+    return Journal.open(url_of(journal), read_only=True)
+
+
+def url_of(journal: str | None) -> str:
+    """What ``--journal`` says, or where the user's lies."""
+    from prooflight.journal.opening import default_journal
+
+    return journal or str(default_journal())
+
+
+def run_of(journal: Journal, number: str) -> RunRow:
+    """The run of that number, or the last; JournalError: there is none."""
+    if number == "last":
+        return journal.last_run()
+    try:
+        run_id = int(number)
+    except ValueError as error:
+        what = f"{number!r} is no number"
+        raise RequestError("run", what, remedy="see `prooflight runs`, or say `last`") from error
+    return journal.run(run_id)

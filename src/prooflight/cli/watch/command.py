@@ -1,0 +1,407 @@
+"""``prooflight watch``: the running press, live."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, TypeVar, cast
+
+import typer
+
+from prooflight.cli import faults, laid_out, show
+from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
+from prooflight.cli.options import Detector, JobPath, Json, LayoutWords, PressArtefact, Profile, Seed, Zones
+from prooflight.cli.watch.console import console_beside
+from prooflight.cli.watch.sources import REMEDY, DrumWishes, open_source
+from prooflight.errors import RequestError
+from prooflight.line.settings import DEADLINE_S, STALL_S, Settings
+from prooflight.reporting.wording import suspended
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from prooflight.cli.watch.plant import Plant
+    from prooflight.cli.watch.sources import Opened
+    from prooflight.cli.watch.view import Watching
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.journal.records import RunFacts
+    from prooflight.line.pager import PageStart
+    from prooflight.line.recording import Recorder
+    from prooflight.line.sheet_inspector import Keep
+    from prooflight.line.status import Status
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.layout.plan import SheetPlan
+
+Told = TypeVar("Told")
+MOST_SHEETS: Final = 10_000_000
+"""Three weeks at 5 sheets a second."""
+MOST_LINES: Final = 1_000_000
+"""From trigger to trigger: 100 m of paper."""
+MOST_THREADS: Final = 256
+MOST_MEGABYTES: Final = 1_000_000
+HOUR_S: Final = 3600.0
+
+
+def register(program: typer.Typer) -> None:
+    """Add the command to the program."""
+    program.command()(watch)
+
+
+def watch(
+    job: JobPath,
+    press: PressArtefact,
+    source: Annotated[str, typer.Option(metavar="SOURCE", help=REMEDY)],
+    sheets: Annotated[
+        int | None,
+        typer.Option(
+            help="How many are printed, the job over and over; default once.", min=1, max=MOST_SHEETS
+        ),
+    ] = None,
+    layout: LayoutWords = None,
+    detector: Detector = None,
+    deadline_ms: Annotated[
+        float,
+        typer.Option(
+            "--deadline",
+            metavar="MS",
+            help="From a page's last line to its verdict.",
+            min=1,
+            max=1e3 * HOUR_S,
+        ),
+    ] = 1e3 * DEADLINE_S,
+    stall_s: Annotated[
+        float,
+        typer.Option(
+            "--stall",
+            metavar="SECONDS",
+            help="Without a line, after which that is announced.",
+            min=0.1,
+            max=24 * HOUR_S,
+        ),
+    ] = STALL_S,
+    journal: Annotated[
+        str | None, typer.Option(metavar="URL", help="sqlite:///FILE, a file, or `none`; default the user's.")
+    ] = None,
+    keep: Annotated[str, typer.Option(help="Evidence kept: all, misprints or none.")] = "misprints",
+    sample: Annotated[
+        float,
+        typer.Option(
+            metavar="SHARE", help="Of the sheets that pass, about which people are asked.", min=0, max=1
+        ),
+    ] = 0.0,
+    false_alarms: Annotated[
+        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4)
+    ] = 1.0,
+    trigger: Annotated[
+        int | None,
+        typer.Option(
+            metavar="LINES",
+            help="From page to page; default sheets are found by their edges.",
+            min=1,
+            max=MOST_LINES,
+        ),
+    ] = None,
+    framed: Annotated[bool, typer.Option("--framed", help="Raw lines come in blocks with headers.")] = False,
+    camera: Annotated[
+        Path | None,
+        typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets up the camera of --source."),
+    ] = None,
+    plant: Annotated[
+        Path | None,
+        typer.Option(metavar="PRESS.toml", help="Press file whose [gate] and [plant] are served."),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="That inspect; default one a core.", min=1, max=MOST_THREADS)
+    ] = None,
+    memory_mb: Annotated[
+        int,
+        typer.Option("--memory", metavar="MB", help="For designs made ready.", min=100, max=MOST_MEGABYTES),
+    ] = 4000,
+    follow: Annotated[
+        bool, typer.Option("--follow/--no-follow", help="Follow slow changes of lamp and paper.")
+    ] = True,
+    world: Annotated[str, typer.Option(help="Of the drum: ideal or press.")] = "press",
+    misprint: Annotated[
+        str | None, typer.Option(metavar="KIND[:SEVERITY],...", help="On some of the drum's prints, in turn.")
+    ] = None,
+    every: Annotated[int, typer.Option(help="On every so many of them.", min=1)] = 10,
+    fault_every: Annotated[
+        int | None,
+        typer.Option(help="The drum's paper path or camera errs every so many sheets.", min=4),
+    ] = None,
+    zones: Zones = None,
+    profile: Profile = None,
+    seed: Seed = 1,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Show it in the console, a process of its own: see `serve`.")
+    ] = False,
+    serve_port: Annotated[
+        int, typer.Option("--serve-port", metavar="PORT", help="Of the console.", min=0, max=65_535)
+    ] = 8080,
+    json: Json = False,
+) -> None:
+    """Inspect a press while it runs: every page's verdict as it passes.
+
+    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded. Ctrl-C ends cleanly:
+    what has passed is still inspected; a second one drops it, and says so.
+    """
+    from prooflight.cli.jobs.zones import zones_in_force
+    from prooflight.cli.watch.plant import Plant
+    from prooflight.cli.watch.view import Watching
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.sheets import NEXT, Assembling
+    from prooflight.journal.journal import content_digest
+    from prooflight.journal.records import RunFacts
+    from prooflight.line.pager import SheetEdge, TriggerCount
+    from prooflight.pages.process import settle_process
+    from prooflight.press.artefact import Press
+    from prooflight.press.pages import job_source
+    from prooflight.reporting.live import Recent
+
+    if keep not in ("all", "misprints", "none"):
+        raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    loaded = Press.load(press)
+    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    printed = job_source(job, loaded, profile=profile)
+    printed, plan = laid_out.laid_out(printed, layout, loaded.geometry, sheets=sheets)
+    with printed.open() as opened:
+        pages, name, flaws = len(opened), opened.name, opened.flaws()
+        served = Plant.tried(plant, opened, loaded)
+        known = zones_in_force(zones, opened, loaded)
+    inspector = replace(inspector, zones=known)
+    plan = served.with_sets(plan, pages=pages, sheets=sheets)
+    count = (sheets or pages) if plan is None else plan.passings
+    served.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
+    given = open_source(
+        source,
+        press=loaded,
+        job=printed,
+        framed=framed,
+        settings=camera,
+        wishes=DrumWishes(
+            pages=pages,
+            sheets=count,
+            world=world,
+            misprint=misprint,
+            every=every,
+            fault_every=fault_every,
+            seed=seed,
+            fed=served.simulated,
+            plan=plan,
+        ),
+        shown=lambda scans, total: (
+            scans if json else show.progress(scans, total=total, what="printing for the drum")
+        ),
+    )
+    settings = Settings(
+        source_waits=given.waits,
+        source_clock=not framed,
+        deadline_s=deadline_ms / 1e3,
+        inspectors=threads or os.cpu_count() or 1,
+        ahead_bytes=memory_mb * 10**6,
+        stall_s=stall_s,
+        sample=sample,
+        seed=seed,
+    )
+    console = Watching(
+        title=f"{name} on {loaded.name}, {source}, {inspector.detector.name}",
+        recent=Recent.of([sensor.name for sensor in loaded.sensors]),
+        deadline_s=None if given.waits else settings.deadline_s,
+        json=json,
+        sheets=None if plan is None else Assembling(plan, patience=NEXT),
+    )
+    settle_process()
+    facts = RunFacts(
+        job=name,
+        job_digest="" if journal == "none" else content_digest(job),
+        press=loaded.name,
+        press_digest=loaded.digest,
+        detector=inspector.detector.name,
+        source=source,
+        started_s=time.time(),
+        sheets=count,
+        settings=asdict(settings)
+        | ({} if plan is None else {"layout": plan.facts})
+        | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest}),
+    )
+    planned = PlannedRun(
+        facts=facts,
+        inspector=inspector,
+        job=printed,
+        pages=pages,
+        flaws=flaws,
+        given=given,
+        start=SheetEdge() if trigger is None else TriggerCount(lines=trigger),
+        settings=settings,
+        keep=cast("Keep", keep),
+        follow=follow,
+        false_alarms=false_alarms,
+        plan=plan,
+    )
+    with (
+        console_beside(serve, journal=journal, press=press, job=job, port=serve_port),
+        _recorder(journal, facts) as recorder,
+        _shown(planned, journal) as planned,
+    ):
+        status = _run(planned, served, recorder, console)
+    console.told_all()
+    if not json:
+        show.people.print(console.view(status))
+    unrecorded = 0 if recorder is None else recorder.unrecorded
+    code = _ended(status, console.lacks(status, sheets=count, unrecorded=unrecorded))
+    if code:
+        raise typer.Exit(code)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedRun:
+    """All that a run is made of, before its first line."""
+
+    facts: RunFacts
+    inspector: Inspector
+    job: JobSource
+    pages: int
+    """Of the job."""
+    flaws: Mapping[int, Exception]
+    """Pages, from 1, that cannot be used, and why."""
+    given: Opened
+    start: PageStart
+    settings: Settings
+    keep: Keep
+    follow: bool
+    false_alarms: float
+    """Of the run level, a 100,000 pages."""
+    plan: SheetPlan | None = None
+    """How the job lies on sheets; None: a page a sheet."""
+
+    def position(self, number: int) -> int:
+        """When page ``number`` of the job, from 1, first passes."""
+        plan = self.plan
+        return number - 1 if plan is None else plan.layout.position_of(number - 1, plan.sheets)
+
+    @property
+    def sheets(self) -> int:
+        """That pass."""
+        assert self.facts.sheets is not None  # a run on a press always says
+        return self.facts.sheets
+
+
+def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching) -> Status:
+    """Watch until the lines end or somebody stops it; how it stands then."""
+    from prooflight.line.book import JobBook
+    from prooflight.line.notices import Notice
+    from prooflight.line.recording import ending_of
+    from prooflight.line.watching import watched
+
+    press, given, sheets = planned.inspector.press, planned.given, planned.sheets
+    said = console.noticed
+    with plant.served(
+        planned.facts,
+        press,
+        job_pages=planned.pages,
+        plan=planned.plan,
+        recorder=recorder,
+        notice=lambda one: said(one),
+        progress=show.steps(quiet=console.json),
+    ) as served:
+        console.phase = served.phase
+        book = JobBook(job=planned.job, press=press, pages=planned.pages, sheets=sheets, plan=planned.plan)
+        running = watched(
+            planned.inspector,
+            source=served.followed(given.source),
+            book=book,
+            start=planned.start,
+            settings=planned.settings,
+            keep=planned.keep,
+            follow=planned.follow,
+            false_alarms=planned.false_alarms,
+            tell=_each(served.gate_told, partial(console.told, recorder=recorder), served.stream_told),
+            notice=_each(console.noticed, served.noticed),
+            arrived=served.arrived,
+            name=book.name,
+            flaws={
+                planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
+            },
+            durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
+        )
+        if given.camera is not None:
+            console.cameras = given.camera.healths
+            given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
+        said = running.note  # from now on it stands in the journal too
+        stopped = console.until_ended(running)
+        said = console.noticed
+        status = running.status()
+        lacks = console.lacks(status, sheets=sheets)
+        if recorder is not None:
+            recorder.end(status, stopped=stopped, detail=lacks)
+        served.ended(ending_of(status, stopped=stopped), lacks)
+    return status
+
+
+def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
+    """One after the other, those that there are; one that fails keeps none of the others from being told."""
+    there = [one for one in reversed(tells) if one is not None]
+
+    def tell(what: Told) -> None:
+        with ExitStack() as stack:
+            for one in there:
+                stack.callback(one, what)
+
+    return tell
+
+
+def _ended(status: Status, lacks: str) -> int:
+    """Say what keeps a run from being complete or its promise from holding, if anything does; its exit code."""
+    from prooflight.line.status import Phase
+
+    broke_off = status.phase is Phase.FAULT
+    if status.promise_suspended:
+        faults.told(suspended(status.promise_suspended))
+    if broke_off or lacks:
+        faults.told("; ".join(filter(None, (status.detail, lacks))))
+    if broke_off and not status.good + status.misprints:
+        return UNUSABLE_INPUT
+    return of_run(misprints=status.misprints, complete=not (broke_off or lacks))
+
+
+@contextmanager
+def _shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun]:
+    """The run with a source that the console can look at, where there is a journal beside which that lies."""
+    if journal == "none":
+        yield planned
+        return
+    from prooflight.cli.watch.camera_view import ShownLines
+    from prooflight.journal.camera_view import CameraExchange
+    from prooflight.journal.opening import default_journal, journal_path
+
+    given = planned.given
+    exchange = CameraExchange(journal=journal_path(journal or str(default_journal())))
+    with ShownLines(
+        given.source,
+        exchange=exchange,
+        press=planned.inspector.press,
+        name=planned.facts.source,
+        healths=None if given.camera is None else given.camera.healths,
+    ) as source:
+        yield replace(planned, given=replace(given, source=source))
+
+
+@contextmanager
+def _recorder(journal: str | None, facts: RunFacts) -> Iterator[Recorder | None]:
+    """Of a new run, in the journal that the option names; None: there is to be none."""
+    if journal == "none":
+        yield None
+        return
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.opening import default_journal
+    from prooflight.line.recording import Recorder
+
+    with (
+        Journal.open(journal or str(default_journal())) as opened,
+        Recorder(opened, opened.begin_run(facts)) as recorder,
+    ):
+        yield recorder

@@ -1,0 +1,68 @@
+"""``watch --serve``: the console in a process of its own, beside the run that it shows."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Final
+
+from prooflight.cli import faults
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    Told = Callable[[str, str | None], None]
+
+MISSING: Final = 'install it with pip install "prooflight[server]"'
+END_S: Final = 10.0
+"""For a console to end; then it is killed."""
+
+
+@contextmanager
+def console_beside(
+    wanted: bool, *, journal: str | None, press: Path, job: Path, port: int, told: Told | None = None
+) -> Iterator[None]:
+    """Started before the run and ended after it; it reads the journal and no more. RequestError: it cannot be.
+
+    told: the address, and the link for a first admin, in the console's process; None: they are printed.
+    """
+    if not wanted:
+        yield
+        return
+    if journal == "none":
+        raise RequestError("--serve", "shows what the journal holds", remedy="leave out --journal none")
+    needed()
+    from prooflight.journal.opening import default_journal, journal_path
+    from prooflight.server.running import Listening, spawned
+    from prooflight.server.settings import ConsoleSettings
+
+    settings = ConsoleSettings.of(
+        journal_path(journal or str(default_journal())).absolute(),
+        presses=(press.absolute(),),
+        jobs=(job.absolute(),),
+    )
+    process = spawned(settings, Listening(port=port), told or told_aside)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join(END_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+
+def told_aside(address: str, link: str | None) -> None:
+    """On standard error: what the run tells goes to standard output."""
+    faults.told(f"the console is at {address}")
+    if link is not None:
+        faults.told(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")
+
+
+def needed() -> None:
+    """RequestError: the extra is not installed."""
+    for name in ("argon2", "fastapi", "python_multipart", "uvicorn"):
+        if find_spec(name) is None:
+            raise RequestError("serve", f"{name} is not installed", remedy=MISSING)

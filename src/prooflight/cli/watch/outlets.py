@@ -1,0 +1,68 @@
+"""The outlets of ``prooflight watch --plant PRESS.toml``: the run's events, and who is told of them."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from prooflight.journal.records import RunFacts
+    from prooflight.line.notices import Notice
+    from prooflight.plant.outlets.outbox import OutletHealth
+    from prooflight.plant.outlets.outlet import Outlet
+    from prooflight.plant.stream import EventStream
+    from prooflight.press.press_file import PressFile
+
+REMEDY: Final = "see `prooflight plant check`, mend it, or take its block out of [plant]"
+
+
+def outlets_in(plant: PressFile | None) -> list[Outlet]:
+    """Those that a press file names, each tried; RequestError: one does not answer; others as of ``outlets_of``."""
+    if plant is None:
+        return []
+    from prooflight.plant.outlets.made import outlets_of
+    from prooflight.plant.outlets.outlet import check
+
+    found = outlets_of(plant)
+    for outlet in found:
+        tried = check(outlet)
+        if not tried.ok:
+            raise RequestError(tried.name, f"does not answer ({tried.said})", remedy=REMEDY)
+    return found
+
+
+@contextmanager
+def events_told(
+    outlets: Sequence[Outlet],
+    facts: RunFacts,
+    *,
+    run_id: int | None,
+    room: int,
+    size_mm: tuple[float, float] | None,
+    notice: Callable[[Notice], None],
+) -> Iterator[EventStream | None]:
+    """The run's stream of events while its outlets are served; None: there are no outlets.
+
+    size_mm: of a sheet. notice: told when an outlet is connected or is no longer.
+    """
+    if not outlets:
+        yield None
+        return
+    from prooflight.line.notices import Notice
+    from prooflight.plant.outlets.outlet import Outlets
+    from prooflight.plant.stream import EventStream
+
+    def changed(health: OutletHealth) -> None:
+        if health.connected:
+            notice(Notice(kind="outlet-ready", text=f"{health.name}: connected"))
+        else:
+            notice(Notice(kind="outlet-away", text=f"{health.name}: {health.detail}; events wait"))
+
+    with Outlets(outlets, room=room, changed=changed) as served:
+        stream = EventStream([served.put], press=facts.press, run=run_id, size_mm=size_mm)
+        stream.started(facts)
+        yield stream

@@ -1,0 +1,158 @@
+"""The plant of ``prooflight watch --plant PRESS.toml``: its gate and its outlets together, or nothing where none is."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+from prooflight.cli.watch import gate as watch_gate
+from prooflight.cli.watch import outlets as watch_outlets
+from prooflight.press.press_file import PressFile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from prooflight.journal.records import Ending, RunFacts
+    from prooflight.line.notices import Notice
+    from prooflight.line.outcomes import Outcome
+    from prooflight.line.recording import Recorder
+    from prooflight.line.sheets.records import SeenPage
+    from prooflight.pages.job import Job
+    from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.plant.gate.gate import Gate
+    from prooflight.plant.outlets.outlet import Outlet
+    from prooflight.plant.stream import EventStream
+    from prooflight.press.artefact import Press
+    from prooflight.press.gate import GateSettings, PlcSettings
+    from prooflight.scans.lines import LineSource
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plant:
+    """What a press file says of the plant, each part tried."""
+
+    file: PressFile | None
+    gate: GateSettings | None
+    outlets: Sequence[Outlet]
+    lengths_mm: list[float]
+    """Of the job's pages along the travel."""
+    size_mm: tuple[float, float] | None
+    """Of the job's first page; None: it cannot be read."""
+
+    @classmethod
+    def tried(cls, path: Path | None, job: Job, press: Press) -> Self:
+        """None: there is no plant. RequestError, PlantError: an outlet or the controller does not answer."""
+        if path is None:
+            return cls(file=None, gate=None, outlets=(), lengths_mm=[0.0], size_mm=None)
+        lengths_mm = watch_gate.lengths_mm(job, press)
+        size_mm = None if job.flaws() else job.page_size_mm(1)
+        file = PressFile.read(path)
+        outlets = watch_outlets.outlets_in(file)
+        gate = watch_gate.gate_settings(file)
+        return cls(file=file, gate=gate, outlets=outlets, lengths_mm=lengths_mm, size_mm=size_mm)
+
+    def refuse_unfit(self, source: str, press: Press, *, deadline_s: float) -> None:
+        """See ``watch_gate.refuse_unfit``."""
+        if self.file is not None and self.gate is not None:
+            watch_gate.refuse_unfit(
+                self.file, self.gate, source, press, lengths_mm=self.lengths_mm, deadline_s=deadline_s
+            )
+
+    def with_sets(self, plan: SheetPlan | None, *, pages: int, sheets: int | None) -> SheetPlan | None:
+        """The plan of the run with the sets of ``[gate] pages_a_set``, where the layout says none.
+
+        pages: of the job; sheets: of the run, None: the job once. RequestError: both say sets, and not the same, or
+        the set is no whole number of sheets.
+        """
+        own = 1 if self.gate is None else self.gate.pages_a_set
+        if self.file is None or own == 1:
+            return plan
+        return watch_gate.with_sets(plan, own, pages=pages, sheets=sheets, where=self.file.path)
+
+    @property
+    def simulated(self) -> PlcSettings | None:
+        """The gate's controller, if it is a simulated one."""
+        return watch_gate.simulated(self.gate)
+
+    @contextmanager
+    def served(
+        self,
+        facts: RunFacts,
+        press: Press,
+        *,
+        job_pages: int,
+        plan: SheetPlan | None,
+        recorder: Recorder | None,
+        notice: Callable[[Notice], None],
+        progress: Callable[[str], None],
+    ) -> Iterator[ServedPlant]:
+        """While the run lasts, and until the last sheets have reached the gate; notice, progress: as of ``gate_of``."""
+        with ExitStack() as stack:
+            stream = stack.enter_context(
+                watch_outlets.events_told(
+                    self.outlets,
+                    facts,
+                    run_id=None if recorder is None else recorder.run_id,
+                    room=1 if self.file is None else self.file.plant.room,
+                    size_mm=self.size_mm,
+                    notice=notice,
+                )
+            )
+            gate = stack.enter_context(
+                watch_gate.gate_of(
+                    self.gate,
+                    press,
+                    job_pages=job_pages,
+                    plan=plan,
+                    recorder=recorder,
+                    notice=notice,
+                    state=(lambda _state, _why: None) if stream is None else partial(stream.state, "gate"),
+                    progress=progress,
+                )
+            )
+            yield ServedPlant(gate=gate, stream=stream)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServedPlant:
+    """Gate and stream of events of one run; either may be missing, and is then told nothing."""
+
+    gate: Gate | None
+    stream: EventStream | None
+
+    def followed(self, source: LineSource) -> LineSource:
+        """The source, whose lines the gate tracks."""
+        return source if self.gate is None else self.gate.followed(source)
+
+    def arrived(self, number: int, page: SeenPage) -> None:
+        """A sheet has passed the camera."""
+        if self.gate is not None:
+            self.gate.arrived(number, page)
+
+    @property
+    def gate_told(self) -> Callable[[Outcome], None] | None:
+        """Told of every sheet, before anybody else: the gate is due."""
+        return None if self.gate is None else self.gate.told
+
+    @property
+    def stream_told(self) -> Callable[[Outcome], None] | None:
+        """Told of every sheet, when it stands in the journal."""
+        return None if self.stream is None else self.stream.told
+
+    @property
+    def noticed(self) -> Callable[[Notice], None] | None:
+        """Told of what is of no sheet."""
+        return None if self.stream is None else self.stream.noticed
+
+    def phase(self, phase: str, detail: str) -> None:
+        """The run is in this phase."""
+        if self.stream is not None:
+            self.stream.state("press", phase, detail)
+
+    def ended(self, ending: Ending, lacks: str) -> None:
+        """The run is over."""
+        if self.stream is not None:
+            self.stream.ended(ending, lacks)

@@ -1,0 +1,163 @@
+"""What a person or a program sees of a run of ``prooflight watch``, and how a person ends it."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from rich.live import Live
+
+from prooflight.cli import faults, show
+from prooflight.cli.laid_out import sheet_facts, sheets_line
+from prooflight.journal.exporting import page_facts
+from prooflight.reporting.live import live_view
+from prooflight.reporting.wording import count, not_inspected
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from rich.console import RenderableType
+
+    from prooflight.inspection.sheets import Assembling, SetVerdict, SheetVerdict
+    from prooflight.line.notices import Notice
+    from prooflight.line.outcomes import Outcome
+    from prooflight.line.recording import Recorder
+    from prooflight.line.runner import Running
+    from prooflight.line.status import Status
+    from prooflight.reporting.live import Recent
+    from prooflight.scans.cameras.camera import Health
+
+REFRESH_S: Final = 0.25
+TELL_S: Final = 5.0
+"""Between two lines of JSON that say how cameras are."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Watching:
+    """What a person or a program sees of a run."""
+
+    title: str
+    recent: Recent
+    deadline_s: float | None
+    json: bool
+    sheets: Assembling | None = None
+    """Puts sides together to sheets and sets; None: the job has neither."""
+    first_passed: str = ""
+    """The first sheet that was not inspected, and why."""
+    phase: Callable[[str, str], None] = lambda _phase, _detail: None
+    """Told of the run's phase, and of what went wrong, each time it is looked at."""
+    cameras: Callable[[], Mapping[str, Health]] = dict
+    """How the cameras of the source are, by name."""
+    told_s: float = 0.0
+    """When a program was told that last."""
+    live: threading.Event = field(default_factory=threading.Event)
+    """Whether the live view is on, in which notices stand."""
+
+    def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
+        """One sheet: into the journal first, then shown."""
+        verdict = outcome.record.verdict
+        if outcome.came and verdict.verdict == "not-inspected" and not self.first_passed:
+            self.first_passed = f"{verdict.page}: {verdict.reason}"
+        if recorder is not None:
+            recorder.record(outcome.record)
+        found = [] if self.sheets is None else self.sheets.add(outcome.record)
+        if not self.json:
+            self.recent.add(outcome)
+            return
+        latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
+        said = [asdict(one) for one in outcome.announcements]
+        show.print_json(page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": said})
+        self._tell_sheets(found)
+
+    def told_all(self) -> None:
+        """No more sheets come: those that waited for more are told."""
+        if self.sheets is not None:
+            found = self.sheets.end()
+            if self.json:
+                self._tell_sheets(found)
+
+    def _tell_sheets(self, found: Iterable[SheetVerdict | SetVerdict]) -> None:
+        for one in found:
+            show.print_json(sheet_facts(one))
+
+    def noticed(self, notice: Notice) -> None:
+        """Something that is of no sheet: said at once."""
+        self.recent.notice(notice)
+        if self.json:
+            show.print_json({"notice": notice.kind, "text": notice.text})
+        if not self.live.is_set():
+            faults.told(notice.text)
+
+    def view(self, status: Status) -> RenderableType:
+        """The whole screen."""
+        return live_view(
+            status,
+            self.recent,
+            title=self.title,
+            deadline_s=self.deadline_s,
+            cameras=self.cameras(),
+            sheets="" if self.sheets is None else sheets_line(self.sheets.counts),
+        )
+
+    def tell_cameras(self) -> None:
+        """How they are, to a program: a line of JSON each time."""
+        known = self.cameras()
+        if known:
+            show.print_json({"cameras": {name: asdict(health) for name, health in known.items()}})
+
+    def until_ended(self, running: Running) -> bool:
+        """Start the run and wait for its end; whether a person ended it."""
+        with _signals(running) as stops, ExitStack() as stack:
+            view = None
+            if not self.json and show.people.is_terminal:
+                view = stack.enter_context(
+                    Live(self.view(running.status()), console=show.people, transient=True, auto_refresh=False)
+                )
+                self.live.set()
+            running.start()
+            while not running.join(REFRESH_S):
+                status = running.status()
+                self.phase(str(status.phase), status.detail)
+                now_s = time.monotonic()
+                if self.json and now_s - self.told_s >= TELL_S:
+                    self.told_s = now_s
+                    self.tell_cameras()
+                if view is not None:
+                    view.update(self.view(status), refresh=True)
+            status = running.status()
+            self.phase(str(status.phase), status.detail)
+        return bool(stops)
+
+    def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
+        """What keeps a run of so many sheets from being complete, in one line; empty: nothing does."""
+        parts = []
+        if status.absent:
+            parts.append(f"{status.absent:,} of {count(sheets, 'sheet')} did not come")
+        if unseen := status.not_inspected:
+            parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
+        if status.untold:
+            parts.append(f"{count(status.untold, 'verdict')} could not be told")
+        if unrecorded:
+            parts.append(f"{count(unrecorded, 'verdict')} not recorded in the journal")
+        return "; ".join(parts)
+
+
+@contextmanager
+def _signals(running: Running) -> Iterator[list[int]]:
+    """The first Ctrl-C or SIGTERM ends the run cleanly, the second drops what waits."""
+    stops: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        stops.append(number)
+        running.stop(drop=len(stops) > 1)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stops
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

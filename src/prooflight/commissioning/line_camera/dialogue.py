@@ -1,0 +1,293 @@
+"""The set-up of a line camera as a dialogue: asks, measures, says, writes; may be stopped and taken up again.
+
+What was found is written into the press file after each step, whole or not at all. Beside it a protocol (JSON) says
+which steps are done, every question with its answer, and how long each took.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from prooflight.commissioning.camera.exposures import Exposure
+from prooflight.commissioning.characterise import ColumnCalibration
+from prooflight.commissioning.line_camera.bench import Bench
+from prooflight.commissioning.line_camera.file_edit import write_edits
+from prooflight.commissioning.line_camera.steps import STEPS
+from prooflight.errors import ProoflightError, RequestError
+from prooflight.files.atomic import whole_file
+from prooflight.files.given import GivenFiles
+from prooflight.press.press_file import PressFile
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.camera.camera import Camera
+    from prooflight.commissioning.line_camera.bench import StepResult
+    from prooflight.commissioning.line_camera.steps import Step
+    from prooflight.commissioning.line_camera.tap import CameraTap
+
+PROTOCOLS: Final = GivenFiles(
+    error=RequestError, remedy="give the protocol of a set-up, or delete it to begin anew", largest_mb=64
+)
+_VERSION: Final = 1
+LEAST_GAIN: Final = 0.02
+"""Of a column over the mean of all: what sees less is dead or covered."""
+State = Literal["good", "poor", "skipped", "not needed", "failed"]
+
+
+class Stopped(Exception):
+    """A person stopped; what is done is kept."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Talk:
+    """How the dialogue speaks."""
+
+    say: Callable[[str, Literal["title", "plain", "good", "poor", "faint"]], None]
+    answer: Callable[[str, str, str], str]
+    """By key, words and what Enter says: what a person says. ``Stopped``: nobody is there any more."""
+    attended: bool
+    """Whether somebody can mend what is wrong: without, the first error ends it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Protocol:
+    """What was done so far."""
+
+    camera: str
+    begun: bool
+    """Whether the press file was begun for this camera."""
+    steps: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """By step: state, says, values, edits, unmeasured, seconds."""
+    questions: list[dict[str, Any]] = field(default_factory=list)
+    """Key, words, answer, and seconds until it was given."""
+    asking: str = ""
+    """The key of the question that was asked last."""
+    finished: bool = False
+    dark: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    columns: list[dict[str, list[float]]] = field(default_factory=list)
+    """Of each sensor: offset without light [DN], and signal over the mean of all columns."""
+
+    @classmethod
+    def of(cls, path: Path, *, camera: str) -> Protocol | None:
+        """What was left unfinished; None: nothing was. RequestError: it is of another camera, or damaged."""
+        if not path.exists():
+            return None
+        try:
+            told = json.loads(PROTOCOLS.read_text(path))
+            if told.pop("version") != _VERSION:
+                return None
+            found = cls(**told)
+            found.dark_exposures()
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise RequestError(
+                path, "is no protocol of a set-up", remedy="delete it to begin anew"
+            ) from error
+        if found.finished:
+            return None
+        if found.camera != camera:
+            what = f"is of camera {found.camera}, and unfinished"
+            raise RequestError(path, what, remedy="say --again to begin anew with this one")
+        return found
+
+    def keep(self, path: Path) -> None:
+        """Write it, whole or not at all."""
+        with whole_file(path) as unfinished:
+            unfinished.write_text(
+                json.dumps({"version": _VERSION, **asdict(self)}, indent=1) + "\n", encoding="utf-8"
+            )
+
+    def dark_exposures(self) -> dict[float, tuple[Exposure, ...]]:
+        """As the steps need them."""
+        return {
+            float(at): tuple(
+                Exposure(**{**one, "column_mean_dn": np.array(one["column_mean_dn"], np.float64)})
+                for one in some
+            )
+            for at, some in self.dark.items()
+        }
+
+
+def measured_columns(path: Path, camera: Camera) -> list[ColumnCalibration]:
+    """Columns of a real camera, by the protocol of its set-up; RequestError: it holds none.
+
+    A press counts its light on the lens's axis: all columns together see as much of it as cos^4 leaves.
+    """
+    try:
+        told = json.loads(PROTOCOLS.read_text(path))["columns"]
+        columns = [
+            (np.array(one["offset_dn"], np.float32), np.array(one["gain"], np.float64)) for one in told
+        ]
+        fit = bool(columns) and all(
+            offset.ndim == gain.ndim == 1
+            and offset.size == gain.size
+            and np.isfinite(offset).all()
+            and ((gain > LEAST_GAIN) & (gain < 1 / LEAST_GAIN)).all()
+            for offset, gain in columns
+        )
+    except (ValueError, TypeError, KeyError) as error:
+        raise RequestError(path, "is no protocol of a set-up", remedy=PROTOCOLS.remedy) from error
+    if not fit:
+        what = "holds no columns of a camera, or some that see no light"
+        raise RequestError(path, what, remedy="repeat the steps dark and flat of `prooflight camera set-up`")
+    shade = float(camera.column_light().mean())
+    return [
+        ColumnCalibration(offset_dn=offset, gain=(shade * gain).astype(np.float32))
+        for offset, gain in columns
+    ]
+
+
+def protocol_path(press_file: Path) -> Path:
+    """Beside the press file."""
+    return press_file.with_name(f"{press_file.stem}.set-up.json")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetUp:
+    """A set-up of one camera for one press file."""
+
+    tap: CameraTap
+    path: Path
+    talk: Talk
+    protocol: Protocol
+    steps: Sequence[Step] = STEPS
+    clock: Callable[[], float] = time.monotonic
+
+    def run(self) -> Protocol:
+        """All steps that are not done; ``Stopped`` keeps what is done. Errors of a step where nobody can mend them."""
+        bench = Bench(
+            tap=self.tap,
+            press=PressFile.read(self.path),
+            begun=self.protocol.begun,
+            described="camera" in self.protocol.steps,
+            ask=self._ask,
+            dark=self.protocol.dark_exposures(),
+        )
+        for at, step in enumerate(self.steps, start=1):
+            head = f"{at}/{len(self.steps)} {step.title}"
+            done = self.protocol.steps.get(step.key, {}).get("state")
+            if done in ("good", "poor", "skipped") and not step.again:
+                self.talk.say(f"{head}: done before ({done})", "faint")
+                continue
+            if why := step.spared(bench):
+                self.talk.say(f"{head}: not needed, {why}", "faint")
+                self._record(step, "not needed", says=[why])
+                continue
+            self.talk.say(head, "title")
+            self._step(step, bench)
+        self.protocol.asking, self.protocol.finished = "", True
+        self._keep()
+        return self.protocol
+
+    def _step(self, step: Step, bench: Bench) -> None:
+        while True:
+            if step.do and self._ask(step.key, f"{step.do} Enter: measure, s: skip, q: stop", "") == "s":
+                self._record(step, "skipped", says=["skipped"])
+                return
+            begun_s = self.clock()
+            try:
+                found = step.measure(bench)
+            except (ProoflightError, np.linalg.LinAlgError) as error:
+                self.talk.say(str(error), "poor")
+                if not self.talk.attended:
+                    self._record(step, "failed", says=[str(error)])
+                    raise
+                if not step.do and self._ask(f"{step.key}.keep", "r: again, s: skip, q: stop", "s") != "r":
+                    self._record(step, "skipped", says=[str(error)])
+                    return
+                continue
+            seconds = self.clock() - begun_s
+            self._said(found)
+            words = (
+                "Enter: keep, r: again, s: skip" if found.good else "Not good. r: again, Enter: keep, s: skip"
+            )
+            answer = self._ask(f"{step.key}.keep", words, "") if step.do else ""
+            if answer == "r":
+                continue
+            if answer == "s":
+                self._record(step, "skipped", says=list(found.says), seconds=seconds)
+                return
+            if found.edits:
+                bench.press = write_edits(self.path, found.edits)
+            self.protocol.dark = {
+                str(at): [asdict(one) | {"column_mean_dn": one.column_mean_dn.tolist()} for one in some]
+                for at, some in bench.dark.items()
+            }
+            if bench.columns:
+                self.protocol.columns = [
+                    {"offset_dn": offset.round(4).tolist(), "gain": gain.round(6).tolist()}
+                    for offset, gain in bench.columns
+                ]
+            self._record(step, "good" if found.good else "poor", found=found, seconds=seconds)
+            return
+
+    def _said(self, found: StepResult) -> None:
+        for line in found.says:
+            self.talk.say(line, "good" if found.good else "poor")
+        for line in found.unmeasured:
+            self.talk.say(f"not measured: {line}", "faint")
+        for edit in found.edits:
+            self.talk.say(f"{edit.name} = {edit.value}", "plain")
+
+    def _ask(self, key: str, words: str, usual: str) -> str:
+        self.protocol.asking = key
+        self._keep()
+        begun_s = self.clock()
+        answer = self.talk.answer(key, words, usual).strip() or usual
+        self.protocol.questions.append(
+            {"key": key, "question": words, "answer": answer, "seconds": round(self.clock() - begun_s, 3)}
+        )
+        if answer == "q":
+            self._keep()
+            raise Stopped
+        return answer
+
+    def _record(
+        self,
+        step: Step,
+        state: State,
+        *,
+        says: Sequence[str] = (),
+        found: StepResult | None = None,
+        seconds: float = 0.0,
+    ) -> None:
+        self.protocol.steps[step.key] = {
+            "title": step.title,
+            "state": state,
+            "says": list(says if found is None else found.says),
+            "values": {} if found is None else {name: asdict(one) for name, one in found.values.items()},
+            "written": {} if found is None else {edit.name: edit.value for edit in found.edits},
+            "unmeasured": [] if found is None else list(found.unmeasured),
+            "seconds": round(seconds, 3),
+        }
+        self._keep()
+
+    def _keep(self) -> None:
+        self.protocol.keep(protocol_path(self.path))
+
+
+def answers_of(given: Mapping[str, Any], known: Sequence[str], *, where: object) -> Callable[[str], str]:
+    """Answers from a file: by key one text, or a list of them for a question that comes again; else Enter.
+
+    RequestError: a key is no question's, or what it holds no text.
+    """
+    left: dict[str, list[str]] = {}
+    for key, value in given.items():
+        several = value if isinstance(value, list) else [value]
+        if key not in known:
+            raise RequestError(where, f"{key!r} is no question", remedy=f"answer {', '.join(known)}")
+        if not all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in several):
+            raise RequestError(where, f"{key} holds no answer", remedy='write e.g. focus = "s"')
+        left[key] = [str(one) for one in several]
+
+    def answer(key: str) -> str:
+        some = left.get(key, [])
+        return (some.pop(0) if len(some) > 1 else some[0]) if some else ""
+
+    return answer

@@ -1,0 +1,118 @@
+"""A press file with some values written anew: comments and layout stay as they are, byte for byte, elsewhere."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import tomlkit
+
+from prooflight.commissioning.toml_text import toml_value
+from prooflight.errors import PressFileError
+from prooflight.files.atomic import whole_file
+from prooflight.press.press_file import PressFile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+_OUR_WORDS: Final = re.compile(r"\s*#\s*(assumed|paper|measured|stated|as built)\b", re.IGNORECASE)
+"""Comments that say where a number is from, and would be untrue of another number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edit:
+    """One value of a press file."""
+
+    block: str
+    """Of ``[block]`` or ``[[block]]``."""
+    field: str
+    value: Any
+    why: str
+    """In few words, for a comment."""
+    number: int = 0
+    """Which of ``[[block]]``, from 0."""
+
+    @property
+    def name(self) -> str:
+        """As errors and people call it."""
+        number = f".{self.number + 1}" if self.number or self.block == "sensor" else ""
+        return f"{self.block}{number}.{self.field}"
+
+
+def edited(text: str, edits: Iterable[Edit]) -> str:
+    """The text with these values; a block that is not there is added at its end.
+
+    A comment behind a value stays, unless it says where the old number came from. ValueError: the text is not TOML, or
+    holds a block in another way than under a heading of its own.
+    """
+    for edit in edits:
+        text = _one(text, edit)
+    return text
+
+
+def write_edits(path: Path, edits: Iterable[Edit]) -> PressFile:
+    """Write them into a press file, whole or not at all; PressFileError: the file would be none afterwards."""
+    before = PressFile.read(path)
+    try:
+        text = edited(before.text, edits)
+    except ValueError as error:
+        raise PressFileError(path, str(error), remedy="give each block a heading of its own") from error
+    after = PressFile(path, text)
+    after.camera()  # numbers must go together as well
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(text.encode())
+    return after
+
+
+def _one(text: str, edit: Edit) -> str:
+    document = tomlkit.parse(text)
+    wanted = tomllib.loads(text)
+    block: Any = document.get(edit.block)
+    several = isinstance(block, tomlkit.items.AoT)
+    if several and edit.number < len(block):
+        block = block[edit.number]
+    elif several or (edit.number and block is not None):
+        message = f"there is no {edit.name.rpartition('.')[0]}"
+        raise ValueError(message)
+    place = wanted.setdefault(edit.block, {})
+    if isinstance(place, list):
+        place = place[edit.number]
+    place[edit.field] = edit.value
+    if block is not None and edit.field in block:
+        if block[edit.field] == edit.value:
+            return text
+        before = block[edit.field]
+        gap, long = before.trivia.comment_ws, len(before.as_string())
+        block[edit.field] = edit.value
+        if not isinstance(block, tomlkit.items.InlineTable):  # it is one line, and holds no comments
+            now = block[edit.field]
+            if not now.trivia.comment or _OUR_WORDS.match(now.trivia.comment):
+                now.comment(edit.why)
+            # Comments that stand below each other stay so.
+            now.trivia.comment_ws = " " * max(len(gap) + long - len(now.as_string()), 2)
+        found = tomlkit.dumps(document)
+    else:
+        line = f"{edit.field} = {toml_value(edit.value)}  # {edit.why}"
+        found = _inserted(text, edit, line, missing=block is None)
+    if tomllib.loads(found) != wanted:
+        message = f"{edit.name} cannot be written where {edit.block} is not under a heading of its own"
+        raise ValueError(message)
+    return found
+
+
+def _inserted(text: str, edit: Edit, line: str, *, missing: bool) -> str:
+    """A new line below its block's heading: tomlkit would put it below the comments of the next block."""
+    if missing:
+        gap = "" if not text or text.endswith("\n") else "\n"
+        return f"{text}{gap}\n[{edit.block}]\n{line}\n"
+    heading = re.compile(
+        rf"^[ \t]*\[{{1,2}}[ \t]*{re.escape(edit.block)}[ \t]*\]{{1,2}}[^\n]*(\r?\n|\Z)", re.MULTILINE
+    )
+    found = list(heading.finditer(text))
+    if edit.number >= len(found):
+        return text
+    at, end = found[edit.number].end(), found[edit.number][1]
+    return f"{text[:at]}{'' if end else chr(10)}{line}{end or chr(10)}{text[at:]}"

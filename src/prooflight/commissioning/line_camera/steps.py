@@ -1,0 +1,168 @@
+"""The steps by which a line camera is set up, in their order: what each asks of a person, and what it measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from prooflight.commissioning.line_camera import exposure_steps, page_steps
+from prooflight.commissioning.line_camera.bench import StepResult
+from prooflight.commissioning.line_camera.file_edit import Edit
+from prooflight.errors import RequestError, ScanError
+from prooflight.files.given import shortly
+
+if TYPE_CHECKING:
+    from prooflight.camera.sensor import LineSensor
+    from prooflight.commissioning.line_camera.bench import Bench
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One step."""
+
+    key: str
+    title: str
+    do: str
+    """What a person does before it measures; empty: nothing."""
+    measure: Callable[[Bench], StepResult]
+    again: bool = False
+    """Whether it is done anew where a set-up that was stopped goes on."""
+    spared: Callable[[Bench], str] = lambda _bench: ""
+    """Why this camera does not need it; empty: it does."""
+
+
+def _fits(bench: Bench) -> StepResult:
+    """The camera against the press file: width and depth of its lines."""
+    tap, sensors = bench.tap, bench.camera().sensors
+    form = f"{tap.sensors} x {tap.pixels} pixels, {tap.form.name}"
+    edits: list[Edit] = []
+    if bench.begun and not bench.described:
+        if tap.sensors != len(sensors):
+            what = f"sends {tap.sensors} sensors, {bench.press.path.name} describes {len(sensors)}"
+            raise ScanError(bench.where, what, remedy="begin with a press file of as many [[sensor]] blocks")
+        edits = _of_data_sheet(bench)
+    else:
+        _refuse_other(bench, sensors)
+    rate = bench.tap.feature("line_rate_hz")
+    told = f", {float(rate.value):g} lines/s by its own word" if rate is not None and rate.value else ""
+    return StepResult(good=True, says=(f"{bench.where}: {form}{told}",), edits=tuple(edits))
+
+
+def _refuse_other(bench: Bench, sensors: Sequence[LineSensor]) -> None:
+    tap, file = bench.tap, bench.press.path.name
+    if tap.pixels != sensors[0].pixels:
+        what = f"sends lines of {tap.pixels} pixels, {file} says sensor.pixels = {sensors[0].pixels}"
+        raise ScanError(
+            bench.where,
+            what,
+            remedy=f"set Width = {sensors[0].pixels} under [camera.features], or mend pixels",
+        )
+    if tap.sensors != len(sensors):
+        what = f"sends {tap.form.name}, {tap.sensors} sensors, {file} describes {len(sensors)}"
+        raise ScanError(bench.where, what, remedy="set camera.pixel_format, or describe each [[sensor]]")
+    bits = sensors[0].bits
+    if tap.form.bits not in (bits, 16):
+        what = f"sends {tap.form.name}, {tap.form.bits} bits, {file} says sensor.bits = {bits}"
+        raise ScanError(bench.where, what, remedy=f'set camera.pixel_format, e.g. "Mono{bits}"')
+
+
+DATA_SHEET: Final = (
+    ("lens", "focal_length_mm", "Focal length of the lens [mm]"),
+    ("lens", "f_number", "F-number that the lens is set to"),
+    ("sensor", "pixel_pitch_um", "Pixel pitch on the sensor [um]"),
+    ("sensor", "tdi_stages", "TDI stages (1: no TDI)"),
+)
+"""What no exposure tells, and a data sheet does: block, field, question."""
+
+
+def _of_data_sheet(bench: Bench) -> list[Edit]:
+    """A press file that was begun anew: what the camera says of itself, and what only its data sheet does."""
+    tap, camera = bench.tap, bench.camera()
+    every = range(tap.sensors)
+    edits = [
+        Edit(block="sensor", field="pixels", value=tap.pixels, why="as the camera sends", number=at)
+        for at in every
+    ]
+    bits = tap.form.bits
+    if bits == 16:
+        bits = int(_number(bench, "bits", "Bits of the converter (its numbers come in 16)", 12, whole=True))
+    edits += [
+        Edit(block="sensor", field="bits", value=bits, why=f"as {tap.form.name} sends", number=at)
+        for at in every
+    ]
+    for block, name, words in DATA_SHEET:
+        source = camera.lens if block == "lens" else camera.sensors[0]
+        before = getattr(source, name)
+        value = _number(bench, name, words, before, whole=isinstance(before, int))
+        why = "stated: data sheet" if value != before else "assumed: nobody said otherwise when it was set up"
+        numbers = every if block == "sensor" else (0,)
+        edits += [Edit(block=block, field=name, value=value, why=why, number=at) for at in numbers]
+    kept = {"pixel_format": tap.form.name}
+    lines = tap.feature("block_lines")
+    edits += [
+        Edit(block="camera", field=name, value=value, why="as it stood") for name, value in kept.items()
+    ]
+    if lines is not None and lines.value:
+        edits.append(Edit(block="camera", field="block_lines", value=int(lines.value), why="as it stood"))
+    return edits
+
+
+def _number(bench: Bench, key: str, words: str, usual: float, *, whole: bool) -> float:
+    said = bench.ask(key, words, f"{usual:g}")
+    try:
+        value = int(said) if whole else float(said)
+    except ValueError:
+        value = -1
+    if not 0 < value < 1e6:
+        raise RequestError(key, f"{shortly(said)!r} is no number for it", remedy=f"give e.g. {usual:g}")
+    return value
+
+
+def _aligned(_bench: Bench) -> StepResult:
+    raise AssertionError  # several cameras are set up elsewhere; one is never asked
+
+
+STEPS: Final = (
+    Step(key="camera", title="Camera and press file", do="", measure=_fits, again=True),
+    Step(key="dark", title="Dark", do="Cover the lens.", measure=exposure_steps.dark),
+    Step(
+        key="flat",
+        title="Even light",
+        do="Uncover the lens; lay white paper under all of its line, lamp on.",
+        measure=exposure_steps.flat,
+    ),
+    Step(
+        key="focus",
+        title="Focus",
+        do="Let a ruler page pass, or lay it still under the camera with a comb below the line.",
+        measure=page_steps.focus,
+    ),
+    Step(key="width", title="Width", do="Let a whole ruler page pass.", measure=page_steps.width),
+    Step(key="pitch", title="Encoder", do="Let a whole ruler page pass once more.", measure=page_steps.pitch),
+    Step(key="paper", title="Light on paper", do="", measure=page_steps.paper),
+    Step(
+        key="colour",
+        title="Colour lines",
+        do="",
+        measure=page_steps.colour,
+        spared=lambda bench: "the camera has one sensor line" if bench.tap.sensors == 1 else "",
+    ),
+    Step(
+        key="alignment",
+        title="Camera alignment",
+        do="",
+        measure=_aligned,
+        spared=lambda _bench: "one camera is set up",
+    ),
+)
+QUESTIONS: Final = (
+    *(step.key for step in STEPS if step.do),
+    *(f"{step.key}.keep" for step in STEPS),
+    *(name for _, name, _ in DATA_SHEET),
+    "bits",
+    "flat.level",
+    "sheet.across",
+    "sheet.along",
+)
+"""Keys of all questions."""

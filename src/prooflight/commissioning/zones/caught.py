@@ -1,0 +1,113 @@
+"""The smallest defect that is caught at 99 %, from trials at strengths chosen on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy import special
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+SURE: Final = 0.99
+SPREADS: Final = np.geomspace(0.05, 0.8, 10)
+"""Of the logarithm of the strength at which single prints begin to alarm."""
+STEPS: Final = 161
+LAPSE: Final = 0.002
+"""Share of prints in which a defect passes however strong it is; assumed: one such print does not decide."""
+ASKED: Final = (0.6, 0.995)
+"""Between which chances of being caught the next strength is drawn: what 99 % takes is told from about there."""
+BETWEEN: Final = (0.05, 0.95)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One print with one defect."""
+
+    strength: float
+    caught: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caught:
+    """The least that is caught at 99 %, and between what it lies with 90 % probability; infinite: not even the most."""
+
+    least: float
+    low: float
+    high: float
+
+    @property
+    def ever(self) -> bool:
+        """Whether anything is caught."""
+        return bool(np.isfinite(self.least))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """Strengths of one kind of defect that are looked at."""
+
+    low: float
+    high: float
+
+    @property
+    def middles(self) -> NDArray[np.float64]:
+        """At which half may be caught; a third beyond the range either way."""
+        edge = (self.high / self.low) ** (1 / 3)
+        return np.geomspace(self.low / edge, self.high * edge, STEPS)
+
+
+def weights_of(trials: Sequence[Trial], within: Range, *, false_alarms: float) -> NDArray[np.float64]:
+    """(middles, spreads) how likely each is, sum 1: a flat prior times what was seen.
+
+    P(caught) = F + (1 - F - lapse) Phi((ln strength - ln middle) / spread), as in QUEST+ (Watson 2017).
+    """
+    said = np.zeros((STEPS, SPREADS.size))
+    for trial in trials:
+        chance = _chances(trial.strength, within, false_alarms)
+        said += np.log(chance if trial.caught else 1 - chance)
+    weight = np.exp(said - said.max())
+    return np.asarray(weight / weight.sum())
+
+
+def strength_for(chance: float, weight: NDArray[np.float64], within: Range, *, false_alarms: float) -> float:
+    """The least strength that is caught with that chance, all told; infinite: none of the range."""
+    tried = np.geomspace(within.low, within.high, STEPS)
+    mean = np.array([(_chances(one, within, false_alarms) * weight).sum() for one in tried])
+    enough = np.flatnonzero(mean >= chance)
+    return float(tried[enough[0]]) if enough.size else np.inf
+
+
+def caught(trials: Sequence[Trial], within: Range, *, false_alarms: float) -> Caught:
+    """What trials say."""
+    weight = weights_of(trials, within, false_alarms=false_alarms)
+    least = strength_for(SURE, weight, within, false_alarms=false_alarms)
+    at = special.ndtri((SURE - false_alarms) / (1 - false_alarms - LAPSE)) if false_alarms < SURE else -np.inf
+    sure_from = np.exp(np.log(within.middles)[:, None] + at * SPREADS)
+    order = np.argsort(sure_from, axis=None)
+    total = np.cumsum(weight.ravel()[order])
+    low, high = (float(sure_from.ravel()[order][np.searchsorted(total, one)]) for one in BETWEEN)
+    return Caught(
+        least=least,
+        low=low if low <= within.high else np.inf,
+        high=high if high <= within.high and np.isfinite(least) else np.inf,
+    )
+
+
+def next_strength(
+    trials: Sequence[Trial], within: Range, rng: np.random.Generator, *, false_alarms: float
+) -> float:
+    """A strength to try: evenly over the range while nothing is known, then near what 99 % takes."""
+    if not trials:
+        return float(np.exp(rng.uniform(np.log(within.low), np.log(within.high))))
+    weight = weights_of(trials, within, false_alarms=false_alarms)
+    asked = float(rng.uniform(*ASKED))
+    return min(strength_for(asked, weight, within, false_alarms=false_alarms), within.high)
+
+
+def _chances(strength: float, within: Range, false_alarms: float) -> NDArray[np.float64]:
+    off = (np.log(strength) - np.log(within.middles))[:, None] / SPREADS
+    return np.asarray(false_alarms + (1 - false_alarms - LAPSE) * special.ndtr(off))

@@ -1,0 +1,1 @@
+"""Glyphs of a page, each weighed against what might stand in its place."""

@@ -1,0 +1,78 @@
+"""Wrong glyphs in words: what is wrong, in which line of text, and where."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.detectors.placing import WRONG_PAGE_KIND
+from prooflight.detectors.verdict import Region
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedGlyph
+
+EXCHANGED: Final = "exchanged-glyph"
+MISSING: Final = "missing-glyph"
+KINDS: Final = frozenset({EXCHANGED, MISSING})
+FAMILY: Final = "glyph"
+FEW: Final = 6
+"""Glyphs of which a misprint may be said to be one of glyphs where something else speaks for it too."""
+LONE: Final = 3
+"""Wrong glyphs, two that changed places and a neighbour among them, of which a small place that stands out there is the
+sign."""
+AT_GLYPH_MM: Final = 1.0
+SMALL_MM: Final = 5.0
+"""Width and height of a place that is no larger than a glyph and its neighbours."""
+MOST_REGIONS: Final = 8
+
+
+def glyphs_name(
+    glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region], *, kind: str
+) -> bool:
+    """Whether glyphs name a page that alarms without them too, for another kind and at other places.
+
+    The strongest evidence of the whole page does, in standard deviations. A spot or streak over letters exchanges these
+    as well, and then says more as a whole than by any of them; one wrong digit is a spot by itself.
+    """
+    if not wrong or len(wrong) > FEW or kind == WRONG_PAGE_KIND:
+        return False
+    strongest = max(others, key=lambda one: one.score, default=None)
+    if strongest is None or strongest.score < max(abs(one.deviation) for one in wrong):
+        return True
+    return len(wrong) <= LONE and any(_is_of(strongest, glyphs.box_mm[one.glyph]) for one in wrong)
+
+
+def _is_of(place: Region, box_mm: NDArray[np.float64]) -> bool:
+    x, y, width, height = box_mm
+    across = min(place.x_mm + place.width_mm, x + width) - max(place.x_mm, x)
+    along = min(place.y_mm + place.height_mm, y + height) - max(place.y_mm, y)
+    small = max(place.width_mm, place.height_mm) <= SMALL_MM
+    return bool(small and min(across, along) >= -AT_GLYPH_MM)
+
+
+def told_of_glyphs(
+    glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region]
+) -> dict[str, Any]:
+    """Kind, places and reason of a verdict; wrong: the worst first; others: places of what else was found."""
+    kinds = [MISSING if one.missing else EXCHANGED for one in wrong]
+    regions = [
+        Region.rounded(tuple(glyphs.box_mm[one.glyph]), score=abs(one.deviation), kind=kind)
+        for one, kind in zip(wrong[:MOST_REGIONS], kinds, strict=False)
+    ]
+    word = "missing" if kinds[0] == MISSING else "exchanged"
+    x, y, width, height = glyphs.box_mm[wrong[0].glyph]
+    where = (
+        f"line {glyphs.line[wrong[0].glyph]} of text, x = {x + width / 2:.0f} mm, y = {y + height / 2:.0f} mm"
+    )
+    if len(wrong) == 1:
+        reason = f"{word} glyph in {where}"
+    else:
+        lines = np.unique([glyphs.line[one.glyph] for one in wrong]).size
+        in_lines = "" if lines == 1 else f" in {lines} lines of text"
+        reason = f"{len(wrong)} wrong glyphs{in_lines}, the worst {word} in {where}"
+    return {"kind": kinds[0], "regions": (*regions, *others), "reason": reason}

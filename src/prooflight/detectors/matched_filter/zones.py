@@ -1,0 +1,259 @@
+"""Zones of a page in our detector: what is ignored is as if it were no part of the page, and careful areas are judged
+once more by themselves.
+
+What is ignored has no weight in fit and sums, as what lies off the page has none, and no landmark lies in it; so it can
+neither alarm nor hide anything that lies outside.
+
+Of careful areas, the boxes and streaks that a first look makes anyway are asked for their extremes there alone. How far
+these lie out of what good prints of the same pages gave, at the most, is the area's score. The page as a whole may use
+(1 - w) of the promised rate of false alarms, careful areas w. Theorem: let p be a page's p-value, and q that of its
+careful areas, each at most u with probability at most u on good prints. Then min(p / (1 - w), q / w) is at most u with
+probability at most u (Bonferroni, weighted; Genovese, Roeder and Wasserman 2006): however the two hang together, the
+promise holds for the page. q is conformal: by prints that are exchangeable with those of the run, of pages with these
+zones, scored with a mean and a standard deviation that were found on others (Vovk et al. 2005, chapter 4). p is that of
+the press, or of the same prints with zones in force, whichever is greater.
+
+All that is a page's score on one scale, with zones or without: the press's threshold as it was taught, and beyond it by
+how much the page or its careful areas lie above theirs. So people's words on pages with zones calibrate it as any other
+(``CalibratedDetector.decided``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+from scipy import ndimage
+
+from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
+from prooflight.detectors.matched_filter.statistics.local_evidence import (
+    BASELINE_MM,
+    WIDTHS,
+    t_statistic,
+    without_common,
+)
+from prooflight.detectors.matched_filter.statistics.statistic import (
+    GOOD_PRINTS,
+    SCREEN_MODES,
+    Observed,
+    Statistic,
+    mode_and_ink,
+    values_of,
+)
+from prooflight.errors import RequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
+    from prooflight.detectors.verdict import Decision
+    from prooflight.pages.zones.zone import Calibration, PageZones
+
+STREAK_TILES: Final = (1, 2, 4)
+"""Widths of the streaks that are asked for in careful areas, 0.5 to 2 mm. [tiles]"""
+SPAN: Final = 0
+"""Their scatter is that of streaks over a quarter of the page."""
+LEAST_SD: Final = 0.05
+"""Of a statistic on good prints; assumed: lest one that hardly ever moves decides alone."""
+MOST_OF_RATE: Final = 0.5
+"""Of the promised rate, that careful areas may use."""
+TOO_FEW: Final = "price the zones by more prints: `prooflight zones price --prints`"
+
+
+def careful_statistics(sums: Sums, scatter: Scatter, careful: NDArray[np.bool_]) -> list[Observed]:
+    """Extremes of boxes whose middle lies in a careful area (lines, pixels), and of streaks through it; always the same
+    in the same order. sums: of ``SCREEN_MODES`` at least.
+    """
+    own, of_own = sums.of_modes(SCREEN_MODES), scatter.of_modes(SCREEN_MODES)
+    side = round(own.tile_mm / own.pixel_mm)
+    rows, columns = own.tiles.shape[-2:]
+    cut = careful[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    within = cut.mean(axis=(1, 3), dtype=np.float32) >= 0.5
+    return [*_of_boxes(own, of_own, within), *_of_streaks(own, of_own, within)]
+
+
+def _of_boxes(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iterator[Observed]:
+    for place, cells in enumerate(cells_of(sums, scatter.light)):
+        step = cells.size // 2
+        middles = [
+            np.minimum((np.arange(extent) + 1) * step, tiles - 1)
+            for extent, tiles in zip(cells.sums.shape[-2:], within.shape, strict=True)
+        ]
+        there, maps = within[np.ix_(*middles)], boxes(cells)
+        for index, name in enumerate(sums.modes):
+            own, power, edges = (one[index] for one in maps)
+            t = np.where(there, t_statistic(own, power, edges, scatter.boxes[index, place]), 0)
+            for sign, signed in (("+", t), ("-", -t)):
+                row, column = np.unravel_index(int(signed.argmax()), t.shape)
+                which = Statistic("box", *mode_and_ink(name), sign, cells.size, "", GOOD_PRINTS)
+                box = cells.box_mm(sums, int(row), int(column))
+                yield Observed(statistic=which, value=float(signed[row, column]), box=box)
+
+
+def _of_streaks(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iterator[Observed]:
+    """Along the travel, over as much of the height as is careful in each column; the level about them taken out."""
+    own, power, edges = without_common(
+        (sums.tiles[:, : len(sums.modes)] * within).sum(axis=-2, dtype=np.float32), sums.prior.place
+    )
+    wide = round(BASELINE_MM / sums.tile_mm) | 1
+    push, sure = (ndimage.uniform_filter1d(one, wide, mode="constant") for one in (own, power))
+    own = own - push / np.maximum(sure, 1e-6) * power
+    rows = np.flatnonzero(within.any(axis=1))
+    top, bottom = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 1)
+    for tiles in STREAK_TILES:
+        parts = [
+            np.asarray(ndimage.uniform_filter1d(one, tiles, mode="constant") * tiles)
+            for one in (own, power, edges)
+        ]
+        width = WIDTHS.index(2 * tiles)
+        for index, name in enumerate(sums.modes):
+            pushed, known, at_edges = (one[index] for one in parts)
+            t = t_statistic(pushed, known, at_edges, scatter.streaks[index, width, SPAN])
+            for sign, signed in (("+", t), ("-", -t)):
+                column = int(signed.argmax())
+                which = Statistic("streak", *mode_and_ink(name), sign, 2 * tiles, "careful", GOOD_PRINTS)
+                left = (column - (tiles - 1) / 2) * sums.tile_mm + sums.left_mm
+                box = (
+                    left,
+                    top * sums.tile_mm + sums.top_mm,
+                    tiles * sums.tile_mm,
+                    (bottom - top) * sums.tile_mm,
+                )
+                yield Observed(statistic=which, value=float(signed[column]), box=box)
+
+
+def baseline_of(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """What good prints (prints, statistics) give: mean and standard deviation, (2, statistics)."""
+    return np.stack([values.mean(axis=0), np.maximum(values.std(axis=0, ddof=1), LEAST_SD)]).astype(
+        np.float64
+    )
+
+
+def careful_scores(values: NDArray[np.floating], baseline: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The greatest deviation of each print (prints, statistics), (prints,)."""
+    return np.asarray(((values - baseline[0]) / baseline[1]).max(axis=1), np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ZonedJudge:
+    """By what pages with zones are decided; all of it is kept with a page, to be decided again."""
+
+    page_good: NDArray[np.float64]
+    """(prints,) scores of good prints of pages with zones, rising."""
+    careful_good: NDArray[np.float64]
+    """(prints,) of their careful areas, rising; of size 0: this page has none."""
+    baseline: NDArray[np.float64]
+    """(2, statistics) ``baseline_of``."""
+    share: float
+    """Of the promised rate, that careful areas may use."""
+
+    @classmethod
+    def of(cls, zones: PageZones) -> Self | None:
+        """None: they are not calibrated. RequestError: they were by another version."""
+        if zones.calibration is None:
+            return None
+        return cls.by(zones.calibration, zones.careful_share, careful="careful" in zones.kinds)
+
+    @classmethod
+    def by(cls, known: Calibration, share: float, *, careful: bool) -> Self:
+        """Of pages that have careful areas, or have none. RequestError: as of ``of``."""
+        if careful and not (
+            len(known.careful_scores) > 1 and len(known.careful_mean) == STATISTICS == len(known.careful_sd)
+        ):
+            raise RequestError("zones", "their price is of other careful areas", remedy="price them again")
+        if len(known.page_scores) < 2:
+            raise RequestError("zones", "their price is of fewer than 2 prints", remedy="price them again")
+        good = known.careful_scores if careful else ()
+        return cls(
+            page_good=np.sort(np.array(known.page_scores, np.float64)),
+            careful_good=np.sort(np.array(good, np.float64)),
+            baseline=np.array([known.careful_mean, known.careful_sd], np.float64)
+            if careful
+            else np.zeros((2, 0)),
+            share=share,
+        )
+
+    @classmethod
+    def kept(cls, kept: KeptArrays) -> tuple[Self, NDArray[np.float32]] | None:
+        """With the careful area's statistics; None: the page has no zones."""
+        if "zones_page" not in kept.kept:
+            return None
+        share = float(kept.array("zones_share", "f", (), finite=True))
+        page = kept.array("zones_page", "f", (None,), finite=True)
+        if "careful" not in kept.kept:
+            nothing = np.zeros(0)
+            judge = cls(page_good=page, careful_good=nothing, baseline=np.zeros((2, 0)), share=share)
+            return judge, nothing.astype(np.float32)
+        careful = kept.array("careful_good", "f", (None,), finite=True)
+        baseline = kept.array("careful_baseline", "f", (2, STATISTICS), finite=True)
+        judge = cls(page_good=page, careful_good=careful, baseline=baseline, share=share)
+        return judge, kept.array("careful", "f", (STATISTICS,))
+
+    def keeps(self, values: NDArray[np.float32]) -> Mapping[str, NDArray[Any]]:
+        """What ``kept`` needs."""
+        always = {"zones_page": self.page_good, "zones_share": np.array(self.share)}
+        if not self.careful_good.size:
+            return always
+        return always | {
+            "careful": values,
+            "careful_good": self.careful_good,
+            "careful_baseline": self.baseline,
+        }
+
+    def rates(self, promised: float) -> tuple[float, float]:
+        """What the page as a whole and its careful areas may use of a rate; 0: there are no careful areas.
+
+        RequestError: so few prints cannot speak of so rare alarms.
+        """
+        if not self.careful_good.size:
+            return promised, 0.0
+        careful = max(self.share * promised, GoodScores(worst=self.careful_good).least_rate)
+        if careful > MOST_OF_RATE * promised:
+            count = self.careful_good.size
+            what = f"{count} prints cannot say how careful areas do in 1 of {1 / (self.share * promised):,.0f} pages"
+            raise RequestError("zones", what, remedy=TOO_FEW)
+        return promised - careful, careful
+
+    def decide(self, ours: CalibratedDetector, score: float, values: NDArray[np.floating]) -> Decision:
+        """As the press was taught; score: of the page as a whole; values (statistics,): of its careful areas.
+
+        The decision's score lies above its threshold by as much as whichever of the two lies further above its own.
+        """
+        page_rate, careful_rate = self.rates(ours.ranking_rate)
+        own, at = GoodScores(worst=self.page_good), ours.taught_threshold
+        threshold = max(at, ours.scores.threshold(page_rate)[0], own.threshold(page_rate)[0])
+        p_page = max(ours.scores.p_value(score, page_rate), own.p_value(score)) if np.isfinite(score) else 1.0
+        if not careful_rate:
+            return ours.decision(at + (score - threshold), at, p_page)
+        good = GoodScores(worst=self.careful_good)
+        careful = float(careful_scores(values[None], self.baseline)[0])
+        above = careful - good.threshold(careful_rate)[0]
+        p_careful = good.p_value(careful) if np.isfinite(careful) else 1.0
+        part = careful_rate / ours.ranking_rate
+        p_value = min(p_page / (1 - part), p_careful / part, 1.0)
+        return ours.decision(at + float(np.maximum(score - threshold, above)), at, p_value)
+
+    def careful_alarms(self, ours: CalibratedDetector, values: NDArray[np.floating]) -> bool:
+        """Whether careful areas alone are enough for an alarm."""
+        _, rate = self.rates(ours.ranking_rate)
+        return bool(rate) and bool(
+            careful_scores(values[None], self.baseline)[0]
+            > GoodScores(worst=self.careful_good).threshold(rate)[0] + ours.raised
+        )
+
+    def telling(self, observed: Sequence[Observed]) -> Observed:
+        """Which of a careful area's statistics lies furthest out, with its deviation."""
+        deviations = (values_of(observed) - self.baseline[0]) / self.baseline[1]
+        most = int(deviations.argmax())
+        one = observed[most]
+        return Observed(statistic=one.statistic, value=float(deviations[most]), box=one.box)
+
+
+STATISTICS: Final = 2 * len(SCREEN_MODES) * (6 + len(STREAK_TILES))
+"""Of careful areas: both signs of every mode, of boxes of six sizes and of streaks."""

@@ -1,0 +1,270 @@
+"""A threshold from pages that were drawn with known probabilities: weighted split-conformal, and what a sample says.
+
+Theorem (Tibshirani, Barber, Candes, Ramdas 2019, "Conformal prediction under covariate shift", corollary 1): let scores
+S_1 .. S_n be drawn independently from a law Q, and S from a law P with dP/dQ = w known up to a factor. Then
+
+    p = (w(S) + sum of w(S_i) over S_i >= S) / (w(S) + sum of all w(S_i))
+
+is at most a with probability at most a. Here P is what good sheets of the press score, and Q what those score about
+which people were asked: with probability pi, so that w = 1 / pi (Horvitz and Thompson 1952). p falls as S rises, so
+that to alarm where p <= a is to alarm above a threshold.
+
+Where the press drifts, pages count less the older they are: by weights that do not look at scores, the probability is
+at most a plus the weighted mean of how far each page's law is from the new one's, in total variation (Barber, Candes,
+Ramdas, Tibshirani 2023, "Conformal prediction beyond exchangeability", theorem 2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+from scipy.stats import beta
+
+from prooflight.errors import RequestError
+from prooflight.files.schema import Block, Kept, Misfit, check_arrays, checked
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+CONFIDENCE: Final = 0.95
+"""Of intervals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToldPages:
+    """Good pages of a press, as people told, by which its threshold is set anew."""
+
+    score: NDArray[np.float64]
+    """(pages,)"""
+    weight: NDArray[np.float64]
+    """(pages,) for how many sheets of its kind each stands: over 1 / probability where some were not answered, less
+    where the page is old."""
+    run: NDArray[np.int64]
+    """(pages,) in the journal ..."""
+    sheet: NDArray[np.int64]
+    """... and in the run."""
+    passed: NDArray[np.bool_]
+    """(pages,) of the random sample of those that passed; the others are alarms."""
+    rate: float
+    """Promised. [-]"""
+    passed_weight: float
+    """Of a new page that scores no more than ``alarms_from``: 1 / the least probability with which such were drawn."""
+    alarms_from: float
+    """Above it every page was asked about: the greatest threshold in force then."""
+    replaces: str
+    """Digest of the press artefact whose threshold this one takes the place of."""
+    journals: tuple[str, ...] = ()
+    """Names of the files that held them."""
+    half_life_days: float | None = None
+    """After which a page counts half; None: all count alike."""
+    design: NDArray[np.int64] | None = None
+    """(pages,) pages of one design have one number; None: nobody knows, and each is of its own."""
+    zones: tuple[str, ...] = ()
+    """Digests of the zones that were in force, without their price, and "" for none; empty: none ever were."""
+
+    def __post_init__(self) -> None:
+        order = np.lexsort((self.sheet, self.run, self.score))
+        for name in ("score", "weight", "run", "sheet", "passed", "design"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.asarray(getattr(self, name))[order])
+
+    @property
+    def sample(self) -> float:
+        """How many pages of the random sample these are worth (Kish 1965: (sum w)^2 / sum w^2)."""
+        weight = self.weight[self.passed]
+        return float(weight.sum() ** 2 / (weight**2).sum()) if weight.size else 0.0
+
+    @property
+    def missing(self) -> int:
+        """How many more pages of the random sample the promise needs: 1 / rate - 1 by count; 0: there are enough."""
+        return max(math.ceil(1 / self.rate - 1 - self.sample - 1e-9), 0)
+
+    def p_value(self, score: float) -> float:
+        """Bound on the probability with which a good page scores so high. [-]"""
+        of_alarms = float(self.weight[~self.passed].max(initial=1.0))
+        own = self.passed_weight if score <= self.alarms_from else of_alarms
+        above = float(self.weight[np.searchsorted(self.score, score, side="left") :].sum())
+        return (own + above) / (own + float(self.weight.sum()))
+
+    @property
+    def threshold(self) -> float:
+        """The least score above which a page's ``p_value`` is at most ``rate``; RequestError: there is none."""
+        # p falls in steps: behind each score of a page, and where the weight of a new page changes.
+        steps = np.unique(np.append(self.score, self.alarms_from))
+        if not self.missing:
+            for step in steps:
+                if self.p_value(np.nextafter(step, np.inf)) <= self.rate * (1 + 1e-12):
+                    return float(step)
+        raise self.too_few()
+
+    def alike(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Scores as if so many designs had been drawn alike, one page of each: see ``exchangeability``."""
+        if not self.score.size:
+            return self.score
+        kept = np.flatnonzero(rng.random(self.score.size) * self.weight.max() < self.weight)
+        if self.design is not None:
+            kept = rng.permutation(kept)
+            kept = kept[np.unique(self.design[kept], return_index=True)[1]]
+        return np.asarray(self.score[kept])
+
+    def rests_on(self, zones: str) -> bool:
+        """Whether pages were told with these zones in force, by their digest without a price; "": with none."""
+        return zones in (self.zones or ("",))
+
+    def too_few(self) -> RequestError:
+        """That these cannot support the promise, and how many more are needed."""
+        odds = f"one false alarm in {1 / self.rate:,.0f} good pages"
+        what = f"{self.sample:.0f} pages of the random sample were told good, too few to promise {odds}"
+        more = max(self.missing, 1)
+        return RequestError("recalibrate", what, remedy=f"{more} more {'is' if more == 1 else 'are'} needed")
+
+    def __str__(self) -> str:
+        runs = np.unique(self.run).size
+        alarms = int((~self.passed).sum())
+        return (
+            f"{int(self.passed.sum())} sampled pages and {alarms} false alarms, told by people in {runs} "
+            f"{'run' if runs == 1 else 'runs'}"
+        )
+
+    # --- in a press artefact ---
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What an artefact keeps as tensors."""
+        held = {name: getattr(self, name) for name in TABLE}
+        return {name: array.astype(TABLE[name].dtype) for name, array in held.items() if array is not None}
+
+    def facts(self) -> dict[str, Any]:
+        """The rest: what JSON can hold."""
+        facts: dict[str, Any] = {
+            "rate": self.rate,
+            "passed_weight": self.passed_weight,
+            "alarms_from": self.alarms_from,
+            "replaces": self.replaces,
+            "journals": list(self.journals),
+            "half_life_days": self.half_life_days,
+        }
+        return facts | ({"zones": list(self.zones)} if self.zones else {})
+
+    @staticmethod
+    def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str) -> None:
+        """Misfit unless ``from_parts`` makes of them pages that support their promise."""
+        told = checked(ToldFacts, facts, under=under)
+        check_arrays(arrays, TABLE, {}, under=under)
+        if not 0 < told.rate < 1:
+            raise Misfit(f"{under}rate", f"is {told.rate:g}, must lie between 0 and 1")
+        if told.passed_weight < 1:
+            raise Misfit(f"{under}passed_weight", f"is {told.passed_weight:g}, must be 1 or more")
+        if not math.isfinite(told.alarms_from):
+            raise Misfit(f"{under}alarms_from", "is no finite number")
+        try:
+            _ = ToldPages.from_parts(arrays, facts).threshold
+        except RequestError as error:
+            raise Misfit(f"{under}score", "holds too few pages for its promise") from error
+
+    @classmethod
+    def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
+        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
+        held: dict[str, Any] = {name: arrays[name] for name in TABLE if name in arrays}
+        held |= {**facts, "passed": arrays["passed"].astype(bool)}
+        held |= {name: tuple(facts.get(name, ())) for name in ("journals", "zones")}
+        return cls(**held)
+
+
+class ToldFacts(Block):
+    """``ToldPages.facts``."""
+
+    rate: float
+    passed_weight: float
+    alarms_from: float
+    replaces: str
+    journals: tuple[str, ...]
+    half_life_days: float | None
+    zones: tuple[str, ...] = ()
+
+
+TABLE: Final = {
+    "score": Kept(dtype="float64", shape=("pages",)),
+    "weight": Kept(dtype="float64", shape=("pages",), above=0),
+    "run": Kept(dtype="int64", shape=("pages",), low=1),
+    "sheet": Kept(dtype="int64", shape=("pages",), low=0),
+    "passed": Kept(dtype="uint8", shape=("pages",), low=0, high=1),
+    "design": Kept(dtype="int64", shape=("pages",), low=0, absent=True),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A figure with its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleCounts:
+    """What was asked and told of some sheets: alarms, all of which are asked about, and a sample of those that passed.
+
+    ``unknown`` is no answer; answers are taken to be missing at random within alarms and within the sample.
+    """
+
+    alarms: int
+    alarms_good: int
+    """Of those that were told."""
+    alarms_misprints: int
+    passed: int
+    passed_good: int
+    """Of the sample, of those that were told."""
+    passed_misprints: int
+
+    @property
+    def alarms_told(self) -> int:
+        """Alarms of which people said what they were."""
+        return self.alarms_good + self.alarms_misprints
+
+    @property
+    def passed_told(self) -> int:
+        """Sheets of the sample of which people said what they were."""
+        return self.passed_good + self.passed_misprints
+
+    @property
+    def missed(self) -> Estimate | None:
+        """Misprints among the sheets that passed; None: nothing was told of any. Clopper and Pearson (1934)."""
+        if not self.passed_told:
+            return None
+        share = self.passed_misprints / self.passed_told
+        low, high = exact_interval(self.passed_misprints, self.passed_told)
+        least = self.passed_misprints  # those were seen
+        return Estimate(
+            value=share * self.passed, low=max(low * self.passed, least), high=max(high * self.passed, least)
+        )
+
+    @property
+    def false_alarms(self) -> Estimate | None:
+        """Of good sheets, the share that alarms; None: nothing was told of alarms, or nothing of the sample.
+
+        False alarms among those told, over good sheets in proportion; Clopper and Pearson's interval, as if sheets of
+        a day did not hang together and the number of good sheets were known.
+        """
+        if (self.alarms and not self.alarms_told) or (self.passed and not self.passed_told):
+            return None
+        told = self.alarms_told / self.alarms if self.alarms else 1.0
+        good_passed = self.passed * self.passed_good / self.passed_told if self.passed else 0.0
+        trials = told * good_passed + self.alarms_good
+        if trials <= 0:
+            return None
+        low, high = exact_interval(self.alarms_good, trials)
+        return Estimate(value=self.alarms_good / trials, low=low, high=high)
+
+
+def exact_interval(hits: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Clopper and Pearson's (1934) interval of a share; trials may be no whole number."""
+    tail = (1 - confidence) / 2
+    low = float(beta.ppf(tail, hits, trials - hits + 1)) if hits > 0 else 0.0
+    high = float(beta.ppf(1 - tail, hits + 1, trials - hits)) if hits < trials else 1.0
+    return low, high

@@ -1,0 +1,31 @@
+"""A code of a page, and what the camera must see of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from prooflight.inspection.codes.profiles import Profile
+    from prooflight.inspection.codes.symbols import Symbol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PageCode:
+    """A code that a page has, and where the camera sees it."""
+
+    symbol: Symbol
+    """Its corners are in pixels of ``light``."""
+    corner: tuple[int, int]
+    """First line and column of ``light`` in the scan of a page in its place."""
+    light: NDArray[np.float32]
+    """What must be seen of it and its quiet zone (lines, columns), bare paper 1."""
+    box_mm: tuple[float, float, float, float]
+    """x, y, width and height on the page as printed, without quiet zone."""
+    profiles: tuple[Profile | None, ...]
+    """Of a bar code: its scan lines as they must be seen (``profiles.profiles``)."""
+    sure: bool
+    """Whether it reads in harder pictures than good prints make: only then is it asked of scans."""

@@ -1,0 +1,447 @@
+"""From sides to sheets to sets: one verdict a side, one a sheet, one a set, and one for each page on them.
+
+The worst counts: misprint, then not inspected, then good. A side that did not come leaves its sheet not inspected, and
+a sheet that did not come its set incomplete. Of a misprint whose places are known, only the pages are misprints on
+which one lies; where no place is known, or all lie beside the pages, nobody can tell, and every page of the side is
+one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from prooflight.detectors.verdict import Verdict, Word
+    from prooflight.pages.layout.imposing import Place
+    from prooflight.pages.layout.plan import SheetPlan
+
+WORST_FIRST: Final[tuple[Word, ...]] = ("misprint", "not-inspected", "good")
+OUT_OF_ORDER: Final = frozenset({"repeated", "out-of-order"})
+OPEN_SHEETS: Final = 4096
+"""That wait for a side or for the rest of their set; assumed: no loop, batch or set is longer, and one that is gets its
+verdict before its end, which says so."""
+PATIENCE: Final = 64
+"""assumed: no side comes further behind its turn. [positions]"""
+NEXT: Final = 4
+"""For who watches: a sheet is told when the next two or three have come. [positions]"""
+NAMED: Final = 5
+"""Sheets that are named; the rest is counted."""
+NEVER: Final = "it did not come"
+SideName = Literal["front", "back", ""]
+
+
+class SideRow(Protocol):
+    """What is known of a side that passed, or did not: a row of the journal, ``journal.records.PageRecord``."""
+
+    @property
+    def sheet(self) -> int:
+        """Its number in the run."""
+
+    @property
+    def job_page(self) -> int | None:
+        """Its position; None: nobody can place it."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the side."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Of the paper path, and of the camera's lines."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageVerdict:
+    """One page at one place."""
+
+    page: int
+    """Its number in the job, from 1."""
+    place: int
+    """On its side, from 1, row by row from the top left as the side was laid out."""
+    verdict: Word
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideVerdict:
+    """One side of a sheet."""
+
+    side: SideName
+    """Empty: the sheet has but one."""
+    name: str
+    verdict: Word
+    why: str = ""
+    came: bool = True
+    """Whether the camera saw it."""
+    rows: tuple[int, ...] = ()
+    """Numbers under which the journal has it; more than one: it came again."""
+    faults: tuple[str, ...] = ()
+    pages: tuple[PageVerdict, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetVerdict:
+    """One sheet of a run."""
+
+    sheet: int
+    """In the run, from 0."""
+    copy: int
+    """Of the job, from 1."""
+    number: int
+    """In the job, from 1."""
+    name: str
+    verdict: Word
+    why: tuple[str, ...]
+    sides: tuple[SideVerdict, ...]
+    set_number: int | None = None
+    """From 0; None: the job has no sets."""
+
+    @property
+    def missing(self) -> bool:
+        """Whether no side of it came."""
+        return not any(side.came for side in self.sides)
+
+    @property
+    def doubled(self) -> bool:
+        """Whether a side of it came again."""
+        return any(len(side.rows) > 1 or "repeated" in side.faults for side in self.sides)
+
+    @property
+    def out_of_order(self) -> bool:
+        """Whether a side of it came behind its turn."""
+        return any("out-of-order" in side.faults for side in self.sides)
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is good and came once, in its turn."""
+        return self.verdict == "good" and not (self.doubled or self.out_of_order)
+
+    @property
+    def bad_pages(self) -> tuple[int, ...]:
+        """Pages of the job, from 1, that are not good."""
+        return tuple(
+            dict.fromkeys(page.page for side in self.sides for page in side.pages if page.verdict != "good")
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetVerdict:
+    """The sheets of a run that belong together."""
+
+    set_number: int
+    """In the run, from 0."""
+    sheets: int
+    """That it should have."""
+    verdict: Word
+    bad: tuple[int, ...] = ()
+    """Sheets of the run that are misprints."""
+    unseen: tuple[int, ...] = ()
+    """Sheets of which not all was inspected, but that came."""
+    missing: tuple[int, ...] = ()
+    doubled: tuple[int, ...] = ()
+    out_of_order: tuple[int, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether all its sheets came, once each and in order."""
+        return not (self.missing or self.doubled or self.out_of_order)
+
+    @property
+    def why(self) -> tuple[str, ...]:
+        """What keeps it from being delivered, in words."""
+        told = (
+            ("misprint", self.bad),
+            ("not all inspected", self.unseen),
+            ("missing", self.missing),
+            ("doubled", self.doubled),
+            ("out of order", self.out_of_order),
+        )
+        return tuple(f"{what}: {_numbers(sheets)}" for what, sheets in told if sheets)
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is good and complete: it may be delivered."""
+        return self.verdict == "good" and self.complete
+
+
+def _numbers(sheets: Sequence[int]) -> str:
+    """Sheets by number; of many the first."""
+    more = f" and {len(sheets) - NAMED} more" if len(sheets) > NAMED else ""
+    return f"sheet{'s' if len(sheets) > 1 else ''} {', '.join(map(str, sheets[:NAMED]))}{more}"
+
+
+def worst(words: Iterable[Word]) -> Word:
+    """The one that counts; good where there is none."""
+    return min(words, key=WORST_FIRST.index, default="good")
+
+
+def came(record: SideRow) -> bool:
+    """Whether a row of the journal is of a side that the camera saw, and not of one that did not come.
+
+    A side that came behind a gap has the fault ``missing`` too, but was looked at, or says why it was not.
+    """
+    return not (
+        record.faults == ("missing",)
+        and record.verdict.verdict == "not-inspected"
+        and not record.verdict.detector
+        and record.job_page is not None
+    )
+
+
+def why_of(verdict: Verdict) -> str:
+    """In a few words."""
+    return "" if verdict.verdict == "good" else verdict.reason or verdict.kind or verdict.verdict
+
+
+def page_verdicts(verdict: Verdict, pages: Sequence[int], places: Sequence[Place]) -> tuple[PageVerdict, ...]:
+    """Of the pages of one side. pages: their numbers by place; places: in mm of the side; empty: nobody knows."""
+    word, why = verdict.verdict, why_of(verdict)
+    if word == "misprint" and len(pages) > 1 and len(places) == len(pages):
+        boxes = [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.regions]
+        boxes += [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.codes if one.failed]
+        hit = [any(place.meets(box) for box in boxes) for place in places]
+        if any(hit):
+            return tuple(
+                PageVerdict(
+                    page=page, place=at, verdict="misprint" if bad else "good", why=why if bad else ""
+                )
+                for at, (page, bad) in enumerate(zip(pages, hit, strict=True), start=1)
+            )
+    return tuple(
+        PageVerdict(page=page, place=at, verdict=word, why=why) for at, page in enumerate(pages, start=1)
+    )
+
+
+def side_verdict(
+    plan: SheetPlan, sheet: int, back: int, records: Sequence[SideRow], *, passed: bool = False
+) -> SideVerdict:
+    """Of one side. records: what the journal has of it, each time that it came, or that it did not; none: it did not
+    come, or, where it is known to have ``passed``, was good.
+    """
+    number = (sheet * plan.layout.sides + back) % plan.sides + 1
+    shown = [record for record in records if came(record)]
+    pages, name = plan.layout.pages_on(number), plan.layout.side_name(number)
+    places = plan.places(back=bool(back)) if len(pages) > 1 else []
+    side: SideName = "" if plan.layout.sides == 1 else "back" if back else "front"
+    if passed and not records:
+        good = [PageVerdict(page=page, place=at, verdict="good") for at, page in enumerate(pages, start=1)]
+        return SideVerdict(side=side, name=name, verdict="good", pages=tuple(good))
+    if not shown:
+        never = [
+            PageVerdict(page=page, place=at, verdict="not-inspected", why=NEVER)
+            for at, page in enumerate(pages, start=1)
+        ]
+        return SideVerdict(
+            side=side, name=name, verdict="not-inspected", why=NEVER, came=False, pages=tuple(never)
+        )
+    told = min(shown, key=lambda record: WORST_FIRST.index(record.verdict.verdict))
+    return SideVerdict(
+        side=side,
+        name=name,
+        verdict=told.verdict.verdict,
+        why=why_of(told.verdict),
+        rows=tuple(record.sheet for record in shown),
+        faults=tuple(dict.fromkeys(fault for record in shown for fault in record.faults)),
+        pages=page_verdicts(told.verdict, pages, places),
+    )
+
+
+def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> SheetVerdict:
+    """Of a sheet from its sides, front first."""
+    copy, number = divmod(sheet, plan.sheets_a_job)
+    why = [f"{side.side}: {side.why}" if side.side else side.why for side in sides if side.verdict != "good"]
+    again = [side for side in sides if len(side.rows) > 1 or "repeated" in side.faults]
+    why += [f"its {side.side or 'print'} came again" for side in again]
+    why += [
+        f"its {side.side or 'print'} came behind its turn" for side in sides if "out-of-order" in side.faults
+    ]
+    return SheetVerdict(
+        sheet=sheet,
+        copy=copy + 1,
+        number=number + 1,
+        name=plan.name(sheet),
+        verdict=worst(side.verdict for side in sides),
+        why=tuple(why),
+        sides=tuple(sides),
+        set_number=plan.set_of(sheet),
+    )
+
+
+def set_verdict(plan: SheetPlan, number: int, sheets: Sequence[SheetVerdict]) -> SetVerdict:
+    """Of a set from its sheets; those that are not among them did not come."""
+    known = {one.sheet: one for one in sheets}
+    own = plan.sheets_of(number)
+    missing = [at for at in own if at not in known or known[at].missing]
+    there = [one for at, one in sorted(known.items()) if at not in missing]
+    words = [one.verdict for one in there] + ["not-inspected" for _ in missing]
+    return SetVerdict(
+        set_number=number,
+        sheets=len(own),
+        verdict=worst(words),
+        bad=tuple(one.sheet for one in there if one.verdict == "misprint"),
+        unseen=tuple(one.sheet for one in there if one.verdict == "not-inspected"),
+        missing=tuple(missing),
+        doubled=tuple(one.sheet for one in there if one.doubled),
+        out_of_order=tuple(one.sheet for one in there if one.out_of_order),
+    )
+
+
+# --- of a run ---
+
+
+@dataclass(slots=True)
+class Counts:
+    """How many of each; a sheet or set that is counted is done."""
+
+    sheets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
+    sets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
+    spoiled: int = 0
+    """Sets that may not be delivered as they are."""
+
+    def add(self, found: SheetVerdict | SetVerdict) -> None:
+        """One more."""
+        if isinstance(found, SheetVerdict):
+            self.sheets[found.verdict] += 1
+        else:
+            self.sets[found.verdict] += 1
+            self.spoiled += not found.clean
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What JSON can hold."""
+        return {"sheets": dict(self.sheets), "sets": dict(self.sets), "sets_spoiled": self.spoiled}
+
+
+class Assembling:
+    """Puts sides together as their rows come; its memory is bounded however long the run is.
+
+    A sheet's verdict is due when a side has come that lies ``patience`` positions or more behind its last one: whatever
+    comes behind its turn, or twice, has come by then. The rest is due at the end.
+    """
+
+    def __init__(self, plan: SheetPlan, *, patience: int = PATIENCE) -> None:
+        self.plan, self.counts, self._patience = plan, Counts(), patience
+        self._rows: dict[int, list[list[SideRow]]] = {}
+        self._sets: dict[int, list[SheetVerdict]] = {}
+        self._told = 0
+        """All sheets before this one have their verdict."""
+
+    def add(self, record: SideRow) -> list[SheetVerdict | SetVerdict]:
+        """One row, in the order of the run; what is due with it. A side that nobody can place belongs to no sheet."""
+        position = record.job_page
+        if position is None or not 0 <= position < self.plan.passings:
+            return []
+        sheet, back = self.plan.sheet_at(position)
+        if sheet >= self._told:  # else it has been told: the side came far behind its turn
+            self._rows.setdefault(sheet, [[] for _ in range(self.plan.layout.sides)])[back].append(record)
+        return list(self._tell(self._due(position)))
+
+    def end(self) -> list[SheetVerdict | SetVerdict]:
+        """The rest, up to the last sheet of which any side came."""
+        found = list(self._tell(max((sheet + 1 for sheet in self._rows), default=self._told)))
+        return [*found, *(self._tell_set(own) for own in sorted(self._sets))]
+
+    def _due(self, position: int) -> int:
+        until = self._told
+        while until < self.plan.sheets and max(self.plan.positions(until)) <= position - self._patience:
+            until += 1
+        return max(until, max(self._rows, default=0) - OPEN_SHEETS)
+
+    def _tell(self, until: int) -> Iterator[SheetVerdict | SetVerdict]:
+        while self._told < until:
+            sheet, self._told = self._told, self._told + 1
+            rows = self._rows.pop(sheet, None) or [[] for _ in range(self.plan.layout.sides)]
+            sides = [side_verdict(self.plan, sheet, at, one) for at, one in enumerate(rows)]
+            found = sheet_verdict(self.plan, sheet, sides)
+            self.counts.add(found)
+            yield found
+            own = found.set_number
+            if own is None:
+                continue
+            self._sets.setdefault(own, []).append(found)
+            if sheet + 1 == self.plan.sheets_of(own).stop:
+                yield self._tell_set(own)
+
+    def _tell_set(self, own: int) -> SetVerdict:
+        found = set_verdict(self.plan, own, self._sets.pop(own))
+        self.counts.add(found)
+        return found
+
+
+def assembled(plan: SheetPlan, records: Iterable[SideRow]) -> Iterator[SheetVerdict | SetVerdict]:
+    """All sheets and sets of a run from all its rows, in order."""
+    assembling = Assembling(plan)
+    for record in records:
+        yield from assembling.add(record)
+    yield from assembling.end()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToLookAt:
+    """The sheets and sets of a run that are not clean, and how many there are of each kind."""
+
+    sheets: tuple[SheetVerdict, ...]
+    sets: tuple[SetVerdict, ...]
+    counts: Counts
+
+
+def to_look_at(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ended: bool) -> ToLookAt:
+    """The same from those rows alone that somebody should look at, as all others are good.
+
+    passed: how many positions have been passed. ended: whether no more come; else what lacks a side is not due yet.
+    """
+    rows: dict[int, list[list[SideRow]]] = {}
+    for record in records:
+        position = record.job_page
+        if position is not None and 0 <= position < plan.passings:
+            sheet, back = plan.sheet_at(position)
+            rows.setdefault(sheet, [[] for _ in range(plan.layout.sides)])[back].append(record)
+    seen = _first_not(range(plan.sheets), lambda sheet: max(plan.positions(sheet)) < passed)
+    while ended and seen < plan.sheets and min(plan.positions(seen)) < passed:  # a part of it came
+        rows.setdefault(seen, [[] for _ in range(plan.layout.sides)])
+        seen += 1
+    counts, sheets = Counts(), dict[int, SheetVerdict]()
+    for sheet in sorted(rows):
+        if sheet >= seen:
+            break
+        sides = [
+            side_verdict(plan, sheet, back, own, passed=at < passed)
+            for back, (own, at) in enumerate(zip(rows[sheet], plan.positions(sheet), strict=True))
+        ]
+        found = sheet_verdict(plan, sheet, sides)
+        if not found.clean:
+            sheets[sheet] = found
+            counts.add(found)
+    counts.sheets["good"] += seen - len(sheets)
+    sets, of_set = [], plan.layout.sheets_a_set
+    if of_set is not None:
+        begun = -(-seen // of_set)
+        of_sets = dict.fromkeys(sheet // of_set for sheet in sheets)
+        if begun and plan.sheets_of(begun - 1).stop > seen:
+            of_sets[begun - 1] = None  # the run is within it, or ended there
+            if not ended:
+                of_sets.pop(begun - 1)
+                begun -= 1
+        for own in of_sets:
+            there = [sheets.get(at) or _good(plan, at) for at in plan.sheets_of(own) if at < seen]
+            sets.append(set_verdict(plan, own, there))
+            counts.add(sets[-1])
+        counts.sets["good"] += begun - len(sets)
+    return ToLookAt(sheets=tuple(sheets.values()), sets=tuple(sets), counts=counts)
+
+
+def _good(plan: SheetPlan, sheet: int) -> SheetVerdict:
+    sides = [side_verdict(plan, sheet, back, (), passed=True) for back in range(plan.layout.sides)]
+    return sheet_verdict(plan, sheet, sides)
+
+
+def _first_not(among: range, holds: Callable[[int], bool]) -> int:
+    """The first for which it does not hold, where it holds for none behind it; their end: it holds for all."""
+    low, high = among.start, among.stop
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if holds(middle) else (low, middle)
+    return low

@@ -1,0 +1,161 @@
+"""Compiled loops: what a scan's residuals say of each glyph against what might stand in its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.residuals.moving import STRETCH
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+NUISANCES = 6
+"""Of one glyph: its ink as a whole, its place across and along, the level about it, how broad its strokes are across
+and along."""
+SHARE = 2
+"""Cells of a patch to a camera pixel, each way."""
+_HALF = np.float32(0.5)
+_MARGIN = np.float32(1.5)
+
+
+class Patches(NamedTuple):
+    """Images of letters, in cells of half a camera pixel, one after the other."""
+
+    own: NDArray[np.float32]
+    """(cells,) how much of a letter's ink a pixel in the middle of each cell sees."""
+    size: NDArray[np.int64]
+    """(letters, 2) rows and columns of each."""
+    first: NDArray[np.int64]
+    """(letters,) where each begins."""
+
+
+class PlacedGlyphs(NamedTuple):
+    """Where glyphs stand in a scan whose page lies in its place."""
+
+    letter: NDArray[np.int64]
+    """(glyphs,)"""
+    at: NDArray[np.float32]
+    """(glyphs, 2) the middle of a patch's first cell, right and down. [pixels]"""
+    contrast: NDArray[np.float32]
+    """(glyphs, sensors) light of ink less light of what is about it. [DN]"""
+
+
+@inner_kernel(error_model="numpy")
+def displaced(nodes, x, y):  # type: ignore[no-untyped-def]
+    """A field at nodes (R, C), ``STRETCH`` pixels apart, at a place; bilinear."""
+    u, v = x / np.float32(STRETCH), y / np.float32(STRETCH)
+    column = min(max(np.int64(u), 0), nodes.shape[1] - 2)
+    row = min(max(np.int64(v), 0), nodes.shape[0] - 2)
+    u, v = u - np.float32(column), v - np.float32(row)
+    above = nodes[row, column] + u * (nodes[row, column + 1] - nodes[row, column])
+    below = nodes[row + 1, column] + u * (nodes[row + 1, column + 1] - nodes[row + 1, column])
+    return above + v * (below - above)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def cell(image, first, columns, row, column, u, v):  # type: ignore[no-untyped-def]
+    """An image between the middles of four cells."""
+    at = first + row * columns + column
+    p = image[at] + u * (image[at + 1] - image[at])
+    below = at + columns
+    q = image[below] + u * (image[below + 1] - image[below])
+    return p + v * (q - p)
+
+
+@inner_kernel(error_model="numpy")
+def explained(whole, right):  # type: ignore[no-untyped-def]
+    """What a small symmetric positive system explains: right' whole^-1 right; both overwritten (Cholesky)."""
+    n = right.size
+    total = 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            left = whole[i, j]
+            for k in range(j):
+                left -= whole[i, k] * whole[j, k]
+            whole[i, j] = np.sqrt(max(left, 1e-12)) if i == j else left / whole[j, j]
+        for k in range(i):
+            right[i] -= whole[i, k] * right[k]
+        right[i] /= whole[i, i]
+        total += right[i] * right[i]
+    return total
+
+
+@kernel(
+    "left (S, L, P), weight (S, L, P), across (R, C), along (R, C), patches.own (_), patches.size (U, 2), "
+    "patches.first (U), placed.letter (N), placed.at (N, 2), placed.contrast (N, S), known (NUISANCES), start, "
+    "stop, out (N, 4)",
+    where="R >= 2, C >= 2, 0 <= start, start <= stop, stop <= N",
+    error_model="numpy",
+)
+def glyph_energies(  # type: ignore[no-untyped-def]
+    left, weight, across, along, patches, placed, known, start, stop, out
+):
+    """Of glyphs start .. stop: the energy of what its nuisances leave of the residuals there, how many pixels that is
+    of, and how far right and down of itself the scan shows it [pixels].
+
+    left, weight: residuals and their inverse variance; across, along: ``PixelMap``; known: inverse variances of a
+    glyph's nuisances, in units of its contrast and pixels.
+    """
+    own = patches.own
+    sensors, lines, pixels = left.shape
+    basis = np.empty(NUISANCES, np.float64)
+    whole = np.empty((NUISANCES, NUISANCES), np.float64)
+    right = np.empty(NUISANCES, np.float64)
+    for n in range(start, stop):
+        letter = placed.letter[n]
+        rows, columns = patches.size[letter, 0], patches.size[letter, 1]
+        first = patches.first[letter]
+        x, y = placed.at[n, 0], placed.at[n, 1]
+        middle_x = x + np.float32(columns - 1) / np.float32(2 * SHARE)
+        middle_y = y + np.float32(rows - 1) / np.float32(2 * SHARE)
+        by_x, by_y = displaced(across, middle_x, middle_y), displaced(along, middle_x, middle_y)
+        seen_x, seen_y = middle_x - by_x, middle_y - by_y
+        by_x, by_y = displaced(across, seen_x, seen_y), displaced(along, seen_x, seen_y)
+        x, y = x - by_x, y - by_y
+        whole[:] = 0.0
+        right[:] = 0.0
+        for i in range(NUISANCES):
+            whole[i, i] = known[i]
+        energy, count = 0.0, 0
+        # A margin of two cells, so that slopes are known everywhere.
+        first_line, first_pixel = max(int(np.ceil(y + 1)), 0), max(int(np.ceil(x + 1)), 0)
+        past_line = min(int(np.floor(y + np.float32(rows - 1) * _HALF - _MARGIN)) + 1, lines)
+        past_pixel = min(int(np.floor(x + np.float32(columns - 1) * _HALF - _MARGIN)) + 1, pixels)
+        for line in range(first_line, past_line):
+            v = (np.float32(line) - y) * np.float32(SHARE)
+            row = min(max(np.int64(v), SHARE), rows - SHARE - 2)
+            v -= np.float32(row)
+            for pixel in range(first_pixel, past_pixel):
+                r, w, e = 0.0, 0.0, 0.0
+                for s in range(sensors):
+                    c, sure, rest = placed.contrast[n, s], weight[s, line, pixel], left[s, line, pixel]
+                    r += c * sure * rest
+                    w += c * c * sure
+                    e += sure * rest * rest
+                if w <= 0:
+                    continue
+                u = (np.float32(pixel) - x) * np.float32(SHARE)
+                column = min(max(np.int64(u), SHARE), columns - SHARE - 2)
+                u -= np.float32(column)
+                here = cell(own, first, columns, row, column, u, v)
+                left_of = cell(own, first, columns, row, column - SHARE, u, v)
+                right_of = cell(own, first, columns, row, column + SHARE, u, v)
+                above = cell(own, first, columns, row - SHARE, column, u, v)
+                below = cell(own, first, columns, row + SHARE, column, u, v)
+                basis[0] = here
+                basis[1] = 0.5 * (right_of - left_of)
+                basis[2] = 0.5 * (below - above)
+                basis[3] = 1.0
+                basis[4] = left_of + right_of - 2 * here
+                basis[5] = above + below - 2 * here
+                for i in range(NUISANCES):
+                    for j in range(i + 1):
+                        whole[i, j] += w * basis[i] * basis[j]
+                    right[i] += r * basis[i]
+                energy += e
+                count += 1
+        out[n, 0] = energy - explained(whole, right)
+        out[n, 1], out[n, 2], out[n, 3] = count, -by_x, -by_y

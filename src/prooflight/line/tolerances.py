@@ -1,0 +1,147 @@
+"""False alarms that come again at one place: each a tolerance that somebody could grant, with what it would cost.
+
+A proposal is words: nothing here changes a verdict. Its price is what would no longer be caught there: the misprints of
+the same kind at that place that people told, and how strong a new one could be unseen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from prooflight.journal.words import FALSE_ALARM, last_words, run_key
+from prooflight.line.incidents import NEAR_MM, causes_of
+from prooflight.line.places import around, gap_mm, in_words
+from prooflight.line.told import incidents_by_sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from prooflight.journal.reading import JournalReader
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.words import Words
+    from prooflight.line.incidents import Cause
+    from prooflight.line.places import Box
+
+LEAST_SHEETS: Final = 5
+"""False alarms of one kind at one place. assumed: fewer are chance, and no sheet is spoilt by waiting for more."""
+MOST_PAGES: Final = 8
+"""Of the job that are named."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """One tolerance that could be granted."""
+
+    kind: str
+    box_mm: Box
+    """x, y, width and height on the page as printed: around all places of its false alarms."""
+    where: str
+    """In words."""
+    pages: tuple[str, ...]
+    """Of the job, ``MOST_PAGES`` at most."""
+    runs: tuple[int, ...]
+    sheets: int
+    """False alarms that it would have kept silent."""
+    up_to_score: float
+    """The greatest score of the place among them: what is weaker would pass. [standard deviations]"""
+    misprints_lost: int
+    """Sheets with a misprint of this kind at this place, told by people, that it would have let pass ..."""
+    misprints_kept: int
+    """... and that are stronger, or lie elsewhere on the sheet too."""
+    untold: int
+    """Alarms of this kind at this place about which nobody has said anything, and that would pass too."""
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """For people."""
+        x, y, width, height = self.box_mm
+        return (
+            f"{self.sheets} false alarms in runs {', '.join(map(str, self.runs))}",
+            f"would tolerate {self.kind} within {width:.1f} x {height:.1f} mm at {x:.1f}, {y:.1f} mm, "
+            f"weaker than {self.up_to_score:.1f} standard deviations",
+            f"price: {self.misprints_lost} told misprints there would have passed, "
+            f"{self.misprints_kept} would still alarm; {self.untold} alarms there that nobody told would pass",
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Alarm:
+    run: int
+    record: PageRecord
+    cause: Cause
+    said: str
+
+
+def proposals(reader: JournalReader, words: Words, runs: Sequence[RunRow]) -> list[Proposal]:
+    """Of these runs, those with most false alarms first; JournalError."""
+    alarms = [one for run in runs for one in _alarms(reader, words, run)]
+    grouped: list[list[_Alarm]] = []
+    for one in alarms:
+        if one.said != FALSE_ALARM:
+            continue
+        near = next((group for group in grouped if _same_place(group[0].cause, one.cause)), None)
+        if near is None:
+            grouped.append([one])
+        else:
+            near.append(one)
+    found = [_proposal(group, alarms) for group in grouped if len(group) >= LEAST_SHEETS]
+    return sorted(found, key=lambda one: -one.sheets)
+
+
+def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm]:
+    """Misprints at a place, with what was said of each: "" for nothing."""
+    said = words.of_run(run_key(run))
+    if not said:
+        return
+    records = list(reader.pages(run.id, passed=False, damaged=lambda _: None))
+    of_sheets, of_incidents = last_words(said)
+    _, incident_of = incidents_by_sheet(records)
+    for record in records:
+        if record.verdict.verdict != "misprint":
+            continue
+        causes = causes_of(record)
+        if not causes or causes[0].box_mm is None or causes[0].score is None:
+            continue
+        word = of_sheets.get(record.sheet) or of_incidents.get(incident_of.get(record.sheet, -1))
+        told = "" if word is None else FALSE_ALARM if word.word == "good" else word.word
+        yield _Alarm(run=run.id, record=record, cause=causes[0], said=told)
+
+
+def _same_place(one: Cause, other: Cause) -> bool:
+    if one.group != other.group or one.box_mm is None or other.box_mm is None:
+        return False
+    return gap_mm(one.box_mm, other.box_mm, column=one.scope == "column") <= NEAR_MM
+
+
+def _proposal(group: list[_Alarm], alarms: Sequence[_Alarm]) -> Proposal:
+    box: Box | None = None
+    for one in group:
+        assert one.cause.box_mm is not None
+        box = one.cause.box_mm if box is None else around(box, one.cause.box_mm)
+    assert box is not None
+    cause = group[0].cause
+    up_to = max(abs(one.cause.score or 0.0) for one in group)
+    here = [one for one in alarms if _same_place(cause, one.cause)]
+    wrong = [one for one in here if one.said == "misprint"]
+    lost = [one for one in wrong if _would_pass(one, up_to)]
+    pages = dict.fromkeys(one.record.verdict.page for one in group)
+    return Proposal(
+        kind=cause.kind,
+        box_mm=tuple(round(value, 2) for value in box),  # type: ignore[arg-type]
+        where=in_words(box, column=cause.scope == "column", size_mm=None),
+        pages=tuple(pages)[:MOST_PAGES],
+        runs=tuple(sorted({one.run for one in group})),
+        sheets=len(group),
+        up_to_score=up_to,
+        misprints_lost=len(lost),
+        misprints_kept=len(wrong) - len(lost),
+        untold=sum(not one.said and _would_pass(one, up_to) for one in here),
+    )
+
+
+def _would_pass(alarm: _Alarm, up_to: float) -> bool:
+    """Whether nothing else is wrong with the sheet than what is tolerated."""
+    score = abs(alarm.cause.score or math.inf)
+    return score <= up_to and len(alarm.record.verdict.regions) == 1

@@ -1,0 +1,302 @@
+"""How a job lies on its sheets, in words that are said once: ``sides=2,n-up=2x1,pages-a-set=8``.
+
+A side is what one passing of the camera shows. The sides of a job are numbered from 1, sheet after sheet, the front
+before the back; ``side`` counts them through the run, from 0, and ``position`` counts passings, from 0.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+from prooflight.errors import RequestError
+from prooflight.files.given import shortly
+from prooflight.pages.files import page_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Order = Literal["alternate", "batch", "loop"]
+Backs = Literal["upright", "turned", "long-edge", "short-edge"]
+WHERE: Final = "layout"
+MOST_ALONG: Final = 64
+"""Places along one side of a sheet."""
+MOST_DEPTH: Final = 1_000_000
+MOST_MM: Final = 10_000.0
+EXAMPLE: Final = "write e.g. sides=2,n-up=2x1,pages-a-set=8"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What lies on a sheet, and in which order its sides pass the camera."""
+
+    sides: int = 1
+    """1 or 2."""
+    order: Order = "alternate"
+    """alternate: front 1, back 1, front 2, back 2. batch: the fronts of ``depth`` sheets, then their backs. loop: the
+    fronts of ``depth`` sheets, then a back and the next front in turn, as where so many sheets fill a duplex loop."""
+    depth: int = 1
+    """Sheets of a batch, or in the loop."""
+    backs: Backs = "upright"
+    """upright, turned: how the press prints the raster of a back, turned by 180 degrees or not. long-edge, short-edge:
+    at which edge the printed sheet is turned over, on a press that swaps leading and trailing edge between its sides
+    (``backs_at``)."""
+    columns: int = 1
+    rows: int = 1
+    """Places across the web and along the travel."""
+    places: tuple[int, ...] = ()
+    """Which of the sheet's pages, from 1, each place shows: the front's places row by row from its top left, then the
+    back's; empty: in order."""
+    repeat: bool = False
+    """Whether all places of a side show one page."""
+    gutter_mm: tuple[float, float] = (0.0, 0.0)
+    """Between places, across and along. [mm]"""
+    sheet_mm: tuple[float, float] | None = None
+    """Width and height of a side, in whose middle the pages lie; None: as large as its pages need. [mm]"""
+    rotate: int = 0
+    """By how many degrees pages are turned on the sheet, clockwise: 0, 90, 180 or 270."""
+    pages_a_set: int | None = None
+    """Pages that belong together; None: nobody said."""
+
+    @classmethod
+    def parse(cls, text: str) -> Layout:
+        """``word=value,...``; RequestError: a word or a value is none.
+
+        >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm
+        (4.0, 4.0)
+        """
+        told: dict[str, object] = {}
+        for part in text.split(","):
+            word, _, value = (one.strip() for one in part.partition("="))
+            if word not in _WORDS:
+                what = f"{shortly(part.strip())!r} is none of {', '.join(_WORDS)}"
+                raise RequestError(WHERE, what, remedy=EXAMPLE)
+            fields, read, example = _WORDS[word]
+            values = read(value)
+            if values is None:
+                raise RequestError(WHERE, f"{word} is {shortly(value)!r}", remedy=f"write {word}={example}")
+            if fields[0] in told:
+                raise RequestError(WHERE, f"{word} is said twice", remedy="say it once")
+            told.update(zip(fields, values, strict=True))
+        return _checked(cls(**told))  # type: ignore[arg-type]
+
+    @property
+    def words(self) -> str:
+        """What ``parse`` takes; without what nobody need say."""
+        gutter, sheet = self.gutter_mm, self.sheet_mm
+        said = {
+            "sides": str(self.sides) if self.sides > 1 else "",
+            "order": "" if self.order == "alternate" else f"{self.order}:{self.depth}",
+            "backs": "" if self.backs == "upright" else self.backs,
+            "n-up": f"{self.columns}x{self.rows}" if self.pages_a_side > 1 or self.repeat else "",
+            "places": "-".join(map(str, self.places)),
+            "repeat": "yes" if self.repeat else "",
+            "gutter": f"{gutter[0]:g}x{gutter[1]:g}" if any(gutter) else "",
+            "sheet": f"{sheet[0]:g}x{sheet[1]:g}" if sheet else "",
+            "rotate": str(self.rotate) if self.rotate else "",
+            "pages-a-set": "" if self.pages_a_set is None else str(self.pages_a_set),
+        }
+        return ",".join(f"{word}={value}" for word, value in said.items() if value) or "sides=1"
+
+    @property
+    def places_a_side(self) -> int:
+        """Places on a side."""
+        return self.columns * self.rows
+
+    @property
+    def pages_a_side(self) -> int:
+        """Pages of the job on a side, each counted once."""
+        return 1 if self.repeat else self.places_a_side
+
+    @property
+    def pages_a_sheet(self) -> int:
+        """Pages of the job on a sheet, each counted once."""
+        return self.sides * self.pages_a_side
+
+    @property
+    def sheets_a_set(self) -> int | None:
+        """Sheets that belong together; None: nobody said."""
+        return None if self.pages_a_set is None else self.pages_a_set // self.pages_a_sheet
+
+    def sides_of(self, pages: int) -> int:
+        """Sides of a job of so many pages; RequestError: they fill no whole sheets, or sets."""
+        lacking = -pages % self.pages_a_sheet
+        if lacking:
+            what = f"the job has {_count(pages, 'page')}, and a sheet takes {self.pages_a_sheet}"
+            raise RequestError(WHERE, what, remedy=f"add {_count(lacking, 'blank page')} to the job")
+        of_set = self.pages_a_set
+        if of_set is not None and pages % of_set and of_set % pages:
+            what = f"the job has {_count(pages, 'page')}, and a set takes {of_set}"
+            raise RequestError(WHERE, what, remedy="give pages-a-set that divides the job")
+        return pages // self.pages_a_sheet * self.sides
+
+    def pages_on(self, number: int) -> tuple[int, ...]:
+        """Numbers of the pages, from 1, that side ``number`` of the job, from 1, shows at its places, row by row.
+
+        >>> Layout.parse("sides=2,n-up=2x1").pages_on(4)
+        (7, 8)
+        """
+        sheet, back = divmod(number - 1, self.sides)
+        first, of_side = sheet * self.pages_a_sheet, self.pages_a_side
+        own = range(back * of_side, (back + 1) * of_side)
+        shown = [self.places[at] - 1 if self.places else at for at in own]
+        return tuple(first + at + 1 for at in shown) * (self.places_a_side if self.repeat else 1)
+
+    def side_name(self, number: int) -> str:
+        """Of side ``number`` of the job, from 1: of its page where it has one, else of its sheet.
+
+        >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4)
+        ('p0004', 's0002-back')
+        """
+        if self.pages_a_side == 1:
+            return page_name(self.pages_on(number)[0])
+        sheet, back = divmod(number - 1, self.sides)
+        return self.sheet_name(sheet + 1) + (("-front", "-back")[back] if self.sides > 1 else "")
+
+    def sheet_name(self, number: int) -> str:
+        """Of sheet ``number`` of the job, from 1: of its page where it has one."""
+        return page_name(self.pages_on(number)[0]) if self.pages_a_sheet == 1 else f"s{number:04d}"
+
+    def side_at(self, position: int, sheets: int) -> int:
+        """Which side of the run passes at a position. sheets: of the run, of which the last may leave a gap.
+
+        >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)]
+        [0, 2, 1, 4, 3, 6, 5, 7]
+        """
+        if self.sides == 1 or self.order == "alternate":
+            return position
+        if self.order == "batch":
+            batch, at = divmod(position, 2 * self.depth)
+            first = batch * self.depth
+            own = min(self.depth, sheets - first)
+            return 2 * (first + at) if at < own else 2 * (first + at - own) + 1
+        depth = min(self.depth, sheets)
+        if position < depth:
+            return 2 * position
+        at, back = divmod(position - depth, 2)
+        if at < sheets - depth:
+            return 2 * (depth + at) if back else 2 * at + 1
+        return 2 * (position - sheets) + 1
+
+    def position_of(self, side: int, sheets: int) -> int:
+        """When a side of the run passes: what ``side_at`` undoes."""
+        if self.sides == 1 or self.order == "alternate":
+            return side
+        sheet, back = divmod(side, 2)
+        if self.order == "batch":
+            first = sheet - sheet % self.depth
+            own = min(self.depth, sheets - first)
+            return first * 2 + (sheet - first) + own * back
+        depth = min(self.depth, sheets)
+        if not back:
+            return sheet if sheet < depth else depth + 2 * (sheet - depth) + 1
+        return depth + 2 * sheet if sheet < sheets - depth else sheets + sheet
+
+
+def backs_at(edge: Backs, *, across_mm: float, along_mm: float) -> Backs:
+    """How a back passes, upright or turned, by the sheet's size as it lies on the press. [mm]
+
+    The press swaps leading and trailing edge, so that it turns the sheet over about an axis across the web. Where that
+    is the axis about which a reader turns it, the back passes upright, else turned by 180 degrees.
+    """
+    if edge in ("upright", "turned"):
+        return edge
+    about_across = (across_mm > along_mm) == (edge == "long-edge")
+    return "upright" if about_across else "turned"
+
+
+# --- values ---
+
+
+def _checked(layout: Layout) -> Layout:
+    wrong = remedy = ""
+    every = range(1, layout.pages_a_sheet + 1)
+    if layout.places and (layout.repeat or sorted(layout.places) != list(every)):
+        wrong = f"places is {'-'.join(map(str, layout.places))}"
+        remedy = f"name each page of a sheet once, {'-'.join(map(str, every))} in some order"
+        if layout.repeat:
+            remedy = "leave it out: repeat lays one page at all places"
+    elif layout.sides == 1 and (layout.order != "alternate" or layout.backs != "upright"):
+        wrong, remedy = "order and backs are of sheets with two sides", "say sides=2"
+    elif layout.pages_a_set is not None and layout.pages_a_set % layout.pages_a_sheet:
+        wrong = f"a set takes {_count(layout.pages_a_set, 'page')}, and a sheet {layout.pages_a_sheet}"
+        remedy = f"give a multiple of {layout.pages_a_sheet}"
+    if wrong:
+        raise RequestError(WHERE, wrong, remedy=remedy)
+    return layout
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def _whole(least: int, most: int) -> Callable[[str], tuple[int, ...] | None]:
+    def read(text: str) -> tuple[int, ...] | None:
+        fits = text.isascii() and text.isdecimal() and len(text) < 10 and least <= int(text) <= most
+        return (int(text),) if fits else None
+
+    return read
+
+
+def _order(text: str) -> tuple[str, int] | None:
+    if text == "alternate":
+        return text, 1
+    kind, _, depth = text.partition(":")
+    found = _whole(1, MOST_DEPTH)(depth)
+    return (kind, found[0]) if kind in ("batch", "loop") and found else None
+
+
+def _grid(text: str) -> tuple[int, int] | None:
+    match = re.fullmatch(r"([0-9]{1,3})x([0-9]{1,3})", text)
+    if not match:
+        return None
+    columns, rows = int(match[1]), int(match[2])
+    return (columns, rows) if 1 <= columns <= MOST_ALONG and 1 <= rows <= MOST_ALONG else None
+
+
+def _lengths(*, one: bool, least: float) -> Callable[[str], tuple[tuple[float, float]] | None]:
+    """Of ``AxB``, or of one number for both. [mm]"""
+
+    def read(text: str) -> tuple[tuple[float, float]] | None:
+        number = r"([0-9]{1,5}(?:\.[0-9]{1,4})?)"
+        match = re.fullmatch(f"{number}x{number}", text) or (re.fullmatch(number, text) if one else None)
+        if not match:
+            return None
+        found = float(match[1]), float(match[match.lastindex or 1])
+        return (found,) if all(least <= length <= MOST_MM for length in found) else None
+
+    return read
+
+
+def _numbers(text: str) -> tuple[tuple[int, ...]] | None:
+    if not re.fullmatch(r"[0-9]{1,5}(-[0-9]{1,5})*", text):
+        return None
+    return (tuple(map(int, text.split("-"))),)
+
+
+_WORDS: Final[dict[str, tuple[tuple[str, ...], Callable[[str], tuple[object, ...] | None], str]]] = {
+    "sides": (("sides",), _whole(1, 2), "1 or 2"),
+    "order": (("order", "depth"), _order, "alternate, batch:50 or loop:4"),
+    "backs": (
+        ("backs",),
+        lambda text: (text,) if text in get_args(Backs) else None,
+        f"{', '.join(get_args(Backs)[:-1])} or {get_args(Backs)[-1]}",
+    ),
+    "n-up": (("columns", "rows"), _grid, f"2x1, columns by rows, each up to {MOST_ALONG}"),
+    "places": (("places",), _numbers, "2-1, the page of the sheet that each place shows"),
+    "repeat": (
+        ("repeat",),
+        lambda text: (text == "yes",) if text in ("yes", "no") else None,
+        "yes or no",
+    ),
+    "gutter": (("gutter_mm",), _lengths(one=True, least=0.0), "5 or 5x3 [mm]"),
+    "sheet": (("sheet_mm",), _lengths(one=False, least=1.0), "450x320 [mm]"),
+    "rotate": (
+        ("rotate",),
+        lambda text: (int(text),) if text in ("0", "90", "180", "270") else None,
+        "0, 90, 180 or 270",
+    ),
+    "pages-a-set": (("pages_a_set",), _whole(1, MOST_DEPTH), "8"),
+}
+"""Of each word: the fields it gives, how its value is read (None: it is none), and what would be one."""

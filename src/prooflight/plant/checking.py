@@ -1,0 +1,58 @@
+"""What answers of all that a press file says of the plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from prooflight.plant.gate.gate import exchange_s, try_controller
+from prooflight.plant.gate.log import PlantError
+from prooflight.plant.gate.registers import PlcStatus
+from prooflight.plant.outlets.made import outlets_of
+from prooflight.plant.outlets.outlet import check
+
+if TYPE_CHECKING:
+    from prooflight.press.gate import GateSettings
+    from prooflight.press.press_file import PressFile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One thing that was tried."""
+
+    what: str
+    where: str
+    answers: bool
+    says: str
+
+
+def answers(plant: PressFile) -> list[Answer]:
+    """Of each thing that the press file names; none is left out because another does not answer."""
+    found = []
+    settings = plant.gate_settings()
+    if settings is not None:
+        found.append(_of_gate(settings))
+    for outlet in outlets_of(plant):
+        tried = check(outlet)
+        says = f"{tried.said} ({tried.milliseconds:.0f} ms)"
+        found.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=says))
+    return found
+
+
+def _of_gate(settings: GateSettings) -> Answer:
+    what = f"gate ({settings.plc.style})"
+    try:
+        shown = try_controller(settings)
+    except PlantError as error:
+        return Answer(
+            what=what, where=settings.plc.where, answers=False, says=f"{error.what}; {error.remedy}"
+        )
+    ms = f"a result takes {1e3 * exchange_s(settings):.0f} ms at most"
+    if "coil" in shown:
+        says = f"the output is {'on' if shown['coil'] else 'off'}; {ms}"
+        return Answer(what=what, where=settings.plc.where, answers=True, says=says)
+    status = PlcStatus(shown["plc_status"] & 7)
+    ready = "ready" if PlcStatus.READY in status else "not ready"
+    trays = f"{shown['in_good']:,} in the good tray, {shown['in_reject']:,} rejected"
+    says = f"{ready}, encoder at {shown['encoder']:,}, {trays}; {ms}"
+    return Answer(what=what, where=settings.plc.where, answers=True, says=says)

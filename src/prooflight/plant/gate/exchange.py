@@ -1,0 +1,219 @@
+"""What is exchanged with the controller, without a wire: which registers are written next, and what an answer means.
+
+One result is in the registers at a time, until the controller has acknowledged it by its number. Each connection is a
+session of its own: the controller forgets what it had, and is told again of every sheet that has not reached the gate.
+So nothing hangs on what either side remembers of the other.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+from prooflight.plant.gate.handshake import Event, State, after
+from prooflight.plant.gate.registers import Fault, OurStatus, Result, packed
+from prooflight.plant.gate.registers import after as next_number
+from prooflight.plant.gate.waiting import Pending, Waiting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.plant.gate.deciding import SheetDecision
+    from prooflight.plant.gate.log import GateLog
+    from prooflight.plant.gate.tracking import Tracker
+    from prooflight.press.gate import GateSettings
+
+POLICIES: Final = {"reject": 0, "accept": 1, "stop": 2}
+
+
+class Exchange(Waiting):
+    """Results wait here; the link asks for words and brings answers. Asked and told by several threads."""
+
+    def __init__(
+        self,
+        settings: GateSettings,
+        tracker: Tracker,
+        *,
+        log: GateLog,
+        tell: Callable[[State, str], None] = lambda _state, _why: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Arguments as of ``Waiting``."""
+        super().__init__(settings, tracker, log=log, tell=tell, clock=clock)
+        self._session = self._number = self._heartbeat = 0
+        self._current: Pending | None = None
+        self._result: dict[str, int] = {}
+        self._at_camera = self._busy = 0
+        self._stop = self._was_taken = False
+        self._fault = Fault.NONE
+        self._beat: tuple[int, float] = (-1, 0.0)
+        self._at_gate: int | None = None
+
+    @property
+    def session(self) -> int:
+        """Of this connection; 0 before the first."""
+        return self._session
+
+    @property
+    def waiting(self) -> int:
+        """Sheets that are decided and have not reached the gate."""
+        with self._guard:
+            self._passed(self._clock())
+            return len(self._sheets)
+
+    # --- from the run ---
+
+    def arrived(self, tag: int) -> None:
+        """A sheet has passed the camera and will be decided."""
+        with self._guard:
+            self._at_camera, self._busy = tag, self._busy + 1
+
+    def post(self, decision: SheetDecision, *, line: int, last_line_s: float) -> None:
+        """What becomes of a sheet; never waits."""
+        super().post(decision, line=line, last_line_s=last_line_s)
+        self.wake.set()
+
+    def _posted(self, decision: SheetDecision) -> None:
+        self._busy = max(self._busy - 1, 0)
+        self._stop |= decision.result is Result.STOP
+
+    # --- from the link ---
+
+    def connected(self, values: dict[str, int], *, session: int) -> None:
+        """The controller answers, by its own words; a session begins."""
+        with self._guard:
+            self._join(session)
+            self._beat = (values["plc_heartbeat"], self._clock())
+            self._tracker.forget_readings()
+            self._step(Event.CONNECTED, f"session {session}")
+
+    def words(self) -> list[int]:
+        """What is to be written now."""
+        now_s = self._clock()
+        with self._guard:
+            self._passed(now_s)
+            if self._state is State.READY and self._current is None:
+                self._next()
+            self._heartbeat = next_number(self._heartbeat)
+            status = OurStatus(0)
+            for flag, holds in (
+                (OurStatus.READY, self._state is State.READY),
+                (OurStatus.BUSY, self._busy > 0 or any(not one.taken for one in self._sheets.values())),
+                (OurStatus.RESULT_VALID, bool(self._result)),
+                (OurStatus.PASS, self._result.get("result") == Result.ACCEPT),
+                (OurStatus.FAULT, self._fault is not Fault.NONE),
+                (OurStatus.STOP, self._stop),
+            ):
+                status |= flag if holds else 0
+            return packed(
+                {
+                    "status": int(status),
+                    "heartbeat": self._heartbeat,
+                    "session": self._session,
+                    "policy": POLICIES[self._settings.policy],
+                    "fault": int(self._fault),
+                    "sheet_at_camera": self._at_camera,
+                    "tolerance": round(self._settings.tolerance_mm * self._settings.plc.counts_per_mm),
+                    **self._result,
+                }
+            )
+
+    def wrote(self) -> None:
+        """The controller has confirmed the write."""
+        now_s = self._clock()
+        with self._guard:
+            if self._current is not None and self._current.written_s is None:
+                self._current.written_s = now_s
+
+    def answered(self, values: dict[str, int], *, asked_s: float, answered_s: float) -> bool:
+        """What the controller shows; whether it lives: False if its heartbeat has stood still for too long."""
+        self._tracker.counted(values["encoder"], asked_s=asked_s, answered_s=answered_s)
+        aligned = self._tracker.aligned
+        with self._guard:
+            if values["plc_heartbeat"] != self._beat[0]:
+                self._beat = (values["plc_heartbeat"], answered_s)
+            elif answered_s - self._beat[1] > self._settings.plc.heartbeat_ms / 1e3:
+                self._fault = Fault.PLC_HEARTBEAT
+                return False
+            if values["session_taken"] == self._session:
+                self._was_taken = True
+                self._step(Event.TAKEN, "")
+            else:
+                self._step(Event.DROPPED, "the controller has forgotten this session")
+            if aligned:
+                self._step(Event.ALIGNED, "")
+            else:
+                self._step(Event.MISALIGNED, "the encoder and the camera's lines do not go together")
+            self._fault = {State.JOINING: Fault.NOT_TAKEN, State.ALIGNING: Fault.ENCODER}.get(
+                self._state, Fault.NONE
+            )
+            self._acknowledge(values["result_taken"], answered_s)
+            self._gate_says(values)
+        return True
+
+    def lost(self, why: str) -> None:
+        """No answer in time."""
+        with self._guard:
+            self._step(Event.LOST, why)
+
+    def dropped(self, *, session: int) -> bool:
+        """Whether the controller has forgotten this session after it had taken it; another begins then."""
+        with self._guard:
+            if self._state is not State.JOINING or not self._was_taken:
+                return False
+            self._join(session)
+            return True
+
+    # --- parts ---
+
+    def _join(self, session: int) -> None:
+        self._session, self._number, self._was_taken = session, 0, False
+        self._current, self._result, self._at_gate = None, {}, None
+        for one in self._sheets.values():
+            one.taken = False
+        self._log.add("session", session=session)
+
+    def _step(self, event: Event, why: str) -> None:
+        self._went(after(self._state, event), why)
+
+    def _next(self) -> None:
+        for tag, one in self._sheets.items():
+            if one.taken:
+                continue
+            position = self._tracker.position(one.line)
+            if position is None:
+                continue
+            self._current, one.written_s = one, None
+            self._number = next_number(self._number)
+            self._result = {
+                "result_number": self._number,
+                "tag": tag,
+                "result": int(one.decision.result),
+                "code": int(one.decision.code),
+                "position": position,
+            }
+            return
+
+    def _acknowledge(self, number: int, now_s: float) -> None:
+        one = self._current
+        if one is None or number != self._number:
+            return
+        self._current = None
+        position = self._result["position"]
+        self._written(one, session=self._session, position=position, at_s=one.written_s or now_s)
+        if any(not sheet.taken for sheet in self._sheets.values()):
+            self.wake.set()
+
+    def _gate_says(self, values: dict[str, int]) -> None:
+        """Where the last sheet went, where none was missed since the last look."""
+        count = values["sheets_at_gate"]
+        if self._at_gate is not None and count - self._at_gate == 1 and values["last_tag"]:
+            tray = {1: "good", 2: "reject"}.get(values["last_tray"], "unknown")
+            self._log.add("tray", tag=values["last_tag"], tray=tray, session=self._session)
+        self._at_gate = count
+
+    def _passed(self, now_s: float) -> None:
+        """Forget sheets that have reached the gate; say of each that was not written in time."""
+        for _, one in self._overdue(now_s):
+            if one is self._current:
+                self._current = None

@@ -1,0 +1,65 @@
+"""The handshake with the controller as a table: how far both sides have come, and what leads on.
+
+    away -> joining -> aligning -> ready
+      ^________|__________|_________|
+
+The link goes by this table, and the picture in docs/reference/registers.md is drawn from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+
+class State(StrEnum):
+    """How far the handshake has come."""
+
+    AWAY = "away"
+    """No connection, or no answer in time."""
+    JOINING = "joining"
+    """Connected; the controller has not yet taken this session."""
+    ALIGNING = "aligning"
+    """The session is taken; the encoder is not yet understood."""
+    READY = "ready"
+    """Results are written, and acknowledged one by one."""
+
+
+class Event(StrEnum):
+    """What leads on."""
+
+    CONNECTED = "the map is the right one"
+    TAKEN = "session_taken = session"
+    ALIGNED = "encoder and lines go together"
+    MISALIGNED = "encoder and lines do not go together"
+    DROPPED = "session_taken is another"
+    LOST = "no answer in time, or plc_heartbeat stands still"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """From one state to the next."""
+
+    state: State
+    event: Event
+    then: State
+
+
+HANDSHAKE: Final = (
+    Transition(State.AWAY, Event.CONNECTED, State.JOINING),
+    Transition(State.JOINING, Event.TAKEN, State.ALIGNING),
+    Transition(State.JOINING, Event.LOST, State.AWAY),
+    Transition(State.ALIGNING, Event.ALIGNED, State.READY),
+    Transition(State.ALIGNING, Event.DROPPED, State.JOINING),
+    Transition(State.ALIGNING, Event.LOST, State.AWAY),
+    Transition(State.READY, Event.MISALIGNED, State.ALIGNING),
+    Transition(State.READY, Event.DROPPED, State.JOINING),
+    Transition(State.READY, Event.LOST, State.AWAY),
+)
+_NEXT: Final = {(one.state, one.event): one.then for one in HANDSHAKE}
+
+
+def after(state: State, event: Event) -> State:
+    """The next state; what a state does not wait for leaves it as it is."""
+    return _NEXT.get((state, event), state)

@@ -1,0 +1,228 @@
+"""The wire to the controller: Modbus TCP, in a thread of its own, so that no verdict waits for it.
+
+It connects again by itself. What goes over the wire, ``exchange`` says.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+import time
+from contextlib import closing
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from prooflight.plant.gate.log import PlantError
+from prooflight.plant.gate.registers import (
+    MAP_ID,
+    MAP_VERSION,
+    READ_FROM,
+    READ_WORDS,
+    unpacked_of_plc,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.plant.gate.exchange import Exchange
+    from prooflight.press.gate import PlcSettings
+
+_log = logging.getLogger(__name__)
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what it says, `PlantError` says
+
+AGAIN_S: Final = (0.1, 1.0)
+"""First and longest wait until the controller is tried again."""
+
+
+class Wire:
+    """One connection. ``PlantError``: the controller does not answer, or refuses."""
+
+    def __init__(self, plc: PlcSettings) -> None:
+        """PlantError: it cannot be reached."""
+        try:
+            from pymodbus.client import ModbusTcpClient
+            from pymodbus.exceptions import ModbusException
+        except ModuleNotFoundError as error:
+            remedy = 'pip install "prooflight[plant]"'
+            raise PlantError(plc.where, "Modbus needs pymodbus", remedy=remedy) from error
+        self._plc = plc
+        self._broken = ModbusException, OSError, AttributeError  # AttributeError: closed within an answer
+        self._client = ModbusTcpClient(plc.host, port=plc.port, timeout=plc.timeout_ms / 1e3, retries=0)
+        if not self._client.connect():  # type: ignore[no-untyped-call]
+            remedy = "see that it is on, that [gate.plc] host and port are its own, and that no firewall is between"
+            raise PlantError(plc.where, "no controller answers", remedy=remedy)
+
+    def close(self) -> None:
+        """Let go."""
+        self._client.close()  # type: ignore[no-untyped-call]
+
+    def write(self, words: list[int]) -> None:
+        """Prooflight's block, at once."""
+        self._asked(self._client.write_registers, self._plc.first_register, words)
+
+    def set_coil(self, on: bool) -> None:
+        """The one output."""
+        self._asked(self._client.write_coil, self._plc.coil, on)
+
+    def coil(self) -> bool:
+        """Whether the one output is on."""
+        return bool(self._asked(self._client.read_coils, self._plc.coil, count=1).bits[0])
+
+    def read(self) -> dict[str, int]:
+        """What the controller shows."""
+        try:
+            return unpacked_of_plc(self.words(READ_FROM, READ_WORDS))
+        except ValueError as error:
+            raise self._wrong(str(error)) from error
+
+    def words(self, at: int, count: int) -> list[int]:
+        """Registers, from one on as the map counts."""
+        answer = self._asked(self._client.read_holding_registers, self._plc.first_register + at, count=count)
+        return list(answer.registers)
+
+    def feed(self, at: int, words: list[int]) -> None:
+        """Write registers that are in no plant's map: those of the simulated controller."""
+        self._asked(self._client.write_registers, self._plc.first_register + at, words)
+
+    def checked(self) -> dict[str, int]:
+        """What it shows, if it has the register map. PlantError: it has not."""
+        values = self.read()
+        if values["map_id"] != MAP_ID:
+            at = self._plc.first_register + READ_FROM
+            raise self._wrong(f"register {at} holds {values['map_id']:#06x}, not {MAP_ID:#06x}")
+        if values["map_version"] != MAP_VERSION:
+            raise self._wrong(f"its map has version {values['map_version']}, this program's {MAP_VERSION}")
+        return values
+
+    def _asked(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
+        try:
+            answer = ask(*what, device_id=self._plc.unit, **more)
+        except self._broken as error:
+            ms = self._plc.timeout_ms
+            raise PlantError(
+                self._plc.where, f"no answer within {ms} ms", remedy="see what holds it"
+            ) from error
+        if answer.isError():
+            raise self._wrong(f"it refuses register or coil {what[0]} ({answer})")
+        return answer
+
+    def _wrong(self, what: str) -> PlantError:
+        remedy = "lay the map of docs/reference/registers.md there, or set [gate.plc] first_register and unit"
+        return PlantError(self._plc.where, what, remedy=remedy)
+
+
+class Talk(Protocol):
+    """What a link does on an open wire, exchange after exchange."""
+
+    def begin(self, wire: Wire) -> None:
+        """The wire is open."""
+        ...
+
+    def turn(self, wire: Wire) -> None:
+        """One exchange. PlantError: the wire is to be opened again."""
+        ...
+
+    def end(self, wire: Wire) -> None:
+        """The run is over, and the wire still open."""
+        ...
+
+    def lost(self, why: str) -> None:
+        """The wire broke, or could not be opened."""
+        ...
+
+    @property
+    def wake(self) -> threading.Event:
+        """Set where the next exchange should not wait."""
+        ...
+
+
+class RegisterTalk:
+    """The handshake by registers."""
+
+    def __init__(self, exchange: Exchange, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """clock: that of the lines."""
+        self._exchange, self._clock = exchange, clock
+        self.wake = exchange.wake
+
+    def begin(self, wire: Wire) -> None:
+        """See ``Talk``."""
+        values = wire.checked()
+        self._exchange.connected(values, session=_session(values["session_taken"]))
+
+    def turn(self, wire: Wire) -> None:
+        """See ``Talk``."""
+        wire.write(self._exchange.words())
+        self._exchange.wrote()
+        asked_s = self._clock()
+        values = wire.read()
+        if not self._exchange.answered(values, asked_s=asked_s, answered_s=self._clock()):
+            raise PlantError("PLC", "its heartbeat stands still", remedy="see whether it runs")
+        if self._exchange.dropped(session=_session(values["session_taken"], self._exchange.session)):
+            self.wake.set()
+
+    def end(self, wire: Wire) -> None:
+        """See ``Talk``: all registers 0 say that nobody is there."""
+        wire.write([0] * len(self._exchange.words()))
+
+    def lost(self, why: str) -> None:
+        """See ``Talk``."""
+        self._exchange.lost(why)
+
+
+class PlcLink:
+    """Keeps a talk going, whatever the controller does."""
+
+    def __init__(
+        self,
+        plc: PlcSettings,
+        talk: Talk,
+        *,
+        open_wire: Callable[[PlcSettings], Wire] = Wire,
+        pace: float = 1.0,
+    ) -> None:
+        """pace: how many times faster than its settings say it goes; studies compress time by it."""
+        self._plc, self._talk, self._open, self._pace = plc, talk, open_wire, pace
+        self.closing = threading.Event()
+        """Set when it is to end."""
+        self._thread = threading.Thread(target=self._run, name="plc", daemon=True)
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Say goodbye if the controller listens, and end."""
+        self.closing.set()
+        self._talk.wake.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        wait_s = AGAIN_S[0]
+        while not self.closing.is_set():
+            try:
+                with closing(self._open(self._plc)) as wire:
+                    self._talk.begin(wire)
+                    wait_s = AGAIN_S[0]
+                    self._turns(wire)
+            except PlantError as error:
+                self._talk.lost(error.what)
+            except Exception as error:  # whatever it is, the gate must be tried again
+                _log.exception("the link to the controller")
+                self._talk.lost(str(error))
+            self.closing.wait(wait_s / self._pace)
+            wait_s = min(2 * wait_s, AGAIN_S[1])
+
+    def _turns(self, wire: Wire) -> None:
+        wake = self._talk.wake
+        while not self.closing.is_set():
+            wake.clear()
+            self._talk.turn(wire)
+            wake.wait(self._plc.cycle_ms / 1e3 / self._pace)
+        self._talk.end(wire)
+
+
+def _session(*taken: int) -> int:
+    """A number for a session that is none of these, nor 0. It is drawn by the system: restarts must not repeat it."""
+    while (drawn := secrets.randbelow(0xFFFF) + 1) in taken:
+        pass
+    return drawn

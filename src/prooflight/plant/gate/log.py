@@ -1,0 +1,141 @@
+"""What was decided of each sheet and when it was written: one JSON object a line, beside the journal.
+
+A line is with the system before its register is written, so that whoever kills the process loses none; a journal's
+pages are durable half a second later.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.errors import InputError
+from prooflight.files.given import GivenFiles
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Self
+
+_log = logging.getLogger(__name__)
+
+REMEDY: Final = "give the journal of a run that had a gate"
+
+
+class PlantError(InputError):
+    """The plant cannot be served: its controller does not answer, or is not what the press file says."""
+
+
+LOGS: Final = GivenFiles(error=PlantError, remedy=REMEDY, largest_mb=4000)
+
+
+def log_path(journal: Path, run_id: int) -> Path:
+    """Where the gate's log of a run lies."""
+    return journal.with_name(f"{journal.name}.gate") / f"run{run_id:06}.jsonl"
+
+
+class GateLog:
+    """Appends; may be told by several threads."""
+
+    def __init__(self, path: Path | None) -> None:
+        """path: None keeps nothing."""
+        self._guard = Lock()
+        self._file = None
+        self.dropped = 0
+        """Lines that could not be written."""
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a", encoding="utf-8", buffering=1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def add(self, kind: str, **facts: Any) -> None:
+        """One line; where it cannot be written that is said once, for the gate must be served all the same."""
+        with self._guard:
+            if self._file is None:
+                return
+            try:
+                self._file.write(json.dumps({"kind": kind, **facts}) + "\n")
+            except OSError as error:
+                if not self.dropped:
+                    why = error.strerror or error
+                    _log.warning("the gate's log cannot be written (%s); sheets go on to the gate", why)
+                self.dropped += 1
+
+    def close(self) -> None:
+        """No more lines."""
+        with self._guard:
+            if self._file is not None:
+                with suppress(OSError):
+                    self._file.close()
+                self._file = None
+
+
+def rows_of(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines of a log; the last may be torn. PlantError: there is none, or it is none."""
+    try:
+        text = LOGS.read_text(path)
+    except OSError as error:
+        raise PlantError(path, "cannot be read", remedy=REMEDY) from error
+    lines = text.split("\n")
+    for number, line in enumerate(lines, start=1):
+        if not line:
+            continue
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            if number == len(lines):
+                return
+            raise PlantError(path, f"line {number} is no JSON", remedy="take it out") from error
+        if not isinstance(row, dict) or not isinstance(row.get("kind"), str):
+            raise PlantError(path, f"line {number} is no line of a gate's log", remedy="take it out")
+        yield row
+
+
+@dataclass(slots=True)
+class KeptDecisions:
+    """A run's gate as its log tells it."""
+
+    sessions: list[int] = field(default_factory=list)
+    began: dict[str, Any] = field(default_factory=dict)
+    decisions: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """By tag; of pages that did not come as well."""
+    written: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """By tag: what the controller has acknowledged last."""
+    unsent: dict[int, dict[str, Any]] = field(default_factory=dict)
+    trays: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """By tag: what the controller has said itself."""
+
+    @classmethod
+    def read(cls, path: Path) -> KeptDecisions:
+        """PlantError: as ``rows_of``, or a line lacks what it should have."""
+        kept = cls()
+        for row in rows_of(path):
+            try:
+                kept._add(row)
+            except (KeyError, TypeError) as error:
+                raise PlantError(path, f"a line lacks {error}", remedy="take it out") from error
+        return kept
+
+    def _add(self, row: dict[str, Any]) -> None:
+        match row["kind"]:
+            case "run":
+                self.began = row
+            case "session":
+                self.sessions.append(row["session"])
+            case "decision":
+                self.decisions[row["tag"]] = row
+            case "written":
+                self.written[row["tag"]] = row
+            case "unsent":
+                self.unsent[row["tag"]] = row
+            case "tray":
+                self.trays[row["tag"]] = row

@@ -1,0 +1,319 @@
+"""Every sheet of a run accounted for: in journal and gate's log, and in the trays as the controller logged them.
+
+A controller's row names session and tag where it found a result, and its encoder's count always. A row without a tag
+is of the sheet whose place at the gate lies within the tolerance of that count, and of which no row between those of
+its neighbours speaks; and where all sheets between two neighbours went into one tray, it matters not which is which.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from prooflight.errors import RequestError
+from prooflight.files.given import GivenFiles
+from prooflight.inspection.sheets import worst
+from prooflight.pages.layout.plan import SheetPlan
+from prooflight.plant.gate.deciding import SAID
+from prooflight.plant.gate.registers import Code, Result, apart
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from prooflight.detectors.verdict import Word
+    from prooflight.journal.records import PageRecord
+    from prooflight.plant.gate.log import KeptDecisions
+
+Account = Literal["accepted", "diverted", "lost", "unseen", "not-at-gate", "did-not-come", "wrong"]
+COLUMNS: Final = ("session", "tag", "tray", "count")
+TRAY_FILES: Final = GivenFiles(
+    error=RequestError,
+    remedy=f"give the controller's log: JSON lines or CSV with {', '.join(COLUMNS)}",
+    largest_mb=4000,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tray:
+    """A sheet at the gate, as the controller logged it."""
+
+    session: int
+    tag: int
+    tray: str
+    count: int
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Accounted:
+    """One sheet, and what became of it."""
+
+    account: Account
+    sheet: int | None = None
+    """None: the run knows no such sheet."""
+    job_page: int | None = None
+    page: str = ""
+    set_number: int = 0
+    verdict: str = ""
+    """Empty: nobody judged it."""
+    in_journal: bool = False
+    decision: str = ""
+    """accept, divert, stop; empty: none."""
+    tray: str = ""
+    """good, reject; empty: nobody saw it at the gate."""
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reconciliation:
+    """All sheets of one run."""
+
+    sheets: tuple[Accounted, ...]
+    tolerated: bool
+    """Whether the press file lets sheets in doubt pass (policy accept)."""
+    counts: Counter[str] = field(default_factory=Counter)
+    off_mm: tuple[float, ...] = ()
+    """How far behind its place each sheet reached the gate, where the controller logged its count; negative: before.
+    [mm]"""
+
+    @property
+    def wrong(self) -> tuple[Accounted, ...]:
+        """Sheets in the good tray that must not be there."""
+        return tuple(one for one in self.sheets if one.account == "wrong")
+
+    @property
+    def open(self) -> tuple[Accounted, ...]:
+        """Sheets that were judged and that nobody saw at the gate."""
+        return tuple(one for one in self.sheets if one.account == "not-at-gate")
+
+    @property
+    def lost_by(self) -> Counter[str]:
+        """Good sheets that were lost, by why."""
+        return Counter(one.why for one in self.sheets if one.account == "lost")
+
+
+def read_trays(path: Path) -> list[Tray]:
+    """A controller's log, JSON lines or CSV. RequestError: it is neither, or a row lacks a column."""
+    try:
+        text = TRAY_FILES.read_text(path)
+    except OSError as error:
+        raise RequestError(path, "cannot be read", remedy=TRAY_FILES.remedy) from error
+    found = []
+    for number, row in enumerate(_rows(text, path), start=1):
+        try:
+            tray = str(row["tray"])
+            session, tag, count = (int(row[name]) for name in ("session", "tag", "count"))
+            why = str(row.get("why") or "")
+        except (KeyError, TypeError, ValueError) as error:
+            raise RequestError(path, f"row {number}: {error}", remedy=TRAY_FILES.remedy) from error
+        if tray not in ("good", "reject"):
+            raise RequestError(path, f"row {number}: tray is {tray!r}", remedy="good or reject are known")
+        found.append(Tray(session=session, tag=tag, tray=tray, count=count, why=why))
+    return found
+
+
+def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
+    """Rows of a run: from behind the last of another session to before the next of one.
+
+    Rows without a session before it are the run's before, if there is one.
+    """
+    own = set(sessions)
+    at = [number for number, tray in enumerate(trays) if tray.session in own]
+    if not at:
+        return []
+    first, last = at[0], at[-1]
+    others = [number for number, tray in enumerate(trays) if tray.session and tray.session not in own]
+    since = first if any(number < first for number in others) else 0
+    until = min((number for number in others if number > last), default=len(trays))
+    return list(trays[since:until])
+
+
+def reconciled(
+    pages: Iterable[PageRecord], kept: KeptDecisions, trays: Sequence[Tray] | None
+) -> Reconciliation:
+    """A run's sheets. trays: the controller's log; None: what it said over the wire, which may have holes."""
+    journal = {page.sheet + 1: page for page in pages}
+    settings = kept.began.get("settings", {})
+    tolerance = settings.get("tolerance_mm", 0.0) * settings.get("plc", {}).get("counts_per_mm", 0.0)
+    tolerated = settings.get("policy") == "accept"
+    plan = SheetPlan.of(kept.began.get("layout"))
+    at_gate, strangers = _laid(kept, trays, tolerance)
+    rows_of = {tag: [row + 1 for row in decided.get("rows", ())] for tag, decided in kept.decisions.items()}
+    with_others = {row for tag, rows in rows_of.items() for row in rows} - kept.decisions.keys()
+    sheets = [
+        _of_sheet(
+            tag,
+            journal.get(tag),
+            worst(journal[row].verdict.verdict for row in {tag, *rows_of.get(tag, ())} if row in journal),
+            kept,
+            at_gate.get(tag, []),
+            tolerated=tolerated,
+        )
+        for tag in sorted((journal.keys() - with_others) | kept.decisions.keys())
+    ]
+    if plan is not None and plan.layout.sides > 1:
+        # What was decided is known by its sheet; what was not, as yet by its side.
+        sheets = [
+            one
+            if one.job_page is None or one.sheet is None or one.sheet + 1 in kept.decisions
+            else replace(one, job_page=plan.sheet_at(one.job_page)[0])
+            for one in sheets
+        ]
+    sheets += [_stranger(tray, tolerated=tolerated) for tray in strangers]
+    for tag, more in at_gate.items():  # what stuck below a sheet
+        sheets += [_stranger(tray, tolerated=tolerated) for tray in more[1:] if tag]
+    return Reconciliation(
+        sheets=tuple(sheets),
+        tolerated=tolerated,
+        counts=Counter(one.account for one in sheets),
+        off_mm=_off_mm(kept, trays or ()),
+    )
+
+
+# --- parts ---
+
+
+def _rows(text: str, path: Path) -> Iterable[Any]:
+    if not text.lstrip().startswith("{"):
+        return csv.DictReader(io.StringIO(text))
+    try:
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+    except (ValueError, RecursionError) as error:
+        raise RequestError(path, f"is no JSON ({error})", remedy=TRAY_FILES.remedy) from error
+
+
+def _off_mm(kept: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
+    """Of the sheets of which the controller found a result."""
+    own, per_mm = set(kept.sessions), kept.began.get("settings", {}).get("plc", {}).get("counts_per_mm", 1.0)
+    return tuple(
+        apart(tray.count, kept.written[tray.tag]["position"]) / per_mm
+        for tray in trays
+        if tray.session in own and tray.tag in kept.written
+    )
+
+
+def _laid(
+    kept: KeptDecisions, trays: Sequence[Tray] | None, tolerance: float
+) -> tuple[dict[int, list[Tray]], list[Tray]]:
+    """Rows by tag, and those that are of no sheet of the run."""
+    if trays is None:
+        said = kept.trays.items()
+        return {
+            tag: [Tray(session=one["session"], tag=tag, tray=one["tray"], count=0)] for tag, one in said
+        }, []
+    rows, own = of_run(trays, kept.sessions), set(kept.sessions)
+    tags = [tray.tag if tray.session in own else 0 for tray in rows]
+    _by_place(tags, rows, kept, tolerance)
+    _by_order(tags, rows, kept)
+    by_tag: dict[int, list[Tray]] = {}
+    for tag, tray in zip(tags, rows, strict=True):
+        if tag:
+            by_tag.setdefault(tag, []).append(tray)
+    return by_tag, [tray for tag, tray in zip(tags, rows, strict=True) if not tag]
+
+
+def _by_place(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions, tolerance: float) -> None:
+    """Name rows by where their sheets were expected, within their neighbours that are known."""
+    places = {
+        tag: decided["position"]
+        for tag, decided in kept.decisions.items()
+        if decided.get("position") is not None
+    }
+    for since, until in _gaps(tags):
+        low, high = _between(tags, since, until, kept)
+        for at in range(since, until):
+            near = [
+                tag
+                for tag in range(low + 1, high)
+                if tag in places and abs(apart(places[tag], rows[at].count)) <= tolerance
+            ]
+            if len(near) == 1:
+                tags[at] = low = near[0]
+
+
+def _by_order(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions) -> None:
+    """Name rows between neighbours that are known, where all of them went into one tray: which is which matters not."""
+    came = {tag for tag, decided in kept.decisions.items() if decided["came"]}
+    for since, until in _gaps(tags):
+        low, high = _between(tags, since, until, kept)
+        left = [tag for tag in range(low + 1, high) if tag in came]
+        if len(left) <= until - since and len({row.tray for row in rows[since:until]}) == 1:
+            tags[since : since + len(left)] = left
+
+
+def _gaps(tags: Sequence[int]) -> list[tuple[int, int]]:
+    """First and behind the last of each run of rows without a tag."""
+    found, since = [], None
+    for at, tag in enumerate([*tags, 1]):
+        if not tag and since is None:
+            since = at
+        elif tag and since is not None:
+            found.append((since, at))
+            since = None
+    return found
+
+
+def _between(tags: Sequence[int], since: int, until: int, kept: KeptDecisions) -> tuple[int, int]:
+    """Tags of the rows before and behind."""
+    last = max(kept.decisions, default=0) + 1
+    return (tags[since - 1] if since else 0), (tags[until] if until < len(tags) else last)
+
+
+def _of_sheet(
+    tag: int,
+    page: PageRecord | None,
+    word: Word,
+    kept: KeptDecisions,
+    trays: list[Tray],
+    *,
+    tolerated: bool,
+) -> Accounted:
+    """word: of all sides of the sheet together."""
+    decided = kept.decisions.get(tag)
+    result = Result(decided["result"]) if decided else Result.NONE
+    code = Code(decided["code"]) if decided else Code.NONE
+    tray = trays[0].tray if trays else ""
+    verdict = "" if page is None else str(word)
+    why = SAID.get(code, "")
+    came = decided["came"] if decided else True
+    account: Account
+    if not came:
+        account, why = "did-not-come", "the page did not come"
+    elif not tray:
+        account = "not-at-gate"
+    elif tray == "good":
+        fit = result is Result.ACCEPT and (verdict != "misprint")
+        account = "accepted" if fit or (tolerated and verdict != "misprint") else "wrong"
+    elif result is Result.ACCEPT:
+        account = "lost"
+        unsent = kept.unsent.get(tag)
+        said = trays[0].why or "the controller did not say"
+        if unsent is not None:
+            said = SAID[Code(unsent["code"])]
+        why = said
+    else:
+        account = "diverted"
+    return Accounted(
+        account=account,
+        sheet=tag - 1,
+        job_page=decided["job_page"] if decided else (None if page is None else page.job_page),
+        page=decided["page"] if decided else ("" if page is None else page.verdict.page),
+        set_number=decided["set"] if decided else 0,
+        verdict=verdict,
+        in_journal=page is not None,
+        decision=result.name.lower() if result else "",
+        tray=tray,
+        why=why,
+    )
+
+
+def _stranger(tray: Tray, *, tolerated: bool) -> Accounted:
+    """A sheet at the gate that the run does not know."""
+    wrong = tray.tray == "good" and not tolerated
+    why = tray.why or "no sheet of the run was due there"
+    return Accounted(account="wrong" if wrong else "unseen", tray=tray.tray, why=why)

@@ -1,0 +1,211 @@
+"""The register map between Prooflight and the plant's controller; the controller's programmer reads it in
+docs/reference/registers.md, which is written from this table.
+
+Prooflight is the client. It writes the first block in one request (function 16), so a result is never seen in halves,
+and reads the second in one (function 3). A number of 32 bits is two registers, the high word first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import TYPE_CHECKING, Final, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+MAP_ID: Final = 0x5046
+"""What stands in ``map_id``: the letters PF."""
+MAP_VERSION: Final = 1
+WRAP: Final = 1 << 32
+"""Counts of 32 bits begin again here."""
+
+
+class OurStatus(IntFlag):
+    """Bits of ``status``."""
+
+    READY = 1
+    """Results can be trusted to come: the controller has taken this session, and the encoder is understood."""
+    BUSY = 2
+    """Sheets have passed the camera whose result has not been written."""
+    RESULT_VALID = 4
+    """The registers of the result hold one; it is new where ``result_number`` has changed."""
+    PASS = 8
+    """It says accept."""
+    FAULT = 16
+    """``fault`` says which."""
+    STOP = 32
+    """The press is to be stopped; stays until the session ends."""
+
+
+class PlcStatus(IntFlag):
+    """Bits of ``plc_status``."""
+
+    READY = 1
+    """The gate may be used."""
+    FAULT = 2
+    """The controller's own."""
+    STOPPED = 4
+    """It has stopped the press because it was asked to."""
+
+
+class Result(IntEnum):
+    """What becomes of a sheet."""
+
+    NONE = 0
+    ACCEPT = 1
+    DIVERT = 2
+    STOP = 3
+    """Divert, and stop the press."""
+
+
+class Code(IntEnum):
+    """Why."""
+
+    NONE = 0
+    GOOD = 1
+    MISPRINT = 2
+    NOT_INSPECTED = 3
+    """Nobody looked."""
+    LOST_LINES = 4
+    """The camera lost lines of it, or it lacks some or has too many."""
+    UNKNOWN_SHEET = 5
+    """It is no page of the job, or blank."""
+    OUT_OF_PLACE = 6
+    """It came twice, or behind its turn."""
+    SET_SPOILED = 7
+    """Another page of its set is bad or missing."""
+    UNTIL_CLEAN_BREAK = 8
+    """It follows a bad sheet, and no whole copy has begun since."""
+    TOO_LATE = 9
+    """It reached the gate before its result could be written."""
+    PLACE_UNKNOWN = 10
+    """Nobody can say when it reaches the gate: the encoder and the lines do not go together."""
+
+
+class Fault(IntEnum):
+    """Why Prooflight is not ready."""
+
+    NONE = 0
+    ENCODER = 1
+    """The controller's count and the camera's lines do not go together."""
+    NOT_TAKEN = 2
+    """The controller has not taken the session."""
+    PLC_HEARTBEAT = 3
+    """The controller's heartbeat stands still."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Register:
+    """One number of the map."""
+
+    name: str
+    at: int
+    """First register, from that of its block."""
+    words: Literal[1, 2] = 1
+    what: str
+
+
+def _laid(rows: Sequence[tuple[str, Literal[1, 2], str]], *, first: int) -> tuple[Register, ...]:
+    found, at = [], first
+    for name, words, what in rows:
+        found.append(Register(name=name, at=at, words=words, what=what))
+        at += words
+    return tuple(found)
+
+
+WRITTEN: Final = _laid(
+    (
+        ("status", 1, "bits: 0 ready, 1 busy, 2 result valid, 3 pass, 4 fault, 5 stop"),
+        ("heartbeat", 1, "changes with every exchange"),
+        ("session", 1, "1 to 65535, another with each start of Prooflight; 0: none"),
+        ("policy", 1, "what becomes of a sheet in doubt: 0 reject, 1 accept, 2 stop"),
+        ("fault", 1, "why not ready: 0 none, 1 encoder, 2 session not taken, 3 PLC heartbeat"),
+        ("sheet_at_camera", 2, "tag of the last sheet that has passed the camera"),
+        ("result_number", 1, "1 to 65535, the next with each result; 0: none yet"),
+        ("tag", 2, "of the sheet that the result is of, from 1"),
+        ("result", 1, "1 accept, 2 divert, 3 divert and stop the press"),
+        ("code", 1, "why: see the codes"),
+        ("position", 2, "encoder count at which the sheet's leading edge reaches the gate's eye"),
+        ("tolerance", 1, "counts before and behind `position` within which it is this sheet"),
+    ),
+    first=0,
+)
+"""By Prooflight."""
+READ_FROM: Final = 32
+READ: Final = _laid(
+    (
+        ("map_id", 1, "0x5046"),
+        ("map_version", 1, "1"),
+        ("plc_heartbeat", 1, "changes at least every 100 ms"),
+        ("plc_status", 1, "bits: 0 ready, 1 fault, 2 press stopped"),
+        ("session_taken", 1, "`session` when the controller has forgotten all results of others"),
+        ("result_taken", 1, "`result_number` of the last result that it has stored: the acknowledgement"),
+        ("heartbeat_seen", 1, "`heartbeat` as last seen"),
+        ("encoder", 2, "encoder count now, which only rises and wraps at 2^32"),
+        ("sheets_at_gate", 2, "sheets that have reached the gate's eye"),
+        ("last_tag", 2, "tag of the last of them; 0: no result was found for it"),
+        ("last_tray", 1, "where it went: 1 good, 2 reject"),
+        ("in_good", 2, "sheets in the good tray"),
+        ("in_reject", 2, "sheets in the reject tray"),
+    ),
+    first=READ_FROM,
+)
+"""By the controller."""
+WRITTEN_WORDS: Final = WRITTEN[-1].at + WRITTEN[-1].words
+READ_WORDS: Final = READ[-1].at + READ[-1].words - READ_FROM
+
+
+def packed(values: Mapping[str, int]) -> list[int]:
+    """What Prooflight writes, from its first register on; what is not named is 0."""
+    words = [0] * WRITTEN_WORDS
+    for register in WRITTEN:
+        _put(words, register, values.get(register.name, 0), first=0)
+    return words
+
+
+def packed_of_plc(values: Mapping[str, int]) -> list[int]:
+    """What the controller shows, from ``READ_FROM`` on."""
+    words = [0] * READ_WORDS
+    for register in READ:
+        _put(words, register, values.get(register.name, 0), first=READ_FROM)
+    return words
+
+
+def unpacked(words: Sequence[int]) -> dict[str, int]:
+    """What Prooflight has written, by name. ValueError: too few words."""
+    return _named(words, WRITTEN, first=0)
+
+
+def unpacked_of_plc(words: Sequence[int]) -> dict[str, int]:
+    """What the controller shows, by name. ValueError: too few words."""
+    return _named(words, READ, first=READ_FROM)
+
+
+def after(number: int) -> int:
+    """The next of the numbers 1 to 65535, in a circle."""
+    return number % 0xFFFF + 1
+
+
+def apart(one: int, other: int) -> int:
+    """How far a count of 32 bits lies behind another, the shorter way round; negative: before it."""
+    return (one - other + WRAP // 2) % WRAP - WRAP // 2
+
+
+def _put(words: list[int], register: Register, value: int, *, first: int) -> None:
+    at = register.at - first
+    if register.words == 2:
+        words[at : at + 2] = divmod(value % WRAP, 1 << 16)
+    else:
+        words[at] = value & 0xFFFF
+
+
+def _named(words: Sequence[int], registers: tuple[Register, ...], *, first: int) -> dict[str, int]:
+    needed = registers[-1].at + registers[-1].words - first
+    if len(words) < needed:
+        raise ValueError(f"{len(words)} registers are too few: {needed} are needed")
+    values = {}
+    for register in registers:
+        at = register.at - first
+        values[register.name] = words[at] if register.words == 1 else (words[at] << 16) | words[at + 1]
+    return values

@@ -1,0 +1,66 @@
+"""Sides to sheets, as the gate needs them: a sheet is decided when its last side was seen."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from prooflight.detectors.verdict import Verdict
+from prooflight.inspection.sheets import OPEN_SHEETS, sheet_verdict, side_verdict
+
+if TYPE_CHECKING:
+    from prooflight.journal.records import PageRecord
+    from prooflight.pages.layout.plan import SheetPlan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetRecord:
+    """What the gate is told of a sheet."""
+
+    record: PageRecord
+    """As of its last side: ``job_page`` is the sheet of the run, the verdict that of the sheet."""
+    rows: tuple[int, ...]
+    """Numbers of its sides in the run."""
+    came: bool = True
+    """False: its last side did not come, so that no sheet is due at the gate."""
+
+
+@dataclass(slots=True)
+class SidesTogether:
+    """Keeps first sides until the last one comes; those of a sheet that never does are given up in the end."""
+
+    plan: SheetPlan
+    _first: OrderedDict[int, list[PageRecord]] = field(default_factory=OrderedDict)
+
+    def is_due(self, job_page: int | None) -> bool:
+        """Whether a sheet goes on to the gate with this side. One that nobody can place may be any, and so is due."""
+        return job_page is None or self.plan.sheet_at(job_page)[1] == self.plan.layout.sides - 1
+
+    def add(self, record: PageRecord, *, came: bool) -> SheetRecord | None:
+        """The next side; what is to be decided with it. None: its sheet comes again for its other side."""
+        if record.job_page is None or self.plan.layout.sides == 1:
+            return SheetRecord(record=record, rows=(record.sheet,), came=came)
+        sheet, back = self.plan.sheet_at(record.job_page)
+        if not back:
+            self._first.setdefault(sheet, []).append(record)
+            while len(self._first) > OPEN_SHEETS:
+                self._first.popitem(last=False)
+            return None
+        fronts = self._first.get(sheet, []) if came else self._first.pop(sheet, [])
+        sides = [side_verdict(self.plan, sheet, at, records) for at, records in enumerate((fronts, [record]))]
+        found = sheet_verdict(self.plan, sheet, sides)
+        told = min((*fronts, record), key=lambda one: one.verdict.verdict != found.verdict)
+        verdict = Verdict(
+            page=found.name,
+            verdict=found.verdict,
+            action=told.verdict.action,
+            kind=told.verdict.kind,
+            reason="; ".join(found.why),
+        )
+        faults = dict.fromkeys(fault for side in sides for fault in side.faults)
+        return SheetRecord(
+            record=replace(record, job_page=sheet, verdict=verdict, faults=tuple(faults)),
+            rows=tuple(one.sheet for one in (*fronts, record)),
+            came=came,
+        )

@@ -1,0 +1,135 @@
+"""Sheets that are decided and have not reached the gate, whichever way the controller is told of them."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from threading import Event as Signal
+from threading import Lock
+from typing import TYPE_CHECKING, Final
+
+from prooflight.plant.gate.handshake import State
+from prooflight.plant.gate.registers import Code, Result
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.plant.gate.deciding import SheetDecision
+    from prooflight.plant.gate.log import GateLog
+    from prooflight.plant.gate.tracking import Tracker
+    from prooflight.press.gate import GateSettings
+
+GIVEN_UP_S: Final = 60.0
+"""After which a sheet whose time at the gate nobody knows is taken to have passed it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Pending:
+    """A sheet that has not reached the gate."""
+
+    decision: SheetDecision
+    line: int
+    """The camera's count at its leading edge."""
+    last_line_s: float
+    """When its last line was read."""
+    posted_s: float
+    written_s: float | None = None
+    taken: bool = False
+    """Whether the controller has acknowledged it in this session, or its output is set by it."""
+
+
+class Waiting:
+    """Sheets by tag until they have passed the gate; what is asked and told by several threads is behind one guard."""
+
+    def __init__(
+        self,
+        settings: GateSettings,
+        tracker: Tracker,
+        *,
+        log: GateLog,
+        tell: Callable[[State, str], None] = lambda _state, _why: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """tell: called when the handshake goes from state to state, and why; clock: that of the lines."""
+        self._settings, self._tracker, self._log = settings, tracker, log
+        self._tell, self._clock = tell, clock
+        self.wake = Signal()
+        """Set when there is something new to write."""
+        self._guard = Lock()
+        self._state = State.AWAY
+        self._sheets: dict[int, Pending] = {}
+        self.latencies_s: list[float] = []
+        """From a sheet's last line to its result with the controller."""
+        self.too_late = 0
+        """Sheets that reached the gate before their result could be written."""
+        self.lost_sheets: deque[SheetDecision] = deque()
+        """Those of them that were accepted and are lost, until somebody takes them."""
+
+    @property
+    def state(self) -> State:
+        """How far the handshake has come."""
+        return self._state
+
+    @property
+    def waiting(self) -> int:
+        """Sheets that are decided and have not passed the gate."""
+        with self._guard:
+            return len(self._sheets)
+
+    def arrived(self, tag: int) -> None:
+        """A sheet has passed the camera and will be decided."""
+
+    def post(self, decision: SheetDecision, *, line: int, last_line_s: float) -> None:
+        """What becomes of a sheet; never waits."""
+        now_s = self._clock()
+        with self._guard:
+            self._posted(decision)
+            self._sheets[decision.tag] = Pending(
+                decision=decision, line=line, last_line_s=last_line_s, posted_s=now_s
+            )
+
+    def _posted(self, decision: SheetDecision) -> None:
+        """What else changes with it; within the guard."""
+
+    def _went(self, state: State, why: str) -> None:
+        if state is not self._state:
+            self._state = state
+            self._tell(state, why)
+
+    def _overdue(self, now_s: float, *, after_s: float = 0.0) -> list[tuple[int, Pending]]:
+        """Forget sheets that have passed the gate, so long after they were due there; within the guard."""
+        gone = []
+        for tag, one in list(self._sheets.items()):
+            due_s = self._tracker.due_s(one.line)
+            if now_s >= (one.posted_s + GIVEN_UP_S if due_s is None else due_s + after_s):
+                del self._sheets[tag]
+                gone.append((tag, one))
+                if not one.taken:
+                    self._unsent(tag, one, Code.PLACE_UNKNOWN if due_s is None else Code.TOO_LATE)
+        return gone
+
+    def _unsent(self, tag: int, one: Pending, code: Code) -> None:
+        """It passed before its result could be written."""
+        self.too_late += 1
+        if one.decision.result is Result.ACCEPT and self._rejects:
+            self.lost_sheets.append(one.decision)
+        self._log.add("unsent", tag=tag, code=int(code), state=str(self._state))
+
+    @property
+    def _rejects(self) -> bool:
+        """Whether a sheet without a result is rejected."""
+        return self._settings.policy != "accept"
+
+    def _written(self, one: Pending, *, session: int, position: int, at_s: float) -> None:
+        """The controller has its result."""
+        one.taken = True
+        self.latencies_s.append(at_s - one.last_line_s)
+        self._log.add(
+            "written",
+            tag=one.decision.tag,
+            session=session,
+            result=int(one.decision.result),
+            position=position,
+            ms=round(1e3 * (at_s - one.last_line_s), 1),
+        )

@@ -1,0 +1,87 @@
+"""A small HTTP server in an event loop, for machines of the plant: POST in, an answer out, one a connection."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+MOST_BYTES: Final = 1_000_000
+MOST_HEADERS: Final = 100
+MOST_LINKS: Final = 32
+READ_S: Final = 10.0
+
+
+class _Wrong(Exception):
+    """What somebody sent is no request that is answered."""
+
+    def __init__(self, status: HTTPStatus) -> None:
+        self.status = status
+        super().__init__(status.phrase)
+
+
+@contextlib.asynccontextmanager
+async def answering(
+    host: str, port: int, answer: Callable[[bytes], bytes], *, mime: str
+) -> AsyncIterator[tuple[str, int]]:
+    """A server while the context lasts; gives its address. answer: from a request's body to the answer's."""
+    links = 0
+
+    async def link(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal links
+        links += 1
+        try:
+            body = await asyncio.wait_for(_request(reader, busy=links > MOST_LINKS), READ_S)
+            _send(writer, HTTPStatus.OK, answer(body), mime)
+        except _Wrong as wrong:
+            _send(writer, wrong.status, b"", mime)
+        except (TimeoutError, OSError, EOFError, ValueError):
+            writer.transport.abort()
+        finally:
+            links -= 1
+            with contextlib.suppress(OSError):
+                await writer.drain()
+                writer.close()
+                await writer.wait_closed()
+
+    server = await asyncio.start_server(link, host, port, limit=65536)
+    try:
+        yield server.sockets[0].getsockname()[:2]
+    finally:
+        server.close()
+
+
+async def _request(reader: asyncio.StreamReader, *, busy: bool) -> bytes:
+    """The body of a POST; busy: too many others are answered now."""
+    if busy:
+        raise _Wrong(HTTPStatus.SERVICE_UNAVAILABLE)
+    method, *_ = (await reader.readline()).split()
+    length: int | None = None
+    for _ in range(MOST_HEADERS):
+        line = await reader.readline()
+        if line in (b"\r\n", b"\n", b""):
+            break
+        field, _, value = line.partition(b":")
+        if field.strip().lower() == b"content-length":
+            length = int(value)
+    else:
+        raise _Wrong(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+    if method != b"POST":
+        raise _Wrong(HTTPStatus.METHOD_NOT_ALLOWED)
+    if length is None:
+        raise _Wrong(HTTPStatus.LENGTH_REQUIRED)
+    if not 0 <= length <= MOST_BYTES:
+        raise _Wrong(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+    return await reader.readexactly(length)
+
+
+def _send(writer: asyncio.StreamWriter, status: HTTPStatus, body: bytes, mime: str) -> None:
+    head = (
+        f"HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: {mime}\r\n"
+        f"Content-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+    )
+    writer.write(head.encode() + body)

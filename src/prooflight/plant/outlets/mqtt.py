@@ -1,0 +1,165 @@
+"""MQTT: a message a sheet and an incident, and a retained state that whoever joins late sees first.
+
+Everything is sent with QoS 1, in order, up to ``AT_ONCE`` messages under way. After a break what was not acknowledged
+is sent again: a message may come twice (``stream`` and ``number`` say so), and none is lost.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import ssl
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import aiomqtt
+
+from prooflight.plant.events import KINDS
+from prooflight.plant.outlets.outlet import OutletError, told
+from prooflight.plant.state import PlantState
+
+if TYPE_CHECKING:
+    from prooflight.plant.outlets.outbox import Outbox
+
+AT_ONCE: Final = 64
+"""A link that takes 2 s there and back still carries 30 events a second."""
+TIMEOUT_S: Final = 10.0
+QOS: Final = 1
+_CODE: Final = re.compile(r"^\[code:[^]]*\] ")
+TOPICS: Final = {
+    "run-started": "run",
+    "run-ended": "run",
+    "sheet-judged": "sheet",
+    "incident-opened": "incident",
+    "incident-changed": "incident",
+    "incident-ended": "incident",
+    "state-changed": "change",
+    "notice": "notice",
+    "events-lost": "lost",
+}
+"""Last part of an event's topic."""
+ONLINE, STATE = "online", "state"
+"""Last parts of the retained topics; the first is the last will's too."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Mqtt:
+    """Towards one broker."""
+
+    host: str
+    port: int
+    topic: str
+    """All topics begin with it."""
+    client_id: str | None = None
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = None
+    keepalive_s: int = 10
+    timeout_s: float = TIMEOUT_S
+    state: PlantState = field(default=PlantState(), init=False, repr=False)
+    """Of the events that have arrived; it outlives a connection."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"MQTT {self.host}:{self.port}"
+
+    def of(self, part: str) -> str:
+        """A whole topic."""
+        return f"{self.topic}/{part}"
+
+    async def run(self, outbox: Outbox) -> None:
+        """See ``Outlet``."""
+        will = aiomqtt.Will(self.of(ONLINE), payload="false", qos=QOS, retain=True)
+        try:
+            async with self._client(identifier=self.client_id, will=will) as client:
+                await client.publish(self.of(ONLINE), "true", qos=QOS, retain=True)
+                await self._tell_state(client)
+                outbox.up(f"{self.host}:{self.port}, topic {self.topic}")
+                await _first_of(self._deliver(client, outbox), _broken(client))
+                await client.publish(self.of(ONLINE), "false", qos=QOS, retain=True)
+        except aiomqtt.MqttError as error:
+            raise OutletError(_CODE.sub("", told(error))) from error
+
+    async def reach(self) -> str:
+        """See ``Outlet``."""
+        try:
+            async with self._client():
+                return f"a broker at {self.host}:{self.port}"
+        except aiomqtt.MqttError as error:
+            raise OutletError(_CODE.sub("", told(error))) from error
+
+    def _client(self, **how: Any) -> aiomqtt.Client:
+        return aiomqtt.Client(
+            self.host,
+            self.port,
+            username=self.user,
+            password=self.password,
+            tls_context=self.tls,
+            keepalive=self.keepalive_s,
+            timeout=self.timeout_s,
+            max_inflight_messages=AT_ONCE,
+            **how,
+        )
+
+    async def _deliver(self, client: aiomqtt.Client, outbox: Outbox) -> None:
+        while events := await outbox.heads(AT_ONCE):
+            # They begin in this order, so the broker has them in this order.
+            sent = [
+                asyncio.ensure_future(
+                    client.publish(self.of(TOPICS[event.kind]), event.json(), qos=QOS, timeout=self.timeout_s)
+                )
+                for event in events
+            ]
+            try:
+                for event, one in zip(events, sent, strict=True):
+                    await one
+                    outbox.delivered(event)
+                    self.state = self.state.after(event)
+            finally:
+                for one in sent:
+                    one.cancel()
+                await asyncio.gather(*sent, return_exceptions=True)
+            if any(event.kind != "sheet-judged" for event in events):
+                await self._tell_state(client)
+
+    async def _tell_state(self, client: aiomqtt.Client) -> None:
+        await client.publish(self.of(STATE), self.state.json(), qos=QOS, retain=True)
+
+
+async def _broken(client: aiomqtt.Client) -> None:
+    """Ends, with an error, when the connection does; nothing is subscribed to."""
+    async for _ in client.messages:
+        pass
+
+
+async def _first_of(work: Any, watch: Any) -> None:
+    """Do the work until it is done, or until the watch says that it cannot be."""
+    tasks = [asyncio.ensure_future(one) for one in (work, watch)]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for one in done:
+            one.result()
+    finally:
+        for one in tasks:
+            one.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def topics(prefix: str = "PREFIX") -> list[tuple[str, str, bool]]:
+    """Of the reference: topic, what is said there, and whether it is retained."""
+    kinds: dict[str, list[str]] = {}
+    for kind in KINDS:
+        kinds.setdefault(TOPICS[kind], []).append(f"`{kind}`")
+    return [
+        (
+            f"{prefix}/{ONLINE}",
+            "`true` while Prooflight is connected, else `false`; also the last will",
+            True,
+        ),
+        (f"{prefix}/{STATE}", "state of press, run and open incidents, as JSON", True),
+        *(
+            (f"{prefix}/{part}", f"events {', '.join(names)}, as JSON", False)
+            for part, names in kinds.items()
+        ),
+    ]

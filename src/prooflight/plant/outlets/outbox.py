@@ -1,0 +1,215 @@
+"""Events that wait to leave by one outlet: bounded, never in the way of whoever puts them in, loss told."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections import deque
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TYPE_CHECKING, Final
+
+from prooflight.plant.events import Event, EventsLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOM: Final = 10_000
+"""Events. assumed: half an hour at 5 sheets a second, some 20 MB."""
+LAST_PAUSE_S: Final = 0.2
+"""Between tries when the run has ended."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutletHealth:
+    """How an outlet does."""
+
+    name: str
+    connected: bool
+    detail: str
+    """Why not, or with whom; one line."""
+    delivered: int
+    lost: int
+    """Given up, because the queue was full or time was up."""
+    waiting: int
+
+
+class Outbox:
+    """Between the threads of a run and the event loop of one outlet.
+
+    ``put`` may be called from any thread and never waits: where the queue is full the oldest event goes that is not
+    being delivered, and an event ``events-lost`` stands in its place. The outlet looks at the first with ``head`` or at
+    the first few with ``heads``, and removes each with ``delivered`` when it has arrived; until then it may be tried
+    again.
+    """
+
+    def __init__(
+        self, name: str, *, room: int = ROOM, changed: Callable[[OutletHealth], None] = lambda _: None
+    ) -> None:
+        """room: events that may wait, beside two that say what was lost. changed: told when the outlet is connected or
+        is no longer.
+        """
+        self.name, self._room, self._changed = name, room, changed
+        self._waiting: deque[Event] = deque()
+        self._guard = threading.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._more: asyncio.Event | None = None
+        self._closing: asyncio.Event | None = None
+        self._held = 0
+        """The first so many are being delivered."""
+        self._closed = False
+        self._connected, self._detail = False, "not yet connected"
+        self._delivered = self._lost = 0
+
+    def put(self, event: Event) -> None:
+        """Add one; nothing after ``close``."""
+        with self._guard:
+            if self._closed:
+                return
+            self._waiting.append(event)
+            if len(self._waiting) > self._room:
+                self._give_up()
+            self._wake()
+
+    def close(self) -> None:
+        """No more are added; those that wait may still be delivered."""
+        with self._guard:
+            self._closed = True
+            self._wake()
+            self._wake(closing=True)
+
+    def attach(self) -> None:
+        """The event loop that runs now is the outlet's."""
+        with self._guard:
+            self._loop, self._held = asyncio.get_running_loop(), 0
+            self._more, self._closing = asyncio.Event(), asyncio.Event()
+            if self._closed:
+                self._closing.set()
+
+    async def pause(self, seconds: float) -> None:
+        """Let time pass, little of it when the end has come."""
+        if self._closing is None or self._closing.is_set():
+            await asyncio.sleep(min(seconds, LAST_PAUSE_S))
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._closing.wait(), seconds)
+
+    async def head(self) -> Event | None:
+        """The next event, when there is one; the same until it is delivered. None: closed, and all are delivered."""
+        found = await self.heads(1)
+        return found[0] if found else None
+
+    async def heads(self, most: int) -> list[Event]:
+        """The next events, when there are any; the same until they are delivered. None: closed, all are delivered."""
+        while True:
+            with self._guard:
+                more = self._more
+                if more is None:
+                    message = f"no loop is attached to {self.name}"
+                    raise RuntimeError(message)
+                more.clear()
+                if self._waiting:
+                    self._held = min(max(self._held, most), len(self._waiting))
+                    return list(islice(self._waiting, most))
+                if self._closed:
+                    return []
+            await more.wait()
+
+    def delivered(self, event: Event) -> None:
+        """It has arrived: the next one's turn."""
+        with self._guard:
+            if self._waiting and self._waiting[0].key == event.key:
+                self._waiting.popleft()
+                self._held = max(self._held - 1, 0)
+                self._delivered += 1
+
+    def refused(self, event: Event) -> None:
+        """The other end will never take it: it is lost, and told as lost in its place."""
+        with self._guard:
+            if self._waiting and self._waiting[0].key == event.key:
+                self._refuse()
+
+    def refuse_first(self) -> None:
+        """The same of the first, if there is one."""
+        with self._guard:
+            if self._waiting:
+                self._refuse()
+
+    def up(self, detail: str) -> None:
+        """The outlet is connected; detail: with whom."""
+        self._say(connected=True, detail=detail)
+
+    def down(self, detail: str) -> None:
+        """It is not; detail: why."""
+        self._say(connected=False, detail=detail)
+
+    def abandon(self) -> EventsLost | None:
+        """Give up all that wait, where time is up; which they were, None: none."""
+        with self._guard:
+            gone, self._waiting = list(self._waiting), deque()
+            if not gone:
+                return None
+            self._lost += _untold(gone)
+            return _lost(gone)
+
+    @property
+    def health(self) -> OutletHealth:
+        """Now."""
+        with self._guard:
+            return OutletHealth(
+                name=self.name,
+                connected=self._connected,
+                detail=self._detail,
+                delivered=self._delivered,
+                lost=self._lost,
+                waiting=len(self._waiting),
+            )
+
+    # --- under the guard ---
+
+    def _refuse(self) -> None:
+        gone = self._waiting.popleft()
+        self._held = 0
+        if not isinstance(gone.body, EventsLost):
+            self._lost += 1
+            self._waiting.appendleft(replace(gone, body=_lost([gone])))
+
+    def _give_up(self) -> None:
+        """The oldest event that is not being delivered goes; one ``events-lost`` says so for all that have gone."""
+        held = [self._waiting.popleft() for _ in range(min(self._held, len(self._waiting) - 1))]
+        gone = [self._waiting.popleft()]
+        if isinstance(gone[0].body, EventsLost) and self._waiting:
+            gone.append(self._waiting.popleft())
+        lost = _lost(gone)
+        self._lost += _untold(gone)
+        self._waiting.extendleft([replace(gone[-1], body=lost), *reversed(held)])
+
+    def _wake(self, *, closing: bool = False) -> None:
+        flag = self._closing if closing else self._more
+        if self._loop is not None and flag is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended since
+                self._loop.call_soon_threadsafe(flag.set)
+
+    def _say(self, *, connected: bool, detail: str) -> None:
+        with self._guard:
+            news = connected != self._connected or (not connected and detail != self._detail)
+            self._connected, self._detail = connected, detail
+        if news:
+            self._changed(self.health)
+
+
+def _lost(gone: list[Event]) -> EventsLost:
+    """That events are lost, in a row; what was lost before them may be among them."""
+    first, last = gone[0], gone[-1]
+    before = sum(one.body.count for one in gone if isinstance(one.body, EventsLost))
+    return EventsLost(
+        count=before + _untold(gone),
+        first=first.body.first if isinstance(first.body, EventsLost) else first.number,
+        last=last.number,
+    )
+
+
+def _untold(gone: list[Event]) -> int:
+    """How many of them have not been counted as lost."""
+    return sum(not isinstance(one.body, EventsLost) for one in gone)

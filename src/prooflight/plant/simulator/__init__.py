@@ -1,0 +1,1 @@
+"""A controller with a gate and two trays, for whoever has none."""

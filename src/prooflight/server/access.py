@@ -1,0 +1,143 @@
+"""Deny by default: every endpoint says which role it asks for, or that it is open to all; else no console starts."""
+
+import secrets
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.routing import APIRoute
+
+from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.roles import Role, Scope, Who
+from prooflight.server.problems import Problem
+from prooflight.server.settings import ConsoleSettings
+
+COOKIE: Final = "prooflight"
+CSRF_HEADER: Final = "X-CSRF-Token"
+SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+OPEN: Final = "open"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Needs:
+    """What an endpoint asks for."""
+
+    role: Role | None
+    """None: it is open to all."""
+    scope: Scope | None = None
+    """Of a token; None: no token will do, only a person who signed in."""
+
+
+def include(app: FastAPI, *routers: APIRouter) -> None:
+    """Take over all endpoints of routers, whose paths are whole."""
+    for router in routers:
+        app.router.routes.extend(router.routes)
+
+
+class EndpointError(RuntimeError):
+    """An endpoint does not say who may ask it."""
+
+
+def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
+    """A dependency: whoever asks has this role at least; gives ``Who``. Changes must prove that they are meant."""
+
+    def who_may(request: Request) -> Who:
+        settings: ConsoleSettings = request.app.state.console.settings
+        who = known(request)
+        if who is None:
+            raise Problem(401, "sign-in", "sign in, or send a token", headers={"WWW-Authenticate": "Bearer"})
+        if not who.role.may(role):
+            raise Problem(403, "role", f"this needs the role {role}, yours is {who.role}")
+        if who.scopes is not None and scope not in who.scopes:
+            asked = "a person who signed in" if scope is None else f"the scope {scope}"
+            raise Problem(403, "scope", f"this needs {asked}")
+        if who.scopes is None and request.method not in SAFE:
+            meant(request, settings)
+            if not secrets.compare_digest(request.headers.get(CSRF_HEADER, "").encode(), who.csrf.encode()):
+                raise Problem(403, "csrf", f"the header {CSRF_HEADER} is not this session's")
+        return who
+
+    who_may.needs = Needs(role=role, scope=scope)  # type: ignore[attr-defined]
+    return who_may
+
+
+def open_to_all() -> Callable[..., Any]:
+    """A dependency: nobody need be known; gives ``Who`` or None. Changes must come from the console's own pages."""
+
+    def anybody(request: Request) -> Who | None:
+        if request.method not in SAFE:
+            meant(request, request.app.state.console.settings)
+        return known(request)
+
+    anybody.needs = Needs(role=None)  # type: ignore[attr-defined]
+    return anybody
+
+
+def known(request: Request) -> Who | None:
+    """Who sends this, by token or by session; None: nobody that is known. A token that is none is refused."""
+    accounts: Accounts = request.app.state.console.accounts
+    given = request.headers.get("Authorization")
+    if given is not None:
+        kind, _, secret = given.partition(" ")
+        who = accounts.of_token(secret.strip()) if kind.lower() == "bearer" else None
+        if who is None:
+            detail = "the token is unknown, revoked, or too old"
+            raise Problem(401, "token", detail, headers={"WWW-Authenticate": "Bearer"})
+        return who
+    secret = request.cookies.get(cookie_name(request.app.state.console.settings), "")
+    return accounts.of_session(secret) if secret else None
+
+
+def cookie_name(settings: ConsoleSettings) -> str:
+    """With TLS the browser itself sees to it that no other host sets it (RFC 6265bis, prefix __Host-)."""
+    return f"__Host-{COOKIE}" if settings.secure else COOKIE
+
+
+def meant(request: Request, settings: ConsoleSettings) -> None:
+    """Refuse a change that a page of another site sent: browsers say from where."""
+    site = request.headers.get("Sec-Fetch-Site")
+    if site is not None and site not in ("same-origin", "none"):
+        raise Problem(403, "origin", "another site sent this")
+    origin = request.headers.get("Origin")
+    if origin is None or origin in settings.origins:
+        return
+    if urlsplit(origin).netloc != request.headers.get("Host", ""):
+        raise Problem(403, "origin", "another site sent this")
+
+
+def refuse_unguarded(app: FastAPI) -> None:
+    """EndpointError: an endpoint does not say who may ask it."""
+    for path, methods, stated in _stated(app):
+        if stated is None:
+            what = f"{','.join(sorted(methods))} {path} does not say who may ask it: needs(role) or open_to_all()"
+            raise EndpointError(what)
+
+
+def endpoint_rows(app: FastAPI) -> list[tuple[str, str, str, str]]:
+    """Method, path, role and scope of every endpoint, in the order of paths."""
+    rows = []
+    for path, methods, stated in _stated(app):
+        if stated is None:
+            raise EndpointError(path)
+        role = OPEN if stated.role is None else stated.role.value
+        scope = "–" if stated.scope is None else stated.scope.value
+        rows += [(path, method, role, scope) for method in methods - {"HEAD"}]
+    return [(method, path, role, scope) for path, method, role, scope in sorted(rows)]
+
+
+def _stated(app: FastAPI) -> Iterator[tuple[str, set[str], Needs | None]]:
+    for route in app.routes:
+        if isinstance(route, APIRoute):
+            yield route.path, set(route.methods or ()), _found(route.dependant)  # codespell:ignore dependant
+        else:
+            yield getattr(route, "path", repr(route)), set(getattr(route, "methods", None) or {"GET"}), None
+
+
+def _found(asked: Any) -> Needs | None:
+    for each in asked.dependencies:
+        stated = getattr(each.call, "needs", None) or _found(each)
+        if isinstance(stated, Needs):
+            return stated
+    return None

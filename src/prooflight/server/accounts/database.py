@@ -1,0 +1,182 @@
+"""The console's own file: people, sessions, tokens, links and the audit. The journal is never written.
+
+Schema history:
+1: console, people, links, sessions, tokens, audit.
+2: identities, of people who sign in at an OpenID provider; a file of schema 1 gets the table when it is opened.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import stat
+from contextlib import closing
+from typing import TYPE_CHECKING, Any, Final
+
+from sqlalchemy import (
+    JSON,
+    Boolean,
+    Column,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    create_engine,
+    event,
+)
+from sqlalchemy.pool import QueuePool
+
+from prooflight.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sqlalchemy import Connection, Engine
+
+SCHEMA: Final = 2
+BUSY_S: Final = 10.0
+
+
+class ConsoleFileError(InputError):
+    """The console's own file cannot be used: damaged, of another schema, or something else."""
+
+
+def _filled(kind: Any, *names: str) -> list[Column[Any]]:
+    return [Column(name, kind, nullable=False) for name in names]
+
+
+tables = MetaData()
+console_table = Table("console", tables, Column("schema", Integer, primary_key=True))
+people_table = Table(
+    "people",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("name", String, nullable=False, unique=True),
+    *_filled(String, "role"),
+    Column("password", String),
+    *_filled(Boolean, "locked"),
+    Column("language", String),
+    *_filled(Float, "created_s"),
+)
+identities_table = Table(
+    "identities",
+    tables,
+    Column("issuer", String, primary_key=True),
+    Column("subject", String, primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, unique=True),
+)
+links_table = Table(
+    "links",
+    tables,
+    Column("digest", String, primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False),
+    *_filled(Float, "ends_s"),
+)
+sessions_table = Table(
+    "sessions",
+    tables,
+    Column("digest", String, primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False),
+    *_filled(String, "csrf"),
+    *_filled(Float, "began_s", "ends_s"),
+)
+tokens_table = Table(
+    "tokens",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("digest", String, nullable=False, unique=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False),
+    *_filled(String, "name"),
+    *_filled(JSON, "scopes"),
+    *_filled(Float, "created_s", "ends_s"),
+    Column("revoked_s", Float),
+)
+audit_table = Table(
+    "audit",
+    tables,
+    Column("id", Integer, primary_key=True),
+    *_filled(Float, "at_s"),
+    *_filled(String, "who", "what", "target"),
+    Column("before", String),
+    Column("after", String),
+    *_filled(String, "previous", "digest"),
+)
+_APPEND_ONLY: Final = tuple(
+    f"CREATE TRIGGER {table}_{way} BEFORE {way} ON {table} BEGIN SELECT RAISE(ABORT, '{table} is append-only'); END"
+    for table in ("audit",)
+    for way in ("update", "delete")
+)
+
+
+def open_file(path: Path) -> Engine:
+    """An engine on the console's file, made where there is none, readable by its owner alone. ConsoleFileError."""
+    try:
+        _look(path)
+        engine = create_engine("sqlite://", creator=lambda: _connect(path), poolclass=QueuePool, pool_size=16)
+        event.listen(engine, "begin", _begin)
+        with writing(engine).begin() as connection:
+            _make(connection, path)
+    except (OSError, sqlite3.Error) as error:
+        raise _refusal(path, str(error)) from error
+    except Exception as error:
+        if isinstance(error, ConsoleFileError):
+            raise
+        raise _refusal(path, str(getattr(error, "orig", error)).splitlines()[0]) from error
+    return engine
+
+
+def writing(engine: Engine) -> Engine:
+    """The same engine for transactions that write."""
+    return engine.execution_options(writes=True)
+
+
+def _look(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        os.close(os.open(path, os.O_CREAT | os.O_WRONLY | os.O_EXCL, 0o600))
+        return
+    if not stat.S_ISREG(mode):
+        raise _refusal(path, "is no plain file")
+
+
+def _make(connection: Connection, path: Path) -> None:
+    names = set(connection.exec_driver_sql("SELECT name FROM sqlite_master WHERE type = 'table'").scalars())
+    if not names:
+        tables.create_all(connection)
+        for trigger in _APPEND_ONLY:
+            connection.exec_driver_sql(trigger)
+        connection.exec_driver_sql("INSERT INTO console VALUES (?)", (SCHEMA,))
+        return
+    if console_table.name not in names:
+        raise _refusal(path, "is a database, but no console's")
+    found = connection.exec_driver_sql("SELECT schema FROM console").scalar()
+    if found == 1:
+        identities_table.create(connection)
+        connection.exec_driver_sql("UPDATE console SET schema = ?", (SCHEMA,))
+        return
+    if found != SCHEMA:
+        raise _refusal(path, f"has schema {found}, this version reads schema {SCHEMA}")
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, timeout=BUSY_S, check_same_thread=False)
+    connection.isolation_level = None
+    with closing(connection.cursor()) as cursor:
+        cursor.execute("PRAGMA journal_mode = WAL")
+        cursor.execute("PRAGMA synchronous = FULL")
+        cursor.execute("PRAGMA foreign_keys = ON")
+        cursor.execute("PRAGMA trusted_schema = OFF")
+    return connection
+
+
+def _begin(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def _refusal(path: Path, what: str) -> ConsoleFileError:
+    return ConsoleFileError(path, what, remedy="give another file with --data")

@@ -1,0 +1,64 @@
+"""What endpoints share: who asks and what of, pages of lists, answers that have not changed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from fastapi import Depends, Path, Query, Request
+from fastapi.responses import Response
+
+from prooflight.server.access import needs
+from prooflight.server.accounts.roles import Role, Scope, Who
+from prooflight.server.headers import etag as etag
+
+if TYPE_CHECKING:
+    from prooflight.server.console import Console
+
+PREFIX: Final = "/api/v1"
+MOST_AT_ONCE: Final = 500
+
+Viewer = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
+Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
+Engineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.READ))]
+ZonesEngineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
+RunId = Annotated[str, Path(alias="run", description="Number of a run, or `last`.", max_length=20)]
+SheetNumber = Annotated[int, Path(alias="sheet", ge=0, lt=2**63)]
+JobNumber = Annotated[int, Path(alias="job", ge=1, le=10_000, description="In the order of --job, from 1.")]
+PageNumber = Annotated[int, Path(alias="page", ge=1, le=10_000_000, description="Of the job, from 1.")]
+TileLevel = Annotated[int, Path(ge=0, le=24)]
+TilePlace = Annotated[int, Path(ge=0, lt=2**20)]
+IncidentNumber = Annotated[int, Path(alias="incident", ge=1, lt=2**63)]
+Limit = Annotated[int, Query(ge=1, le=MOST_AT_ONCE, description="Of one answer.")]
+
+
+def console(request: Request) -> Console:
+    """What the application works with."""
+    held: Console = request.app.state.console
+    return held
+
+
+def unchanged(request: Request, tag: str) -> bool:
+    """Whether whoever asks has it already (RFC 9110, If-None-Match)."""
+    asked = request.headers.get("If-None-Match", "")
+    return asked.strip() == "*" or tag in {one.strip().removeprefix("W/") for one in asked.split(",")}
+
+
+def not_modified(tag: str, cache: str) -> Response:
+    """304."""
+    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": cache})
+
+
+def listed(items: list[dict[str, Any]], *, limit: int, cursor: Any, damaged: int) -> dict[str, Any]:
+    """One page of a list; cursor: of the page behind it."""
+    return {"items": items, "next": cursor if len(items) + damaged >= limit else None, "damaged": damaged}
+
+
+class Damaged:
+    """Counts rows that cannot be read; they are told, and the others are given."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def add(self, _error: object) -> None:
+        """One more."""
+        self.count += 1

@@ -1,0 +1,122 @@
+"""Runs, and their sheets as lists."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+
+from prooflight.journal.following import Asked
+from prooflight.server.api.common import PREFIX, Damaged, Limit, RunId, Viewer, console, listed
+from prooflight.server.api.schemas import ReportAnswer, ReprintAnswer, RunAnswer, RunsAnswer, SheetsAnswer
+from prooflight.server.problems import responses
+from prooflight.server.reading import facts
+from prooflight.server.reading.report import report
+from prooflight.server.reading.together import reprint, together, together_facts
+
+router = APIRouter(prefix=PREFIX, tags=["runs"])
+
+VerdictWord = Literal["good", "misprint", "not-inspected"]
+Before = Annotated[int | None, Query(ge=1, lt=2**63, description="`next` of the answer before.")]
+Text = Annotated[str | None, Query(max_length=200)]
+
+
+@router.get("/runs", responses=responses(401, 403, 422, 503))
+def runs(request: Request, _who: Viewer, before: Before = None, limit: Limit = 50) -> RunsAnswer:
+    """All runs, the latest first."""
+    damaged = Damaged()
+    found = console(request).reading.runs(before=before, limit=limit, damaged=damaged.add)
+    items = [facts.run_of(run) for run in found]
+    cursor = items[-1]["id"] if items else None
+    return RunsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
+
+
+@router.get("/runs/{run}", responses=responses(401, 403, 404, 422, 503))
+def run(request: Request, _who: Viewer, run: RunId) -> RunAnswer:
+    """One run, with what it was started with and the last status that it told."""
+    reading = console(request).reading
+    return RunAnswer(**facts.whole_run(reading.run_named(run)))
+
+
+@router.get("/runs/{run}/sheets", responses=responses(401, 403, 404, 422, 503))
+def sheets(
+    request: Request,
+    _who: Viewer,
+    run: RunId,
+    after: Annotated[int, Query(ge=-1, lt=2**63, description="`next` of the answer before.")] = -1,
+    limit: Limit = 100,
+    verdict: VerdictWord | None = None,
+    kind: Text = None,
+    page: Text = None,
+    late: bool | None = None,
+    to_look_at: bool = False,
+) -> SheetsAnswer:
+    """Sheets of a run by number; `to_look_at` leaves out those that are good, in time, and without a note."""
+    reading, damaged = console(request).reading, Damaged()
+    found = reading.run_named(run)
+    asked = Asked(run_id=found.id, verdict=verdict, kind=kind, page=page, late=late, to_look_at=to_look_at)
+    rows = reading.sheets(asked, after=after, limit=limit, damaged=damaged.add)
+    cursor = rows[-1].page.sheet if rows else None
+    items = [facts.sheet_of(row) for row in rows]
+    return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
+
+
+@router.get("/sheets", responses=responses(401, 403, 422, 503))
+def search(
+    request: Request,
+    _who: Viewer,
+    before: Before = None,
+    limit: Limit = 100,
+    verdict: VerdictWord | None = None,
+    kind: Text = None,
+    page: Text = None,
+    job: Text = None,
+    press: Text = None,
+    since: Annotated[datetime | None, Query(description="Runs that began then or later.")] = None,
+    until: Annotated[datetime | None, Query(description="Runs that began before.")] = None,
+    to_look_at: bool = False,
+) -> SheetsAnswer:
+    """Sheets of all runs, the latest first."""
+    damaged = Damaged()
+    asked = Asked(
+        verdict=verdict,
+        kind=kind,
+        page=page,
+        job=job,
+        press=press,
+        since_s=_unix_s(since),
+        until_s=_unix_s(until),
+        to_look_at=to_look_at,
+    )
+    rows = console(request).reading.found(asked, before=before, limit=limit, damaged=damaged.add)
+    cursor = rows[-1].row if rows else None
+    items: list[dict[str, Any]] = [facts.sheet_of(row) for row in rows]
+    return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
+
+
+@router.get("/runs/{run}/reprint", responses=responses(401, 403, 404, 422, 503))
+def reprint_list(request: Request, _who: Viewer, run: RunId) -> ReprintAnswer:
+    """What is to be printed again: by the trays where there is a gate, else by verdicts that no person overruled."""
+    held = console(request)
+    found = held.reading.run_named(run)
+    return ReprintAnswer(**reprint(held.reading, held.incidents, found))
+
+
+@router.get("/runs/{run}/report", responses=responses(401, 403, 404, 422, 503))
+def run_report(request: Request, _who: Viewer, run: RunId) -> ReportAnswer:
+    """A run in figures: misprints by kind and by place, what people said, false alarms promised and realised."""
+    held = console(request)
+    found = held.reading.run_named(run)
+    told = together(held.reading, found)
+    sheets = None if told is None else together_facts(told)
+    return ReportAnswer(**report(held.reading, held.incidents, held.stations, found), together=sheets)
+
+
+def _unix_s(moment: datetime | None) -> float | None:
+    if moment is None:
+        return None
+    try:
+        return moment.timestamp()
+    except (ValueError, OverflowError, OSError):  # the year 1, in a zone east of Greenwich
+        return 0.0

@@ -1,0 +1,382 @@
+"""What answers hold, for OpenAPI and for whoever writes a client."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from prooflight.server.accounts.roles import Role, Scope
+
+Cursor = int | None
+
+
+class Answer(BaseModel):
+    """Whatever a console tells; more names may come in later versions."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class RunAnswer(Answer):
+    """A run."""
+
+    id: int
+    state: Literal["running", "interrupted", "finished", "stopped", "fault"]
+    started: str
+    ended: str | None
+    job: str
+    job_digest: str
+    press: str
+    press_digest: str
+    detector: str
+    source: str
+    sheets: int | None
+    pages: int
+    misprints: int
+    not_inspected: int
+    late: int
+    faulty: int
+    dropped_pages: int
+    dropped_evidence: int
+    promise_suspended_from: int | None
+    detail: str
+
+
+class RunsAnswer(Answer):
+    """Runs, the latest first."""
+
+    items: list[RunAnswer]
+    next: Cursor
+    damaged: int
+
+
+class SheetAnswer(Answer):
+    """A sheet with its verdict."""
+
+    run: int
+    row: int
+    sheet: int
+    job_page: int | None
+    page: str
+    verdict: Literal["good", "misprint", "not-inspected"]
+    action: Literal["accept", "reprint", "stop"]
+    kind: str | None
+    probability: float | None
+    score: float | None
+    threshold: float | None
+    p_value: float | None
+    reason: str
+    regions: list[dict[str, Any]]
+    late: bool
+    faults: list[str]
+    notes: list[str]
+    nuisance: dict[str, float | None]
+    asked: float | None = Field(
+        description="A person is asked for a word on this sheet, which was drawn with this probability."
+    )
+
+
+class SheetsAnswer(Answer):
+    """Sheets."""
+
+    items: list[SheetAnswer]
+    next: Cursor
+    damaged: int
+
+
+class WordAnswer(Answer):
+    """What somebody said of a sheet or an incident."""
+
+    id: int
+    sheet: int | None
+    incident: str | None
+    word: str
+    note: str
+    by: str
+    at_s: float
+
+
+class WholeSheetAnswer(SheetAnswer):
+    """A sheet, with what is kept of it and what was said."""
+
+    incident: int | None
+    evidence: bool
+    words: list[WordAnswer]
+
+
+class EvidenceArray(Answer):
+    """One array of the evidence."""
+
+    name: str
+    dtype: str
+    shape: list[int]
+
+
+class EvidenceAnswer(Answer):
+    """What is kept of a sheet."""
+
+    arrays: list[EvidenceArray]
+    cuts: list[dict[str, Any]]
+
+
+class ReplayAnswer(Answer):
+    """A verdict made again from its evidence."""
+
+    run: int
+    sheet: int
+    page: str
+    same: bool
+    promise_suspended: bool
+    figures: dict[str, dict[str, float | str | None]]
+
+
+class IncidentAnswer(Answer):
+    """Alarms of one cause."""
+
+    number: int
+    kind: str
+    scope: str
+    where: str
+    box_mm: list[float] | None
+    first_sheet: int
+    last_sheet: int
+    count: int
+    sheets: list[int]
+    pages: list[str]
+    since_s: float
+    last_s: float
+    action: str
+    reason: str
+    returned: int
+    open: bool
+    word: str | None
+    seen: bool
+    words: list[WordAnswer]
+
+
+class IncidentsAnswer(Answer):
+    """Incidents of a run, by number."""
+
+    items: list[IncidentAnswer]
+    next: Cursor
+
+
+class ReprintAnswer(Answer):
+    """What is to be printed again, sheet by sheet; a set as a whole.
+
+    by: ``trays``: what the gate did not deliver. ``verdicts``: misprints that nobody called false alarms, and sheets of
+    which not all was inspected.
+    """
+
+    sheets: list[dict[str, Any]]
+    pages: dict[str, int]
+    truncated: bool
+    by: Literal["trays", "verdicts"]
+
+
+class WordRequest(BaseModel):
+    """What a sheet was; an alarm that is good is a false alarm."""
+
+    model_config = ConfigDict(extra="forbid")
+    word: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
+    note: Annotated[str, Field(max_length=1000)] = ""
+
+
+class DriftAnswer(Answer):
+    """Numbers of good prints over a run, in bins of sheets."""
+
+    sheets: list[int]
+    channels: list[dict[str, Any]]
+
+
+class HistogramAnswer(Answer):
+    """How long verdicts took."""
+
+    edges_ms: list[float]
+    counts: list[int]
+    median_ms: float | None
+    p99_ms: float | None
+    greatest_ms: float | None
+    late: int
+
+
+class ReportAnswer(Answer):
+    """A run in figures, for whoever answers for its quality."""
+
+    run: RunAnswer
+    kinds: dict[str, int]
+    incidents: int
+    answered: int
+    false_alarms: int
+    promised: str | None
+    realised_per_good_sheet: float | None
+    sample: dict[str, Any] = Field(
+        description="What people were asked and told of alarms and of the random sample, and what that says of the run."
+    )
+    tolerances: list[dict[str, Any]] = Field(
+        description="False alarms that come again at one place, with what tolerating them would cost; none is applied."
+    )
+    heat: dict[str, Any]
+    words_by: dict[str, dict[str, int]]
+    together: dict[str, Any] | None
+    """Sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
+
+
+class NowAnswer(Answer):
+    """The press at this moment."""
+
+    state: Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
+    alarm: bool
+    run: RunAnswer | None
+    cause: int | None
+    incidents: list[dict[str, Any]]
+    to_print_again: int
+    together: dict[str, Any] | None
+    """How many sheets and sets came to what; None: every page is a sheet of its own, and belongs to no set."""
+    health: dict[str, Any]
+
+
+class AboutAnswer(Answer):
+    """The console itself."""
+
+    version: str
+    journal: str
+    journal_trouble: str
+    journal_megabytes: float | None
+    listeners: int
+    up_s: float
+
+
+class SessionAnswer(Answer):
+    """Who is signed in."""
+
+    name: str
+    role: Role
+    csrf: str
+    ends_s: float
+    scopes: list[Scope] | None
+
+
+class SignInRequest(BaseModel):
+    """Name and password."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    password: Annotated[str, Field(min_length=1, max_length=400)]
+
+
+class PersonAnswer(Answer):
+    """Somebody who may sign in."""
+
+    id: int
+    name: str
+    role: Role
+    locked: bool
+    ready: bool
+    created_s: float
+    issuer: str | None = None
+    """The OpenID provider at which they sign in; null: here."""
+
+
+class PeopleAnswer(Answer):
+    """Everybody."""
+
+    items: list[PersonAnswer]
+
+
+class NewPerson(BaseModel):
+    """Somebody to be added."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    role: Role
+
+
+class PersonChange(BaseModel):
+    """What is to be another; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid")
+    role: Role | None = None
+    locked: bool | None = None
+
+
+class LinkAnswer(Answer):
+    """A link by which somebody chooses a password; it works once, for a day."""
+
+    name: str
+    link: str
+
+
+class TokenAnswer(Answer):
+    """A token, without its secret."""
+
+    id: int
+    name: str
+    owner: str
+    scopes: list[Scope]
+    created_s: float
+    ends_s: float
+    revoked_s: float | None
+
+
+class TokensAnswer(Answer):
+    """Tokens."""
+
+    items: list[TokenAnswer]
+
+
+class NewToken(BaseModel):
+    """A token to be made."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    scopes: Annotated[list[Scope], Field(min_length=1, max_length=len(Scope))]
+    days: Annotated[float, Field(gt=0, le=3660)] = 365.0
+
+
+class NewTokenAnswer(TokenAnswer):
+    """With its secret, which is shown this once."""
+
+    secret: str
+
+
+class AuditAnswer(Answer):
+    """The audit, the latest first."""
+
+    items: list[dict[str, Any]]
+    next: Cursor
+
+
+class ChainAnswer(Answer):
+    """Whether the audit is whole."""
+
+    whole: bool
+    entries: int
+    head: str
+    broken_at: int | None
+    why: str
+
+
+class PictureAnswer(Answer):
+    """How a sheet's pictures are cut into tiles."""
+
+    width: int
+    height: int
+    tile: int
+    levels: int
+    width_mm: float
+    height_mm: float
+    layers: list[str]
+    regions: list[dict[str, Any]]
+    cuts: list[dict[str, Any]]
+    whole: bool = Field(description="Whether all of the scan was kept, not cuts of it alone.")
+    note: str
+
+
+class CameraAnswer(Answer):
+    """What the camera of a run sees now; a program asks again after a second, which is how it is asked for."""
+
+    seen: dict[str, Any] | None = Field(
+        description="Per sensor: profiles along the line, saturation, black, noise, focus; lines/s, lost lines. "
+        "Null: nobody watches with this journal, or whoever does has not answered yet."
+    )

@@ -1,0 +1,111 @@
+"""Sign in, who am I, sign out; and the console itself."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import anyio
+from fastapi import APIRouter, Depends, Request, Response
+
+from prooflight import __version__
+from prooflight.server.access import cookie_name, needs, open_to_all
+from prooflight.server.accounts.book import SESSION_S
+from prooflight.server.accounts.roles import Role, Who
+from prooflight.server.api.common import PREFIX, Viewer, console
+from prooflight.server.api.schemas import AboutAnswer, NowAnswer, SessionAnswer, SignInRequest
+from prooflight.server.problems import Problem, responses
+from prooflight.server.reading import facts
+
+router = APIRouter(prefix=PREFIX, tags=["session"])
+
+
+@router.post("/session", dependencies=[Depends(open_to_all())], responses=responses(400, 401, 403, 422, 429))
+async def sign_in(request: Request, response: Response, given: SignInRequest) -> SessionAnswer:
+    """Sign in; the session lies in a cookie, and its CSRF token in the answer."""
+    secret = await tried(request, given.name, given.password)
+    set_cookie(request, response, secret)
+    who = console(request).accounts.of_session(secret)
+    assert who is not None
+    return SessionAnswer(**_session(who))
+
+
+@router.get("/session", responses=responses(401, 403))
+def whoami(who: Viewer) -> SessionAnswer:
+    """Who is signed in, or whose token it is."""
+    return SessionAnswer(**_session(who))
+
+
+@router.delete("/session", status_code=204, responses=responses(401, 403))
+def sign_out(request: Request, who: Annotated[Who, Depends(needs(Role.VIEWER))]) -> Response:
+    """End the session."""
+    console(request).accounts.end(who)
+    response = Response(status_code=204)
+    response.delete_cookie(cookie_name(console(request).settings), path="/")
+    return response
+
+
+@router.get("/about", responses=responses(401, 403))
+def about(request: Request, _who: Viewer) -> AboutAnswer:
+    """The console itself, and whether it can read the journal."""
+    held = console(request)
+    follower = held.reading.follower
+    return AboutAnswer(
+        version=__version__,
+        journal=held.settings.journal.name,
+        journal_trouble=held.live.trouble,
+        journal_megabytes=None if follower is None else round(follower.megabytes, 3),
+        listeners=held.live.listeners,
+        up_s=round(held.accounts.clock() - held.began_s, 1),
+    )
+
+
+@router.get("/now", responses=responses(401, 403, 503))
+def now(request: Request, _who: Viewer) -> NowAnswer:
+    """The press at this moment: one state, what is open, the health of camera and inspection."""
+    return NowAnswer(**facts.now_facts(console(request).live.now))
+
+
+async def tried(request: Request, name: str, password: str) -> str:
+    """The secret of a new session; ``Problem`` 401: wrong; 429: tried too often. argon2 runs beside the event loop."""
+    held = console(request)
+    address = request.client.host if request.client else ""
+    if wait_s := held.tries.wait_s(name, address):
+        headers = {"Retry-After": f"{wait_s:.0f}"}
+        detail = f"wait {max(wait_s / 60, 1):.0f} minutes, or ask an admin for a link"
+        raise Problem(429, "tries", detail, headers=headers)
+    held.tries.failed(name, address)  # before the answer is known, so that tries at once count as well
+    secret = await anyio.to_thread.run_sync(held.accounts.sign_in, name, password)
+    if secret is None:
+        detail = "name or password is wrong"
+        raise Problem(401, "password", detail, headers={"WWW-Authenticate": "Bearer"})
+    held.tries.passed(name, address)
+    return secret
+
+
+def set_cookie(request: Request, response: Response, secret: str) -> None:
+    """Of a session; changes ask for the CSRF token besides."""
+    set_secret(request, response, cookie_name(console(request).settings), secret, seconds=SESSION_S)
+
+
+def set_secret(request: Request, response: Response, name: str, secret: str, *, seconds: float) -> None:
+    """A cookie that no script reads. Lax, so that links from mails and from an OpenID provider arrive with it."""
+    response.set_cookie(
+        name,
+        secret,
+        max_age=int(seconds),
+        path="/",
+        secure=console(request).settings.secure,
+        httponly=True,
+        samesite="lax",
+    )
+
+
+def _session(who: Who) -> dict[str, Any]:
+    scopes = None if who.scopes is None else sorted(who.scopes)
+    return {
+        "name": who.name,
+        "role": who.role,
+        "csrf": who.csrf,
+        "ends_s": who.ends_s,
+        "scopes": scopes,
+    }

@@ -1,0 +1,112 @@
+"""The console as an ASGI application, put together from its parts."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Final
+
+from fastapi import FastAPI
+from starlette.middleware.gzip import GZipMiddleware
+
+from prooflight import __version__
+from prooflight.journal.words import Words
+from prooflight.server import problems
+from prooflight.server.access import include, refuse_unguarded
+from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.passwords import Passwords, Tries
+from prooflight.server.accounts.provider import Provider
+from prooflight.server.api import ROUTERS as API_ROUTERS
+from prooflight.server.console import Console
+from prooflight.server.headers import Headers
+from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
+from prooflight.server.pages.shell import problem_page
+from prooflight.server.pictures.pictures import Pictures
+from prooflight.server.reading.course import Courses
+from prooflight.server.reading.incidents import RunIncidents
+from prooflight.server.reading.live import Live
+from prooflight.server.reading.runs import Reading
+from prooflight.server.reading.stations import Stations
+from prooflight.server.zones.desk import ZonesDesk
+from prooflight.server.zones.prices import Prices
+from prooflight.server.zones.rasters import Rasters
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from prooflight.server.settings import ConsoleSettings
+
+DESCRIPTION: Final = """Runs of a press: sheets, verdicts, incidents, evidence, pictures, live events.
+
+Programs send `Authorization: Bearer TOKEN`. Errors are `application/problem+json`. Lists give `next`, the cursor of the
+page behind it, or null. Lengths are millimetres on the page as printed, times are UTC."""
+
+
+def console_app(
+    settings: ConsoleSettings,
+    *,
+    clock: Callable[[], float] = time.time,
+    ticking: Callable[[], float] = time.monotonic,
+    passwords: Passwords | None = None,
+    prices: Prices | None = None,
+) -> FastAPI:
+    """The application; EndpointError: an endpoint does not say who may ask it. ConsoleFileError, RequestError.
+
+    clock: Unix time [s]; ticking: seconds that only grow. prices: how prices of zones are made; None: as they are.
+    """
+    accounts = Accounts(settings.data, clock=clock, passwords=passwords)
+    reading = Reading(settings.journal)
+    words = Words(settings.journal)
+    incidents = RunIncidents(reading, words)
+    stations = Stations(presses=settings.presses, jobs=settings.jobs)
+    pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
+    console = Console(
+        settings=settings,
+        accounts=accounts,
+        words=words,
+        tries=Tries(ticking),
+        reading=reading,
+        incidents=incidents,
+        courses=Courses(reading),
+        live=Live(reading, incidents, words, clock=ticking, ahead=pictures.ahead),
+        stations=stations,
+        pictures=pictures,
+        zones=ZonesDesk(
+            jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
+        ),
+        rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
+        began_s=clock(),
+        provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
+    )
+
+    @asynccontextmanager
+    async def alive(_app: FastAPI) -> AsyncIterator[None]:
+        looking = asyncio.create_task(console.live.run())
+        try:
+            yield
+        finally:
+            console.live.close()
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+            console.zones.prices.close()
+            console.pictures.close()
+            reading.close()
+            accounts.close()
+
+    app = FastAPI(
+        title="Prooflight console",
+        version=__version__,
+        description=DESCRIPTION,
+        openapi_url=None,  # an endpoint of its own, which asks who wants to know
+        docs_url=None,
+        redoc_url=None,
+        lifespan=alive,
+    )
+    app.state.console = console
+    include(app, *API_ROUTERS, *PAGE_ROUTERS)
+    problems.handle(app, page=problem_page)
+    app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
+    app.add_middleware(Headers, secure=settings.secure)
+    refuse_unguarded(app)
+    return app

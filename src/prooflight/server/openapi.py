@@ -1,0 +1,22 @@
+"""The interface for programs, as OpenAPI 3.1."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from prooflight.server import problems
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+
+def openapi(app: FastAPI) -> dict[str, Any]:
+    """OpenAPI 3.1 of the interface for programs; pages are left out."""
+    if app.openapi_schema is None:
+        schema = app.openapi()
+        schema.setdefault("components", {}).setdefault("schemas", {})["ProblemBody"] = (
+            problems.ProblemBody.model_json_schema()
+        )
+        schema["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        schema["security"] = [{"token": []}]
+    return app.openapi_schema or {}

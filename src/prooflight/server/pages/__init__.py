@@ -1,0 +1,21 @@
+"""The pages for people."""
+
+from prooflight.server.pages import (
+    assets,
+    camera,
+    incident,
+    now,
+    press,
+    provider,
+    report,
+    search,
+    setup,
+    sign_in,
+    zones,
+)
+
+ROUTERS = (
+    *(assets.router, sign_in.router, provider.router),
+    *(now.router, incident.router),
+    *(report.router, search.router, press.router, setup.router, camera.router, zones.router),
+)

@@ -1,0 +1,97 @@
+"""Drawings that pages hold as SVG: heat maps, bars, the course of a run. Numbers only; templates draw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+A4_MM: Final = (210.0, 297.0)
+"""A page is drawn so large at least: the journal does not keep the size of pages."""
+STEPS: Final = 5
+"""Of colour: more cannot be told apart in print."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """A run of cells of a row that have the same step."""
+
+    x_mm: float
+    y_mm: float
+    width_mm: float
+    step: int
+    """From 1 to ``STEPS``."""
+    count: int
+    """The greatest in it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeatMap:
+    """Where on the page misprints lay."""
+
+    width_mm: float
+    height_mm: float
+    cell_mm: float
+    cells: tuple[Cell, ...]
+    most: int
+    bounds: tuple[tuple[int, int], ...]
+    """Least and greatest count of each step; steps that no count falls into are left out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """A row of a bar chart."""
+
+    name: str
+    count: int
+    share: float
+    """Of the longest, 0..1."""
+
+
+def heat_drawing(heat: dict[str, Any]) -> HeatMap:
+    """From ``report.heat_map``."""
+    rows, cell = heat["rows"], float(heat["cell_mm"])
+    most = max((max(row) for row in rows), default=0)
+    cells: list[Cell] = []
+    for at, row in enumerate(rows):
+        start = 0
+        for column in range(1, len(row) + 1):
+            if column < len(row) and step_of(row[column], most) == step_of(row[start], most):
+                continue
+            if step := step_of(row[start], most):
+                many = max(row[start:column])
+                cells.append(
+                    Cell(
+                        x_mm=start * cell,
+                        y_mm=at * cell,
+                        width_mm=(column - start) * cell,
+                        step=step,
+                        count=many,
+                    )
+                )
+            start = column
+    steps: dict[int, list[int]] = {}
+    for count in range(1, most + 1) if most <= 10_000 else ():
+        steps.setdefault(step_of(count, most), []).append(count)
+    width = max([A4_MM[0], *(len(row) * cell for row in rows)])
+    return HeatMap(
+        width_mm=width,
+        height_mm=max(A4_MM[1], len(rows) * cell),
+        cell_mm=cell,
+        cells=tuple(cells),
+        most=most,
+        bounds=tuple((counts[0], counts[-1]) for _, counts in sorted(steps.items())),
+    )
+
+
+def step_of(count: int, most: int) -> int:
+    """Of colour; 0: none. Few counts get steps of their own."""
+    if not count:
+        return 0
+    return math.ceil(STEPS * count / most) if most > STEPS else STEPS - most + count
+
+
+def bars(counts: dict[str, int]) -> list[Bar]:
+    """Of named counts, in their order."""
+    most = max(counts.values(), default=0)
+    return [Bar(name=name, count=count, share=count / most) for name, count in counts.items()]

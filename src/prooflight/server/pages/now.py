@@ -1,0 +1,73 @@
+"""The page Now: the press at this moment, for whoever stands beside it."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse, Response, StreamingResponse
+
+from prooflight.server.accounts.roles import Role
+from prooflight.server.api.common import IncidentNumber, RunId, console
+from prooflight.server.api.events import After, LastId, live_answer, position
+from prooflight.server.pages.shell import OperatorPage, ViewerPage, language_of, page, rendered
+from prooflight.server.reading import facts
+
+if TYPE_CHECKING:
+    from prooflight.server.pages.language import Language
+    from prooflight.server.reading.now import Now
+
+router = APIRouter(include_in_schema=False)
+
+PARTS: Final = ("state", "todo", "incidents", "health")
+"""Of the page that change by themselves: templates now_PART, which fill the element of that id."""
+
+
+@router.get("/")
+def now_page(request: Request, who: ViewerPage) -> Response:
+    """The whole page; what happens from then on comes by ``now_events``."""
+    live = console(request).live
+    now, last_id, recent = live.now, live.last_id, live.recent
+    strip = [facts.live_sheet(row) for row in recent]
+    return page(request, who, "now", now=now, strip=strip, last_id=last_id)
+
+
+@router.get("/now/events")
+def now_events(
+    request: Request, who: ViewerPage, last_id: LastId = None, after: After = None
+) -> StreamingResponse:
+    """As ``/api/v1/events``, with the parts of the page in place of the state."""
+    t, may_speak = language_of(request, who), who.role.may(Role.OPERATOR)
+    make = partial(_kept_parts, t=t, may_speak=may_speak)
+    return live_answer(console(request), who, position(last_id, after), parts=make)
+
+
+@router.post("/runs/{run}/incidents/{incident}/seen")
+def seen(request: Request, who: OperatorPage, run: RunId, incident: IncidentNumber) -> Response:
+    """Somebody has seen it: it need not sound any more. The page hears of it as all others do."""
+    held = console(request)
+    found = held.reading.run_named(run)
+    held.incidents.one(found, incident)
+    held.say(who, "seen", found, incident=incident)
+    return HTMLResponse(status_code=204)
+
+
+_kept: dict[tuple[str, bool], tuple[Now, str]] = {}
+
+
+def _kept_parts(now: Now, *, t: Language, may_speak: bool) -> str:
+    """Made once for all who read the same."""
+    key = t.code, may_speak
+    held = _kept.get(key)
+    if held is None or held[0] is not now:
+        held = _kept[key] = now, parts(now, t=t, may_speak=may_speak)
+    return held[1]
+
+
+def parts(now: Now, *, t: Language, may_speak: bool) -> str:
+    """The parts of the page as JSON: HTML by the id of the element that it fills; and whether an alarm sounds."""
+    values: dict[str, Any] = {"now": now, "may_speak": may_speak}
+    made: dict[str, Any] = {part: rendered(f"now_{part}", t=t, **values) for part in PARTS}
+    return json.dumps({"parts": made, "alarm": now.alarm, "state": now.state})

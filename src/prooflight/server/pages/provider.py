@@ -1,0 +1,95 @@
+"""Sign in at the plant's own service: there, and back. Accounts of the console's own go on beside it."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Final
+
+import anyio
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import RedirectResponse, Response
+
+from prooflight.server.access import cookie_name, open_to_all
+from prooflight.server.accounts.provider import BEGUN_S, ProviderError
+from prooflight.server.accounts.provider_file import RETURN_PATH
+from prooflight.server.accounts.roles import Who
+from prooflight.server.api.common import console
+from prooflight.server.api.session import set_cookie, set_secret
+from prooflight.server.pages.sign_in import inside, sign_in_page
+from prooflight.server.problems import not_found
+
+if TYPE_CHECKING:
+    from prooflight.server.accounts.provider import Provider
+
+router = APIRouter(include_in_schema=False)
+
+Anybody = Annotated[Who | None, Depends(open_to_all())]
+STATUS: Final = {"down": 503, "begun": 400, "refused": 403}
+MOST_LETTERS: Final = 4000
+"""Of one value that a provider sends back."""
+
+
+@router.get("/sign-in/provider")
+async def begin(request: Request, _who: Anybody, next: str = "/") -> Response:
+    """To the provider; the state goes along in a cookie of this browser."""
+    provider = _provider(request)
+    try:
+        address, state = await anyio.to_thread.run_sync(
+            partial(provider.begin, next=inside(next)), limiter=provider.limiter
+        )
+    except ProviderError as error:
+        return _refused(request, provider, error)
+    response = RedirectResponse(address, 303)
+    set_secret(request, response, _state_cookie(request), state, seconds=BEGUN_S)
+    return response
+
+
+@router.get(RETURN_PATH)
+async def come_back(request: Request, _who: Anybody) -> Response:
+    """From the provider, with a code or with why there is none."""
+    provider, accounts = _provider(request), console(request).accounts
+    told = {name: value[:MOST_LETTERS] for name, value in request.query_params.items()}
+    state = request.cookies.get(_state_cookie(request), "")
+    try:
+        identity, next = await anyio.to_thread.run_sync(
+            partial(provider.finish, told, state=state), limiter=provider.limiter
+        )
+    except ProviderError as error:
+        if error.kind != "down":
+            why = {"by": provider.settings.issuer, "why": error.detail}
+            note = partial(accounts.note, "somebody", "session.refused", "somebody", after=why)
+            await anyio.to_thread.run_sync(note)
+        return _refused(request, provider, error)
+    secret = await anyio.to_thread.run_sync(accounts.begin_as, identity)
+    if secret is None:
+        wrong = "provider.locked" if identity.role is not None else "provider.unmapped"
+        told = {"name": identity.name[:60], "service": provider.settings.name}
+        return _forgotten(request, sign_in_page(request, wrong=wrong, told=told, status=403))
+    response = RedirectResponse(inside(next), 303)
+    set_cookie(request, response, secret)
+    return _forgotten(request, response)
+
+
+def _provider(request: Request) -> Provider:
+    provider = console(request).provider
+    if provider is None:
+        raise not_found("this console was given no provider to sign in at")
+    return provider
+
+
+def _refused(request: Request, provider: Provider, error: ProviderError) -> Response:
+    told = {"service": provider.settings.name, "why": error.detail}
+    status = STATUS[error.kind]
+    made = sign_in_page(request, wrong=f"provider.{error.kind}", told=told, status=status)
+    return _forgotten(request, made)
+
+
+def _forgotten(request: Request, response: Response) -> Response:
+    """The state works once."""
+    secure = console(request).settings.secure
+    response.delete_cookie(_state_cookie(request), path="/", secure=secure, httponly=True, samesite="lax")
+    return response
+
+
+def _state_cookie(request: Request) -> str:
+    return f"{cookie_name(console(request).settings)}-state"

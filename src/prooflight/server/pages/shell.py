@@ -1,0 +1,122 @@
+"""What all pages share: templates, languages, who is signed in, and the page that says what went wrong."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Annotated, Any, Final
+from urllib.parse import quote
+
+from fastapi import Depends, Request
+from fastapi.responses import HTMLResponse, RedirectResponse
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from prooflight import __version__
+from prooflight.server.access import known, needs
+from prooflight.server.accounts.book import LANGUAGES
+from prooflight.server.accounts.roles import Role, Scope, Who
+from prooflight.server.pages.language import ENGLISH, Language, language
+from prooflight.server.pages.places import place
+from prooflight.server.problems import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fastapi.responses import Response
+
+    from prooflight.server.console import Console
+
+ViewerPage = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
+OperatorPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
+EngineerPage = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
+MOST_LETTERS: Final = 2000
+
+
+def language_of(request: Request, who: Who | None) -> Language:
+    """What a person chose, else what their browser asks for first, else English."""
+    if who is not None and who.language in LANGUAGES:
+        return language(who.language)
+    for part in request.headers.get("Accept-Language", "").split(","):
+        code = part.partition(";")[0].strip().lower()[:2]
+        if code in LANGUAGES:
+            return language(code)
+    return language(ENGLISH)
+
+
+@cache
+def environment() -> Environment:
+    """Templates; everything that is put in is escaped."""
+    made = Environment(
+        loader=PackageLoader("prooflight.server.pages", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals |= {"asset": asset, "place": place, "Role": Role}
+    made.filters["moment"] = moment
+    made.filters["quoted"] = lambda text: quote(str(text), safe="")
+    return made
+
+
+@cache
+def asset(name: str) -> str:
+    """The address of a file of ``static``, with its digest, so that browsers may keep it for good."""
+    content = (files("prooflight.server") / "static" / name).read_bytes()
+    return f"/static/{name}?v={hashlib.sha256(content).hexdigest()[:12]}"
+
+
+def moment(unix_s: float, how: str = "%Y-%m-%d %H:%M") -> str:
+    """A Unix time, by the clock of the console's machine."""
+    return datetime.fromtimestamp(unix_s, UTC).astimezone().strftime(how)
+
+
+def rendered(name: str, /, *, t: Language, **values: Any) -> str:
+    """A template as text."""
+    return environment().get_template(f"{name}.html.j2").render(t=t, **values)
+
+
+def page(
+    request: Request,
+    who: Who | None,
+    template: str,
+    /,
+    *,
+    status: int = 200,
+    headers: Mapping[str, str] | None = None,
+    **values: Any,
+) -> HTMLResponse:
+    """A whole page. values: of its template."""
+    held: Console = request.app.state.console
+    told = rendered(
+        template,
+        t=language_of(request, who),
+        who=who,
+        path=request.url.path,
+        version=__version__,
+        trouble=held.live.trouble,
+        may_speak=who is not None and who.role.may(Role.OPERATOR),
+        **values,
+    )
+    return HTMLResponse(told, status, dict(headers or {}))
+
+
+def problem_page(
+    request: Request, status: int, title: str, detail: str, headers: Mapping[str, str]
+) -> Response:
+    """What went wrong, for people; who is not signed in is asked to."""
+    wants_page = "HX-Request" not in request.headers
+    if status == 401 and wants_page and request.method == "GET":
+        back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+        return RedirectResponse(f"/sign-in?next={quote(back[:MOST_LETTERS], safe='')}", 303)
+    try:
+        who = known(request)
+    except Problem:
+        who = None
+    if status == 401:
+        headers = {**headers, "HX-Redirect": "/sign-in"}
+    return page(
+        request, who, "problem", status=status, headers=headers, code=status, title=title, detail=detail
+    )

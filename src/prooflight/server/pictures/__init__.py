@@ -1,0 +1,1 @@
+"""Pictures of sheets as tiles: made when asked for, kept within a bound."""

@@ -1,0 +1,128 @@
+"""What goes wrong, as programs read it (RFC 9457, ``application/problem+json``) and as people do."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from prooflight.errors import ProoflightError, RequestError
+from prooflight.journal.schema import JournalError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from fastapi import FastAPI, Request
+    from fastapi.responses import Response
+
+    ProblemPage = Callable[[Request, int, str, str, Mapping[str, str]], Response]
+
+MEDIA_TYPE: Final = "application/problem+json"
+TITLES: Final = {
+    400: "The request cannot be understood",
+    401: "Sign in first",
+    403: "Your role is not enough",
+    404: "There is no such thing",
+    405: "That cannot be done with it",
+    409: "It does not go with what there is",
+    412: "It has changed meanwhile",
+    413: "It is too large",
+    415: "It is of another type",
+    422: "A value is wrong",
+    428: "Say which state is meant",
+    429: "Too many tries",
+    500: "This is a fault of Prooflight itself",
+    503: "It cannot be had now",
+}
+
+
+class ProblemBody(BaseModel):
+    """An answer that says what is wrong."""
+
+    type: str = Field(
+        description="Which kind of problem: a name that stays.", examples=["urn:prooflight:not-found"]
+    )
+    title: str
+    status: int
+    detail: str = ""
+    errors: list[dict[str, Any]] = Field(default=[], description="Of 422: the values that are wrong.")
+
+
+class Problem(ProoflightError):
+    """An answer other than what was asked for; kind: its name, as in urn:prooflight:KIND."""
+
+    def __init__(
+        self, status: int, kind: str, detail: str, *, headers: Mapping[str, str] | None = None
+    ) -> None:
+        self.status, self.kind, self.detail, self.headers = status, kind, detail, dict(headers or {})
+        super().__init__(detail)
+
+
+def not_found(what: str) -> Problem:
+    """There is no such run, sheet, incident, picture."""
+    return Problem(404, "not-found", what)
+
+
+def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
+    """The answer to whatever was raised. page: makes that of a page for people."""
+    status, kind, detail, headers, errors = _told(error)
+    if not request.url.path.startswith("/api/"):
+        return page(request, status, TITLES.get(status, ""), detail, headers)
+    body = ProblemBody(
+        type=f"urn:prooflight:{kind}",
+        title=TITLES.get(status, "It cannot be done"),
+        status=status,
+        detail=detail,
+        errors=errors,
+    )
+    return JSONResponse(body.model_dump(), status, headers, media_type=MEDIA_TYPE)
+
+
+def responses(*codes: int) -> dict[int | str, dict[str, Any]]:
+    """What an endpoint may answer instead, for OpenAPI."""
+    schema = {"schema": {"$ref": "#/components/schemas/ProblemBody"}}
+    return {code: {"description": TITLES[code], "content": {MEDIA_TYPE: schema}} for code in codes}
+
+
+def binary(media_type: str) -> dict[int | str, dict[str, Any]]:
+    """An answer of bytes, for OpenAPI."""
+    schema = {"schema": {"type": "string", "format": "binary"}}
+    return {200: {"description": "Bytes.", "content": {media_type: schema}}}
+
+
+def handle(app: FastAPI, *, page: ProblemPage) -> None:
+    """Every error leaves the app as a problem; page: as ``problem``."""
+    for kind in (Problem, ProoflightError, RequestValidationError, HTTPException, Exception):
+        app.add_exception_handler(kind, partial(problem, page))
+
+
+def _told(error: Exception) -> tuple[int, str, str, dict[str, str], list[dict[str, Any]]]:
+    if isinstance(error, Problem):
+        return error.status, error.kind, error.detail, error.headers, []
+    if isinstance(error, RequestValidationError):
+        found = [
+            {"where": [str(part) for part in each["loc"]], "what": str(each["msg"])}
+            for each in error.errors()[:20]
+        ]
+        first = f"{'.'.join(found[0]['where'][1:])}: {found[0]['what']}" if found else ""
+        return 422, "invalid", first, {}, found
+    if isinstance(error, RequestError):
+        return 409, "refused", str(error), {}, []
+    if isinstance(error, JournalError):
+        return 503, "journal", str(error), {}, []
+    if isinstance(error, ProoflightError):
+        return 409, "unusable", str(error), {}, []
+    if isinstance(error, HTTPException):
+        kinds = {404: "not-found", 405: "method-not-allowed"}
+        return (
+            error.status_code,
+            kinds.get(error.status_code, "http"),
+            str(error.detail),
+            dict(error.headers or {}),
+            [],
+        )
+    return 500, "fault", "what happened stands in the console's log", {}, []

@@ -1,0 +1,1 @@
+"""What the console reads of a journal: runs, sheets, incidents, the press; and what is new in it."""

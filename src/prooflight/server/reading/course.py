@@ -1,0 +1,133 @@
+"""The press over a run, for an engineer: drift with its limits, lost lines, how long verdicts took, two runs alike."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import threading
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.journal.following import Asked
+from prooflight.journal.words import run_key
+from prooflight.server.reading.drift import drift, latencies
+
+if TYPE_CHECKING:
+    from prooflight.journal.records import RunRow
+    from prooflight.server.reading.runs import Reading
+
+POINTS: Final = 240
+"""Of a chart: no screen shows more of half its width apart."""
+KEPT: Final = 12
+"""Courses that stay known."""
+AT_ONCE: Final = 2000
+GROUPS: Final = (
+    ("density", "gain-"),
+    ("register-x", "register-"),
+    ("register-y", "register-"),
+    ("shift", "shift-"),
+    ("light", "light-"),
+    ("lamp", "lamp-"),
+)
+"""Charts, and how the names of their channels begin; registers across end in -x."""
+
+
+class Courses:
+    """Of any run; read anew when the run has come further, one at a time, since a long one takes seconds."""
+
+    def __init__(self, reading: Reading) -> None:
+        self._reading = reading
+        self._guard = threading.Lock()
+        self._kept: OrderedDict[tuple[str, int, str], dict[str, Any]] = OrderedDict()
+
+    def of(self, run: RunRow) -> dict[str, Any]:
+        """Channels by chart, troubles of lines and verdicts along the run, and the histogram of times."""
+        key = run_key(run), run.pages, run.state
+        with self._guard:
+            if (found := self._kept.get(key)) is None:
+                found = self._kept[key] = course(self._reading, run)
+                while len(self._kept) > KEPT:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(key)
+            return found
+
+
+def course(reading: Reading, run: RunRow) -> dict[str, Any]:
+    """As ``Courses.of``; JournalError."""
+    told = drift(reading, run, points=POINTS, channel=None)
+    charts: dict[str, list[dict[str, Any]]] = {name: [] for name, _ in GROUPS}
+    for channel in told["channels"]:
+        if (name := group_of(channel["name"])) is not None:
+            charts[name].append(channel)
+    return {
+        "run": run.id,
+        "sheets": told["sheets"],
+        "charts": {name: channels for name, channels in charts.items() if channels},
+        "troubles": troubles(reading, run, told["sheets"]),
+        "latency": latencies(reading, run),
+    }
+
+
+def group_of(channel: str) -> str | None:
+    """The chart that shows it; None: none does."""
+    for name, beginning in GROUPS:
+        if channel.startswith(beginning) and (not name.startswith("register") or channel.endswith(name[-2:])):
+            return name
+    return None
+
+
+def troubles(reading: Reading, run: RunRow, starts: list[int]) -> dict[str, list[int]]:
+    """Sheets that lost lines, were late or not inspected, in the parts of the run that begin with these sheets."""
+    found = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
+    after, asked = -1, Asked(run_id=run.id, to_look_at=True)
+    while starts and (rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None)):
+        for row in rows:
+            page = row.page
+            at = max(int(np.searchsorted(starts, page.sheet, side="right")) - 1, 0)
+            found["lost-lines"][at] += "lost-lines" in page.faults
+            found["late"][at] += page.late
+            found["not-inspected"][at] += page.verdict.verdict == "not-inspected"
+        after = rows[-1].page.sheet
+    return {name: counts.tolist() for name, counts in found.items()}
+
+
+def run_figures(run: RunRow, told: dict[str, Any]) -> dict[str, Any]:
+    """What two runs are compared by; None: it is not known."""
+    latency, troubled = told["latency"], told["troubles"]
+    stages = {} if run.end is None else run.end.counts.get("stages") or {}
+    verdict = stages.get("verdict") or {}
+    elapsed_s = None if run.end is None else run.end.counts.get("elapsed_s")
+    return {
+        "pages": run.pages,
+        "misprints": run.misprints,
+        "not_inspected": run.not_inspected,
+        "late": run.late,
+        "lost_lines": sum(troubled["lost-lines"]),
+        "sheets_per_s": run.pages / elapsed_s if elapsed_s else None,
+        "inspection_median_ms": latency["median_ms"],
+        "inspection_p99_ms": latency["p99_ms"],
+        "verdict_median_ms": verdict.get("median_ms"),
+        "verdict_p99_ms": verdict.get("p99_ms"),
+        "verdict_p999_ms": verdict.get("p999_ms"),
+        "busy": _busy_s(latency) / elapsed_s if elapsed_s and sum(latency["counts"]) else None,
+    }
+
+
+def _busy_s(latency: dict[str, Any]) -> float:
+    """Time that all inspections took together, by the middles of the histogram's bins (17 % wide). [s]"""
+    edges = np.array(latency["edges_ms"])
+    return float(np.dot(np.sqrt(edges[:-1] * edges[1:]), latency["counts"])) / 1000
+
+
+def machine() -> dict[str, float | None]:
+    """Of this machine and of the console itself: load for each core, CPU seconds, and most memory so far."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return {
+        "load": os.getloadavg()[0] / (os.cpu_count() or 1),
+        "cpu_s": used.ru_utime + used.ru_stime,
+        "megabytes": used.ru_maxrss * unit / 1e6,
+    }

@@ -1,0 +1,151 @@
+"""Incidents of runs, as far as their journals have come, with what people said of them."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from prooflight.journal.following import Asked
+from prooflight.journal.words import run_key
+from prooflight.line.incidents import Incident, Incidents
+from prooflight.line.told import AskedSheet, asked_sheets
+from prooflight.line.tolerances import Proposal, proposals
+from prooflight.server.problems import not_found
+
+if TYPE_CHECKING:
+    from prooflight.journal.records import RunRow
+    from prooflight.journal.words import Word, Words
+    from prooflight.server.reading.runs import Reading
+
+AT_ONCE: Final = 2000
+"""Rows that are read between two looks at the rest of the world."""
+KEPT: Final = 16
+"""Runs whose incidents stay known."""
+NO_MISPRINT: Final = frozenset({"missing-page", "lost-lines", "camera-gone", "not-inspected", "late"})
+"""Kinds of incidents in which nothing wrong was seen on a sheet."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """An incident, and what people said of it."""
+
+    incident: Incident
+    words: tuple[Word, ...]
+    """In order."""
+
+    @property
+    def word(self) -> str | None:
+        """The last that says what it is; None: nobody said."""
+        return next((word.word for word in reversed(self.words) if word.word != "seen"), None)
+
+    @property
+    def seen(self) -> bool:
+        """Whether anybody has looked."""
+        return bool(self.words)
+
+    @property
+    def misprint(self) -> bool:
+        """Whether its sheets are taken for misprints: by the verdict, unless people said otherwise."""
+        return self.incident.kind not in NO_MISPRINT and self.word != "false-alarm"
+
+
+@dataclass(slots=True)
+class _Tracked:
+    tracker: Incidents = field(default_factory=Incidents)
+    found: dict[int, Incident] = field(default_factory=dict)
+    of_sheet: dict[int, int] = field(default_factory=dict)
+    last: int = -1
+    ended: bool = False
+    guard: threading.Lock = field(default_factory=threading.Lock)
+
+
+class RunIncidents:
+    """Of any run; read on from where they were read last."""
+
+    def __init__(self, reading: Reading, words: Words) -> None:
+        self._reading, self._words = reading, words
+        self._runs: OrderedDict[str, _Tracked] = OrderedDict()
+        self._guard = threading.Lock()
+
+    def of(self, run: RunRow) -> list[Told]:
+        """All of a run, by number."""
+        tracked = self._read(run)
+        words: dict[str, list[Word]] = {}
+        for word in self._words.of_run(run_key(run)):
+            if word.incident is not None:
+                words.setdefault(word.incident, []).append(word)
+        with tracked.guard:
+            found = [tracked.found[number] for number in sorted(tracked.found)]
+        return [Told(incident=one, words=tuple(words.get(str(one.number), ()))) for one in found]
+
+    def one(self, run: RunRow, number: int) -> Told:
+        """By its number; ``Problem`` 404."""
+        for told in self.of(run):
+            if told.incident.number == number:
+                return told
+        raise not_found(f"run {run.id} has no incident {number}")
+
+    def of_sheet(self, run: RunRow, sheet: int) -> int | None:
+        """The incident that a sheet belongs to; None: it is none's."""
+        tracked = self._read(run)
+        with tracked.guard:
+            return tracked.of_sheet.get(sheet)
+
+    def asked(self, run: RunRow) -> list[AskedSheet]:
+        """Sheets of a run about which people are asked, with what they said."""
+        follower = self._reading.follower
+        if follower is None:
+            return []
+        tracked = self._read(run)
+        with tracked.guard:
+            of_sheet = dict(tracked.of_sheet)
+        records = follower.asked_pages(run.id, damaged=lambda _: None)
+        return asked_sheets(records, self._words.of_run(run_key(run)), of_sheet)
+
+    def proposals(self, run: RunRow) -> list[Proposal]:
+        """Tolerances that its false alarms propose."""
+        follower = self._reading.follower
+        return [] if follower is None else proposals(follower, self._words, [run])
+
+    def said_of(self, run: RunRow, sheet: int) -> list[Word]:
+        """What people said of one sheet itself, in order."""
+        return [word for word in self._words.of_run(run_key(run)) if word.sheet == sheet]
+
+    def _read(self, run: RunRow) -> _Tracked:
+        key = run_key(run)
+        with self._guard:
+            tracked = self._runs.setdefault(key, _Tracked())
+            self._runs.move_to_end(key)
+            while len(self._runs) > KEPT:
+                self._runs.popitem(last=False)
+        with tracked.guard:
+            if not tracked.ended:
+                self._read_on(run, tracked)
+        return tracked
+
+    def _read_on(self, run: RunRow, tracked: _Tracked) -> None:
+        follower = self._reading.follower
+        if follower is None:
+            return
+        upto = follower.last_sheet(run.id)
+        if upto > tracked.last:
+            while True:
+                asked = Asked(run_id=run.id, to_look_at=True, last_sheet=upto)
+                rows = follower.sheets(asked, after=tracked.last, limit=AT_ONCE, damaged=lambda _: None)
+                for row in rows:
+                    tracked.last = row.page.sheet
+                    for change in tracked.tracker.add(row.page):
+                        tracked.found[change.incident.number] = change.incident
+                        if change.incident.last_sheet == row.page.sheet and change.what != "ended":
+                            tracked.of_sheet[row.page.sheet] = change.incident.number
+                if len(rows) < AT_ONCE:
+                    break
+            tracked.last = upto
+            changes = tracked.tracker.passed(upto)
+            tracked.found |= {change.incident.number: change.incident for change in changes}
+        if run.end is not None:
+            changes = tracked.tracker.finish(upto)
+            tracked.found |= {change.incident.number: change.incident for change in changes}
+            tracked.ended = True

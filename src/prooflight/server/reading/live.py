@@ -1,0 +1,294 @@
+"""What is new in the journal, for any number of browsers: one look ten times a second, whoever listens.
+
+Sheets have numbers (of their rows), so whoever was away says the last number and gets what came since. All else is a
+state: whoever listens gets the latest, and need not know what was before.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import anyio
+
+from prooflight.journal.schema import JournalError
+from prooflight.server.reading import facts
+from prooflight.server.reading.now import RECENT, Now, now
+from prooflight.server.reading.together import together
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from prooflight.inspection.sheets import Counts
+    from prooflight.journal.following import Heads, Written
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.words import Words
+    from prooflight.server.reading.incidents import RunIncidents
+    from prooflight.server.reading.runs import Reading
+
+    Parts = Callable[[Now], str]
+
+_log = logging.getLogger(__name__)
+
+LOOK_S: Final = 0.1
+"""From a row that is durable to its being seen: half of this on average."""
+STATE_S: Final = 1.0
+"""The state is told so often although no sheet came: silence is one."""
+RUN_S: Final = 0.5
+"""A run's counts ask for all its rows, so they are not counted with every sheet."""
+COUNT_S: Final = 5.0
+"""Sheets and sets of a run ask for all its rows that are not good."""
+AT_ONCE: Final = 500
+MOST_MISSED: Final = 2000
+"""Sheets that a listener who was away is told; who missed more is told so, and begins anew."""
+PING_S: Final = 15.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """One thing that happened; text is JSON on one line."""
+
+    kind: str
+    text: str
+    id: int | None = None
+
+    def as_text(self) -> str:
+        """As ``text/event-stream`` has it."""
+        first = "" if self.id is None else f"id: {self.id}\n"
+        return f"{first}event: {self.kind}\ndata: {self.text}\n\n"
+
+
+@dataclass(slots=True)
+class _State:
+    version: int = 0
+    texts: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+
+class Live:
+    """One for the whole server; ``run`` is its only task."""
+
+    def __init__(
+        self,
+        reading: Reading,
+        incidents: RunIncidents,
+        words: Words,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        ahead: Callable[[RunRow, PageRecord], None] = lambda _run, _page: None,
+    ) -> None:
+        """ahead: told of the misprints of the run that goes on, so that their pictures are there before people are."""
+        self._reading, self._incidents, self._words, self._clock = reading, incidents, words, clock
+        self._events: deque[Event] = deque(maxlen=MOST_MISSED)
+        self._recent: deque[Written] = deque(maxlen=RECENT)
+        self._row = self._state_word = -1
+        self._guard = threading.Lock()
+        self._heads: Heads | None = None
+        self._moved_s = self._state_s = clock()
+        self._state = _State()
+        self._changed = asyncio.Event()
+        self._ahead = ahead
+        self._now: Now | None = None
+        self._together: tuple[tuple[int, int, str] | None, float, Counts | None] = None, 0.0, None
+        self._trouble = ""
+        self.closing = False
+        self.listeners = 0
+
+    # --- for pages ---
+
+    @property
+    def now(self) -> Now:
+        """As it was seen last."""
+        if self._now is None:
+            self._look()
+        assert self._now is not None
+        return self._now
+
+    @property
+    def trouble(self) -> str:
+        """Why the journal cannot be read; empty: it can."""
+        return self._trouble
+
+    @property
+    def recent(self) -> list[Written]:
+        """The last sheets of the last run, in order."""
+        return list(self._recent)
+
+    @property
+    def last_id(self) -> int:
+        """Of the last sheet that was told."""
+        return max(self._row, 0)
+
+    # --- the task ---
+
+    async def run(self) -> None:
+        """Look until it is cancelled."""
+        while not self.closing:
+            try:
+                changed = await anyio.to_thread.run_sync(self._look)
+            except JournalError as error:
+                changed = self._say("trouble", {"text": str(error)})
+                self._trouble = str(error)
+            except Exception:
+                _log.exception("the journal %s", self._reading.path)
+                changed = False
+            if changed:
+                self._wake()
+            await asyncio.sleep(LOOK_S)
+
+    def close(self) -> None:
+        """All listeners go; a browser comes again by itself."""
+        self.closing = True
+        self._wake()
+
+    def _wake(self) -> None:
+        waiting, self._changed = self._changed, asyncio.Event()
+        waiting.set()
+
+    def _look(self) -> bool:
+        """Read what is new; whether anything is."""
+        with self._guard:
+            return self._read()
+
+    def _read(self) -> bool:
+        heads, clock = self._reading.heads(), self._clock()
+        word = self._words.last()
+        news = heads != self._heads
+        if not news and word == self._state_word and clock - self._state_s < STATE_S:
+            return False
+        begun = self._heads is None or heads.run != self._heads.run or heads.row < self._row
+        if begun:
+            self._recent.clear()
+        if self._row < 0 or heads.row < self._row:  # the first look, or another journal in its place
+            self._events.clear()
+            self._row = max(heads.row - RECENT, 0)
+        moved = urgent = False
+        misprint: PageRecord | None = None
+        while heads.row > self._row:
+            rows = self._reading.written_after(self._row, limit=AT_ONCE, damaged=lambda _: None)
+            if not rows:
+                self._row = heads.row  # what is left cannot be read
+                break
+            for row in rows:
+                self._row, moved = row.row, True
+                urgent = urgent or row.page.verdict.verdict != "good"
+                if row.run_id == heads.run:
+                    self._recent.append(row)
+                    misprint = row.page if row.page.verdict.verdict == "misprint" else misprint
+                text = json.dumps(facts.live_sheet(row))
+                self._events.append(Event(kind="sheet", text=text, id=row.row))
+        if moved or begun:
+            self._moved_s = clock
+        self._heads, self._trouble = heads, ""
+        if moved and not (urgent or begun or heads.ended) and clock - self._state_s < RUN_S:
+            return True
+        self._state_word, self._state_s = word, clock
+        return self._tell_state(misprint) or moved
+
+    def _tell_state(self, misprint: PageRecord | None) -> bool:
+        run = self._reading.last_run()
+        if run is not None and misprint is not None:
+            self._ahead(run, misprint)
+        told = [] if run is None else self._incidents.of(run)
+        counts = None if run is None else self._counted(run)
+        spoilt = sum(one.incident.count for one in told if one.misprint)
+        self._now = now(
+            run,
+            told,
+            [row.page for row in self._recent],
+            quiet_s=self._clock() - self._moved_s,
+            spoilt=spoilt,
+            together=counts,
+        )
+        return self._say("now", facts.now_facts(self._now))
+
+    def _counted(self, run: RunRow) -> Counts | None:
+        """Sheets and sets of a run; asks for many rows, so it is done seldom."""
+        key, clock = (run.id, run.pages, run.state), self._clock()
+        known, counted_s, counts = self._together
+        if known != key and (known is None or known[::2] != key[::2] or clock - counted_s >= COUNT_S):
+            found = together(self._reading, run)
+            counts = None if found is None else found.found.counts
+            self._together = key, clock, counts
+        return counts
+
+    def _say(self, name: str, value: dict[str, Any]) -> bool:
+        text = json.dumps(value)
+        if self._state.texts.get(name, (0, ""))[1] == text:
+            return False
+        self._state.version += 1
+        self._state.texts[name] = self._state.version, text
+        return True
+
+    # --- for listeners ---
+
+    async def events(
+        self, after: int | None, *, until: Callable[[], bool] = lambda: False, parts: Parts | None = None
+    ) -> AsyncIterator[str]:
+        """From the sheet after that id on; None: from now on. Ends when the server does.
+
+        until: asked every quarter of a minute; True ends it. parts: makes HTML of the state, for a page; told as the
+        event ``parts`` in place of ``now``.
+        """
+        self.listeners += 1
+        try:
+            yield "retry: 1000\n\n"
+            row, version = self.last_id if after is None else after, 0
+            asked_s = self._clock()
+            if row > self.last_id:  # of a journal that is gone
+                yield Event(kind="gap", text="{}", id=self.last_id).as_text()
+                row = self.last_id
+            while not self.closing:
+                waiting = self._changed
+                missed = await self._missed(row)
+                if missed is None:
+                    row = self.last_id
+                    yield Event(kind="gap", text="{}", id=row).as_text()
+                else:
+                    for event in missed:
+                        row = event.id or row
+                        yield event.as_text()
+                version_now = self._state.version
+                for name, (told, text) in list(self._state.texts.items()):
+                    if told <= version:
+                        continue
+                    if name == "now" and parts is not None:
+                        name, text = "parts", await anyio.to_thread.run_sync(parts, self.now)
+                    yield Event(kind=name, text=text).as_text()
+                version = version_now
+                if self._clock() >= asked_s + PING_S:
+                    asked_s = self._clock()
+                    if await anyio.to_thread.run_sync(until):
+                        yield Event(kind="end", text="{}").as_text()
+                        return
+                try:
+                    await asyncio.wait_for(waiting.wait(), PING_S)
+                except TimeoutError:
+                    yield ": still here\n\n"
+        finally:
+            self.listeners -= 1
+
+    async def _missed(self, row: int) -> list[Event] | None:
+        """Sheets after that row; None: too many to tell."""
+        if row >= self.last_id:
+            return []
+        if self._events and (self._events[0].id or 0) <= row + 1:
+            return [event for event in self._events if (event.id or 0) > row]
+
+        def read() -> list[Written]:
+            return self._reading.written_after(row, limit=MOST_MISSED + 1, damaged=lambda _: None)
+
+        rows = await anyio.to_thread.run_sync(read)
+        if len(rows) > MOST_MISSED:
+            return None
+        upto = self.last_id
+        return [
+            Event(kind="sheet", text=json.dumps(facts.live_sheet(row)), id=row.row)
+            for row in rows
+            if row.row <= upto
+        ]

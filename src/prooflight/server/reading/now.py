@@ -1,0 +1,146 @@
+"""The press at this moment: one state, what is open, what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight.inspection.sheets import Counts
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.server.reading.incidents import Told
+
+State = Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
+"""waiting: for the first sheet. stop: an alarm advises to stop, and nobody has answered. look: another alarm is open or
+unanswered. silent: no sheet comes. fault, interrupted, ended: how the run came to its end."""
+SILENT_S: Final = 10.0
+"""Without a sheet, as ``watch`` says it of a camera."""
+RECENT: Final = 100
+"""Sheets by which the health of camera and verdicts is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Health:
+    """What the last sheets say of the camera and of the inspection."""
+
+    sheets: int
+    lost_lines: int
+    """Sheets of which the camera lost lines."""
+    not_inspected: int
+    late: int
+    faults: int
+    """Sheets with any fault of the paper path."""
+    sheets_per_s: float | None
+    """By the source's clock; None: too few sheets."""
+    inspection_ms: float | None
+    """Median of the time that a verdict took."""
+    quiet_s: float | None
+    """Since the console last saw a new sheet; None: the run is not going on."""
+
+    @property
+    def camera(self) -> Literal["good", "look", "bad", "off"]:
+        """Of its lines."""
+        if self.quiet_s is None or not self.sheets:
+            return "off"
+        if self.quiet_s > SILENT_S:
+            return "bad"
+        return "look" if self.lost_lines else "good"
+
+    @property
+    def inspection(self) -> Literal["good", "look", "bad", "off"]:
+        """Whether every sheet gets its verdict in time."""
+        if self.quiet_s is None or not self.sheets:
+            return "off"
+        if self.not_inspected * 10 > self.sheets:
+            return "bad"
+        return "look" if self.not_inspected or self.late else "good"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Now:
+    """Of the last run."""
+
+    state: State
+    run: RunRow | None
+    cause: Told | None
+    """The most urgent incident; None: none asks for anything."""
+    incidents: tuple[Told, ...]
+    """Open, or not answered; the most urgent first."""
+    to_print_again: int
+    """Sheets."""
+    health: Health
+    together: Counts | None = None
+    """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
+
+    @property
+    def alarm(self) -> bool:
+        """Whether it should be heard."""
+        return any(not told.seen and told.incident.action == "stop" for told in self.incidents)
+
+
+def health(pages: Sequence[PageRecord], *, quiet_s: float | None) -> Health:
+    """Of the last sheets, in order."""
+    times = [page.time_s for page in pages]
+    span_s = times[-1] - times[0] if len(times) > 1 else 0.0
+    took = sorted(page.verdict.milliseconds for page in pages if page.verdict.milliseconds > 0)
+    return Health(
+        sheets=len(pages),
+        lost_lines=sum("lost-lines" in page.faults for page in pages),
+        not_inspected=sum(page.verdict.verdict == "not-inspected" for page in pages),
+        late=sum(page.late for page in pages),
+        faults=sum(bool(page.faults) for page in pages),
+        sheets_per_s=(len(times) - 1) / span_s if span_s > 0 else None,
+        inspection_ms=took[len(took) // 2] if took else None,
+        quiet_s=quiet_s,
+    )
+
+
+def now(
+    run: RunRow | None,
+    incidents: Sequence[Told],
+    pages: Sequence[PageRecord],
+    *,
+    quiet_s: float,
+    spoilt: int,
+    together: Counts | None = None,
+) -> Now:
+    """Put together. incidents: of the run, all; pages: the last ones; spoilt: sheets to be printed again."""
+    going = run is not None and run.state == "running"
+    asked = sorted((told for told in incidents if _asks(told)), key=_urgency)
+    of = health(pages, quiet_s=quiet_s if going else None)
+    state: State = "no-run"
+    if run is not None:
+        urgent = asked[0] if asked else None
+        if going and urgent is not None and not urgent.seen and urgent.incident.action == "stop":
+            state = "stop"
+        elif run.state in ("fault", "interrupted"):
+            state = "fault" if run.state == "fault" else "interrupted"
+        elif not going:
+            state = "ended"
+        elif not pages:
+            state = "waiting"
+        elif of.camera == "bad":
+            state = "silent"
+        else:
+            state = "look" if asked else "good"
+    return Now(
+        state=state,
+        run=run,
+        cause=asked[0] if asked else None,
+        incidents=tuple(asked),
+        to_print_again=spoilt,
+        health=of,
+        together=together,
+    )
+
+
+def _asks(told: Told) -> bool:
+    """Whether somebody should look: it goes on and is not known for a false alarm, or nobody has answered."""
+    return not told.seen or (told.incident.open and told.word != "false-alarm")
+
+
+def _urgency(told: Told) -> tuple[bool, bool, bool, int]:
+    incident = told.incident
+    return told.seen, incident.action != "stop", not incident.open, -incident.last_sheet

@@ -1,0 +1,151 @@
+"""Runs and sheets of a journal that another process writes, which may not be there yet."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Final
+
+from prooflight import __version__
+from prooflight.journal.following import Asked, Counted, Heads, JournalFollower, Written, follow
+from prooflight.journal.reading import MOST_ID
+from prooflight.server.problems import not_found
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.schema import JournalError
+
+KEPT: Final = 512
+"""Runs that ended: they do not change, and their pages need not be counted again."""
+
+
+class Reading:
+    """What a journal holds. JournalError where it cannot be read, ``Problem`` 404 where there is no such thing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._follower: JournalFollower | None = None
+        self._guard = threading.Lock()
+        self._ended: OrderedDict[int, RunRow] = OrderedDict()
+        self._going: Counted | None = None
+
+    @property
+    def follower(self) -> JournalFollower | None:
+        """The journal; None: there is none yet."""
+        with self._guard:
+            if self._follower is None:
+                self._follower = follow(self.path, version=__version__)
+            return self._follower
+
+    def close(self) -> None:
+        """Let go of the journal."""
+        with self._guard:
+            if self._follower is not None:
+                self._follower.close()
+                self._follower = None
+
+    def heads(self) -> Heads:
+        """How far it has come."""
+        found = self.follower
+        return Heads(row=0, run=0, ended=False) if found is None else found.heads()
+
+    def run_id(self, text: str) -> int:
+        """The number that a path names: digits, or `last`."""
+        if text == "last":
+            if last := self.heads().run:
+                return last
+            raise not_found("no run was recorded yet")
+        if not (text.isascii() and text.isdecimal()) or len(text) > 18:
+            raise not_found(f"there is no run {text[:20]!r}")
+        return int(text)
+
+    def run_named(self, text: str) -> RunRow:
+        """The run that a path names."""
+        return self.run(self.run_id(text))
+
+    def run(self, run_id: int) -> RunRow:
+        """One run."""
+        with self._guard:
+            if (kept := self._ended.get(run_id)) is not None:
+                return kept
+        follower = self.follower
+        if (
+            follower is None
+            or not 0 < run_id <= MOST_ID
+            or not follower.run_ids(before=run_id + 1, limit=1)[:1] == [run_id]
+        ):
+            raise not_found(f"there is no run {run_id}")
+        row = self._counted(follower, run_id)
+        if row.end is not None:
+            with self._guard:
+                self._ended[run_id] = row
+                while len(self._ended) > KEPT:
+                    self._ended.popitem(last=False)
+        return row
+
+    def _counted(self, follower: JournalFollower, run_id: int) -> RunRow:
+        """A run; of one that goes on only what was written since is counted: all of it may be millions of rows."""
+        with self._guard:
+            before = self._going
+        same = before is not None and before.run.id == run_id
+        counted = follower.counted_on(before) if same and before is not None else None
+        counted = counted or follower.counted(run_id)
+        if counted.run.end is None:
+            with self._guard:
+                self._going = counted
+        return counted.run
+
+    def last_run(self) -> RunRow | None:
+        """The latest; None: there is none."""
+        last = self.heads().run
+        return self.run(last) if last else None
+
+    def runs(
+        self, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
+    ) -> list[RunRow]:
+        """The latest first; before: only those of lower numbers."""
+        from prooflight.journal.schema import JournalError
+
+        follower, found = self.follower, []
+        for number in [] if follower is None else follower.run_ids(before=before, limit=limit):
+            try:
+                found.append(self.run(number))
+            except JournalError as error:
+                damaged(error)
+        return found
+
+    def sheet(self, run_id: int, sheet: int) -> PageRecord:
+        """One sheet with its evidence."""
+        follower = self.follower
+        one = Asked(run_id=run_id, first_sheet=sheet, last_sheet=sheet)
+        if follower is None or not 0 <= sheet <= MOST_ID or not 0 < run_id <= MOST_ID:
+            raise not_found(f"run {run_id} has no sheet {sheet}")
+        if not follower.sheets(one, limit=1):
+            raise not_found(f"run {run_id} has no sheet {sheet}")
+        return follower.page(run_id, sheet)
+
+    def sheets(
+        self, asked: Asked, *, after: int, limit: int, damaged: Callable[[JournalError], None]
+    ) -> list[Written]:
+        """Of one run, by number."""
+        follower = self.follower
+        return [] if follower is None else follower.sheets(asked, after=after, limit=limit, damaged=damaged)
+
+    def found(
+        self, asked: Asked, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
+    ) -> list[Written]:
+        """Of any run, the latest first."""
+        follower = self.follower
+        return [] if follower is None else follower.found(asked, before=before, limit=limit, damaged=damaged)
+
+    def written_after(
+        self, row: int, *, run_id: int | None = None, limit: int, damaged: Callable[[JournalError], None]
+    ) -> list[Written]:
+        """In the order of writing."""
+        follower = self.follower
+        if follower is None:
+            return []
+        return follower.written_after(row, run_id=run_id, limit=limit, damaged=damaged)

@@ -1,0 +1,94 @@
+"""Presses and jobs that the console was given, found by the digests that runs name."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+from prooflight.errors import ProoflightError
+from prooflight.journal.journal import content_digest
+from prooflight.pages.memory import file_stamp
+from prooflight.press.artefact import Press
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from prooflight.journal.records import RunRow
+
+LOADED: Final = 2
+"""Presses that stay in memory."""
+
+
+class Stations:
+    """Looks a file up again where it has changed."""
+
+    def __init__(self, *, presses: Sequence[Path], jobs: Sequence[Path]) -> None:
+        self._presses, self._jobs = tuple(presses), tuple(jobs)
+        self._guard = threading.Lock()
+
+    def warm(self) -> None:
+        """Read presses and jobs before somebody asks for them, as many as stay in memory: a press takes a quarter of a
+        second.
+        """
+        for path in self._presses[:LOADED]:
+            with contextlib.suppress(OSError, ProoflightError):
+                press_of(path, content_stamp(path))
+        for path in self._jobs:
+            with contextlib.suppress(OSError, ProoflightError):
+                digest_of(path, content_stamp(path))
+
+    def press(self, run: RunRow) -> Press | None:
+        """By which a run was judged; None: it was not given."""
+        found = self._found(run)
+        return None if found is None else found[1]
+
+    def press_file(self, run: RunRow) -> Path | None:
+        """Where that press lies; None: it was not given."""
+        found = self._found(run)
+        return None if found is None else found[0]
+
+    def _found(self, run: RunRow) -> tuple[Path, Press] | None:
+        with self._guard:
+            for path in self._presses:
+                try:
+                    press, digest = press_of(path, content_stamp(path))
+                except (OSError, ProoflightError):
+                    continue
+                if digest == run.facts.press_digest:
+                    return path, press
+        return None
+
+    def job(self, run: RunRow) -> Path | None:
+        """What was printed; None: it was not given, or it is another by now."""
+        if not run.facts.job_digest:
+            return None
+        with self._guard:
+            for path in self._jobs:
+                try:
+                    if digest_of(path, content_stamp(path)) == run.facts.job_digest:
+                        return path
+                except (OSError, ProoflightError):
+                    continue
+        return None
+
+
+@lru_cache(maxsize=LOADED)
+def press_of(path: Path, _stamp: tuple[int, ...]) -> tuple[Press, str]:
+    """The press of a file, and its digest; _stamp: ``content_stamp``, under which it stays known."""
+    press = Press.load(path)
+    return press, press.digest
+
+
+@lru_cache(maxsize=64)
+def digest_of(path: Path, _stamp: tuple[int, ...]) -> str:
+    """``content_digest`` of a job; _stamp likewise."""
+    return content_digest(path)
+
+
+def content_stamp(path: Path) -> tuple[int, ...]:
+    """Of a file, or of all files in a folder: another where one of them has changed."""
+    files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+    return tuple(number for file in files for number in file_stamp(file))

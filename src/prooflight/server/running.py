@@ -1,0 +1,188 @@
+"""A console that serves: where it listens, what it refuses, and how it ends."""
+
+from __future__ import annotations
+
+import gc
+import ipaddress
+import multiprocessing
+import os
+import signal
+import socket
+import ssl
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import uvicorn
+
+from prooflight.errors import RequestError
+from prooflight.server.app import console_app
+from prooflight.server.settings import ConsoleSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+
+    from prooflight.server.console import Console
+
+PORT: Final = 8080
+LOOPBACK: Final = "127.0.0.1"
+GRACE_S: Final = 3
+"""For answers that go on when the console ends."""
+NICE: Final = 5
+"""A console yields to whoever inspects."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listening:
+    """Where a console listens."""
+
+    host: str = LOOPBACK
+    port: int = PORT
+    certificate: Path | None = None
+    """Chain of certificates, PEM; with ``key`` it is reached by TLS."""
+    key: Path | None = None
+
+    @property
+    def address(self) -> str:
+        """For a browser on this machine."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'https' if self.certificate else 'http'}://{host}:{self.port}"
+
+    def check(self) -> None:
+        """RequestError: others could read along, or the certificate cannot be used."""
+        if (self.certificate is None) != (self.key is None):
+            raise RequestError("serve", "--tls-cert and --tls-key go together", remedy="give both or neither")
+        if self.certificate is None:
+            if not _is_loopback(self.host):
+                what = f"without TLS passwords and sessions could be read on the way to {self.host}"
+                remedy = "give --tls-cert and --tls-key, or stay on 127.0.0.1 behind a proxy that has TLS"
+                raise RequestError("serve", what, remedy=remedy)
+            return
+        assert self.key is not None
+        for path in (self.certificate, self.key):
+            if not path.is_file():
+                raise RequestError(path, "is no file", remedy="give a certificate and its key as PEM")
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key, password="")
+        except (ssl.SSLError, OSError, ValueError) as error:
+            what = f"cannot be used with {self.key.name} ({getattr(error, 'reason', None) or error})"
+            raise RequestError(
+                self.certificate, what, remedy="give PEM files that belong together"
+            ) from error
+
+    def bound(self) -> socket.socket:
+        """A socket that listens there; RequestError: it is taken."""
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        made = socket.socket(family, socket.SOCK_STREAM)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            made.bind((self.host, self.port))
+        except (OSError, OverflowError) as error:
+            made.close()
+            what = (
+                f"cannot listen at {self.host} port {self.port} ({getattr(error, 'strerror', None) or error})"
+            )
+            raise RequestError("serve", what, remedy="give another --port or --host") from error
+        made.listen(512)
+        return made
+
+
+class ConsoleServer(uvicorn.Server):
+    """Tells browsers that it ends, so that they come again; else their live events would keep it."""
+
+    def __init__(self, config: uvicorn.Config, live: Any) -> None:
+        super().__init__(config)
+        self._live = live
+        self.interrupted = False
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A signal came."""
+        self.interrupted |= sig == signal.SIGINT
+        self._live.close()
+        super().handle_exit(sig, frame)
+
+
+def serve(
+    settings: ConsoleSettings, listening: Listening, *, ready: Callable[[str, str | None], None]
+) -> None:
+    """Serve until a signal ends it.
+
+    ready: told the address, and the link for a first admin where nobody can sign in yet. RequestError.
+    """
+    listening.check()
+    with listening.bound() as bound:
+        app = console_app(settings)
+        held = app.state.console
+        secret = held.accounts.first_link()
+        port = bound.getsockname()[1]
+        address = listening.address.rpartition(":")[0] + f":{port}"
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=GRACE_S,
+            ssl_certfile=listening.certificate,
+            ssl_keyfile=listening.key,
+            proxy_headers=False,
+        )
+        ready(address, None if secret is None else f"{address}/welcome#{secret}")
+        threading.Thread(target=warm, args=(held,), name="warm", daemon=True).start()
+        server = ConsoleServer(config, held.live)
+        server.run(sockets=[bound])
+        if server.interrupted:
+            # uvicorn raises the signal again, but that is lost now and then on a busy machine.
+            raise KeyboardInterrupt
+
+
+def warm(held: Console) -> None:
+    """Do once what the first who looks would wait for: a press is read in a quarter of a second, and looking through
+    all that was loaded for what nobody needs any more, which Python does now and then, takes a sixth.
+    """
+    held.pictures.warm()
+    held.stations.warm()
+    gc.collect()
+    gc.freeze()  # what is there now stays, and is not looked through again
+
+
+def spawned(settings: ConsoleSettings, listening: Listening, ready: Callable[[str, str | None], None]) -> Any:
+    """A console in a process of its own, which ends with this one; its process. RequestError, before it starts."""
+    listening.check()
+    listening.bound().close()
+    process = multiprocessing.get_context("spawn").Process(
+        target=_serve_aside, args=(settings, listening, ready), name="console"
+    )
+    process.start()
+    return process
+
+
+def _serve_aside(
+    settings: ConsoleSettings, listening: Listening, ready: Callable[[str, str | None], None]
+) -> None:
+    if hasattr(os, "nice"):
+        os.nice(NICE)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
+    _end_with_parent()
+    serve(settings, listening, ready=ready)
+
+
+def _end_with_parent() -> None:
+    """Also where whoever started it is killed."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os.kill(os.getpid(), 15)
+
+    threading.Thread(target=wait, name="parent", daemon=True).start()
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,1 @@
+"""What cameras do to a run: lines to the byte, losses by name, deaths and returns, cameras in step."""

@@ -1,0 +1,214 @@
+"""Cameras that die, hang, are taken by another, and return, while a job is watched: how soon that is said."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import threading
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.scans.cameras.backends import found_camera, ready
+from prooflight.scans.cameras.setting_up import CameraSettings
+from prooflight.scans.cameras.source import CameraLines
+from prooflight_studies.cameras.job import from_file
+from prooflight_studies.cameras.peer import ID, alone, plugged_in
+from prooflight_studies.cameras.rig import told, verdict
+
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Callable
+
+    from prooflight_studies.cameras.peer import Peer
+    from prooflight_studies.cameras.rig import Rig
+
+KINDS: Final = ("unplugged", "frozen", "hung")
+"""The camera is gone; it answers nothing; it answers, and sends nothing."""
+LINE_HZ: Final = 1000.0
+AWAY_S: Final = 1.0
+"""From the notice to the camera's return."""
+BETWEEN_SHEETS: Final = 3
+LONGEST_S: Final = 60.0
+TAKEN_S: Final = 1.5
+"""For which another program holds the camera."""
+
+
+@dataclass(slots=True)
+class Turning:
+    """The encoder of a press that runs: it tells its camera how far it has gone."""
+
+    begun_s: float = field(default_factory=time.monotonic)
+    peer: Peer | None = None
+    guard: threading.Lock = field(default_factory=threading.Lock)
+    ended: threading.Event = field(default_factory=threading.Event)
+
+    def line(self) -> int:
+        """That passes now."""
+        return round((time.monotonic() - self.begun_s) * LINE_HZ)
+
+    def run(self) -> None:
+        """Until ``ended``."""
+        while not self.ended.wait(0.1):
+            with self.guard:
+                if self.peer is not None:
+                    self.peer.told("encoder", self.line())
+
+
+def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Each death by itself, and the sheets of all."""
+    usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
+    rows: list[dict[str, Any]] = []
+    turning = Turning()
+    with plugged_in(rig.played) as (peer,):
+        process = rig.watch(
+            *("--source", f"camera:{ID}", "--sheets", 100_000),
+            *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
+        )
+        said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
+        reader = threading.Thread(target=_read, args=(process, said), daemon=True)
+        encoder = threading.Thread(target=turning.run, daemon=True)
+        reader.start()
+        sheets: list[dict[str, Any]] = []
+        _until(said, sheets, sheets_more=BETWEEN_SHEETS)
+        turning.begun_s, turning.peer = time.monotonic(), peer
+        encoder.start()
+        for number in range(deaths):
+            kind = KINDS[number % len(KINDS)]
+            progress(f"death {number + 1} of {deaths}: {kind}")
+            rows.append(_death(kind, peer, turning, said, sheets))
+            _until(said, sheets, sheets_more=BETWEEN_SHEETS)
+        turning.ended.set()
+        encoder.join()
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+    judged = [verdict(row) for row in sheets]
+    wrong = [
+        {name: row[name] for name in ("sheet", "job_page", "kind", "score", "faults", "reason")}
+        for row in sheets
+        if row["verdict"] == "misprint"
+        and (row["job_page"] is None or usual[row["job_page"] % rig.prints] == "good")
+    ]
+    return {
+        "deaths": rows,
+        "sheets": len(judged),
+        "not_inspected": sum(row[1] == "not-inspected" for row in judged),
+        "wrongly_judged": len(wrong),
+        "wrong": wrong,
+        "good": sum(row[1] == "good" for row in judged),
+        "line_hz": LINE_HZ,
+        "sheets_per_s": LINE_HZ / rig.trigger,
+    }
+
+
+def _death(
+    kind: str,
+    peer: Peer,
+    turning: Turning,
+    said: queue.Queue[tuple[float, dict[str, Any]]],
+    sheets: list[dict[str, Any]],
+) -> dict[str, Any]:
+    before = len(sheets)
+    with turning.guard:
+        begun_s = time.monotonic()
+        if kind == "unplugged":
+            turning.peer = None
+            peer.unplug()
+        elif kind == "frozen":
+            turning.peer = None
+            peer.freeze()
+        else:
+            peer.told("lost", 1.0)
+    noticed_s, text = _until(said, sheets, notice="camera-away")
+    time.sleep(AWAY_S)
+    with turning.guard:
+        if kind == "unplugged":
+            peer.plug_in()
+        elif kind == "frozen":
+            peer.thaw()
+        else:
+            peer.told("lost", 0.0)
+        peer.told("at", turning.line())
+        peer.told("encoder", turning.line())
+        turning.peer = peer
+    returned_s = time.monotonic()
+    back_s, _ = _until(said, sheets, notice="camera-back")
+    _until(said, sheets, sheets_more=1)
+    own = sheets[before:]
+    return {
+        "kind": kind,
+        "noticed_after_s": noticed_s - begun_s,
+        "back_after_s": back_s - returned_s,
+        "said": text,
+        "away_s": back_s - begun_s,
+        "sheets_lost": sum(row["verdict"] == "not-inspected" for row in own),
+    }
+
+
+def _read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
+    while (row := told(process)) is not None:
+        said.put((time.monotonic(), row))
+
+
+def _until(
+    said: queue.Queue[tuple[float, dict[str, Any]]],
+    sheets: list[dict[str, Any]],
+    *,
+    notice: str = "",
+    sheets_more: int = 0,
+) -> tuple[float, str]:
+    """When a notice was told, or so many more sheets; all sheets told until then are added."""
+    wanted = len(sheets) + sheets_more
+    while True:
+        at_s, row = said.get(timeout=LONGEST_S)
+        if "verdict" in row:
+            sheets.append(row)
+            if not notice and len(sheets) >= wanted:
+                return at_s, ""
+        elif notice and row.get("notice") == notice:
+            return at_s, row["text"]
+
+
+def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Another program takes control of viva's simulated camera, holds it for a while and lets go."""
+    import viva_genicam
+    from viva_genicam.testing import FakeGigeCamera
+
+    rows = []
+    asked = CameraSettings()
+    for number in range(times):
+        progress(f"taken by another program, {number + 1} of {times}")
+        with alone(), FakeGigeCamera(width=512, height=64, fps=20) as camera:
+            said: queue.Queue[tuple[float, str, str]] = queue.Queue()
+            source = CameraLines(
+                lambda: ready(found_camera("viva:127.0.0.1"), asked, where="the study"),
+                name="camera",
+                settings=asked,
+                tell=partial(_noted, said),
+            )
+            came = threading.Event()
+            thread = threading.Thread(target=_heard, args=(source, came), daemon=True)
+            thread.start()
+            came.wait(LONGEST_S)
+            begun_s = time.monotonic()
+            camera.revoke_control()
+            other = viva_genicam.connect_gige(camera.device_info())
+            noticed_s, _, text = said.get(timeout=LONGEST_S)
+            time.sleep(TAKEN_S)
+            other.close()
+            let_go_s = time.monotonic()
+            back_s, _, _ = said.get(timeout=LONGEST_S)
+            source.close()
+            thread.join()
+        rows.append({"noticed_after_s": noticed_s - begun_s, "back_after_s": back_s - let_go_s, "said": text})
+    return rows
+
+
+def _noted(said: queue.Queue[tuple[float, str, str]], kind: str, text: str) -> None:
+    said.put((time.monotonic(), kind, text))
+
+
+def _heard(source: CameraLines, came: threading.Event) -> None:
+    for _ in source.blocks():
+        came.set()

@@ -1,0 +1,174 @@
+"""Losses of every kind, injected where blocks come off the wire: what is said of which lines, and of sheets."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.rng import stream
+from prooflight.scans.cameras.camera import Grab
+from prooflight.scans.cameras.counting import PERIOD, LineCounter
+from prooflight.scans.raw import write_block
+from prooflight_studies.cameras.job import from_file
+from prooflight_studies.cameras.rig import PIXELS, told, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from prooflight.scans.lines import LineBlock
+    from prooflight_studies.cameras.rig import Rig
+
+KINDS: Final = ("packets", "block", "triggers")
+BLOCK_LINES: Final = 32
+MOST_PASSED_OVER: Final = 4
+"""Line triggers, within a block."""
+PACKET_BYTES: Final = 1464
+"""Of a payload, in packets of 1500 bytes."""
+FIRST_ID: Final = 65_401
+"""As Aravis' simulated camera begins: block numbers turn after 135 blocks."""
+FIRST_TRIGGERS: Final = 60_000
+"""The count of triggers has 16 bits as well."""
+
+
+ALARM: Final = ("sheet", "job_page", "kind", "family", "score", "threshold", "p_value", "reason")
+"""What is kept of a sheet that is a misprint with its losses and is none without."""
+
+
+@dataclass(slots=True)
+class Loss:
+    """One that was injected."""
+
+    kind: str
+    lines: tuple[int, int]
+    """First and behind the last line that it befell, by the triggers of the press."""
+
+
+def loss_figures(
+    rig: Rig, *, losses: int, sheets: int, seed: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Inject, count, judge, and compare with the same sheets as they were."""
+    progress("sheets without a loss")
+    usual = from_file(rig, rig.prints)
+    progress(f"{losses} losses on {sheets} sheets")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "lost.raw")
+        with path.open("wb") as file:
+            counted = count_losses(
+                rig, losses=losses, sheets=sheets, seed=seed, given=lambda block: write_block(file, block)
+            )
+        process = rig.watch("--source", f"raw:{path}", "--framed", "--sheets", sheets)
+        came = []
+        while (row := told(process)) is not None:
+            if "verdict" in row and "missing" not in row["faults"]:  # a page that did not come is no sheet
+                came.append(row)
+    passed = [round(row["first_line"] / rig.trigger) for row in came]  # of all sheets, by the camera's count
+    pairs = [(verdict(row), usual[sheet % rig.prints]) for row, sheet in zip(came, passed, strict=True)]
+    changes = [a[2] - b[2] for a, b in pairs if a[2] is not None and b[2] is not None]
+    alarms = [
+        {name: row[name] for name in ALARM} | {"score_before": before[2]}
+        for row, (_, before) in zip(came, pairs, strict=True)
+        if row["verdict"] == "misprint" and before[1] == "good"
+    ]
+    return counted | {
+        "sheets": len(came),
+        "prints": rig.prints,
+        "prints_good": sum(row[1] == "good" for row in usual),
+        "alarms": alarms,
+        "skipped": [
+            {name: row[name] for name in ("sheet", "first_line", "job_page", "reason")}
+            for row in came
+            if row["verdict"] == "not-inspected"
+        ],
+        "score_change_median": float(np.median(changes)),
+        "score_change_95": float(np.quantile(changes, 0.95)),
+        "out_of_step": sum(
+            row["job_page"] not in (None, sheet) for row, sheet in zip(came, passed, strict=True)
+        ),
+        "said_lost": sum("lost-lines" in a[3] for a, _ in pairs),
+        "not_inspected": sum(a[1] == "not-inspected" for a, _ in pairs),
+        "good_before": sum(b[1] == "good" for _, b in pairs),
+        "false_misprints": sum(a[1] == "misprint" and b[1] == "good" for a, b in pairs),
+        "misprints_before": sum(b[1] == "misprint" for _, b in pairs),
+        "misprints_kept": sum(a[1] == "misprint" and b[1] == "misprint" for a, b in pairs),
+    }
+
+
+def count_losses(
+    rig: Rig, *, losses: int, sheets: int, seed: int, given: Callable[[LineBlock], None]
+) -> dict[str, Any]:
+    """Inject, count, and compare what is said with what was injected; given: takes every block that comes out."""
+    counter, injected = LineCounter(name="camera"), list[Loss]()
+    named, other = np.zeros(sheets * rig.trigger + 10_000, bool), 0
+    for grab in _grabs(rig, losses, sheets, seed, injected):
+        for block in counter.take(grab):
+            given(block)
+            for fault in block.faults:
+                named[fault.first_line : fault.next_line] = True
+            at = np.arange(block.first_line, block.next_line)
+            wrong = (block.lines[0] != rig.lines[at % len(rig.lines)]).any(axis=1)
+            other += int((wrong & ~named[at]).sum())
+    wanted = np.zeros_like(named)
+    for loss in injected:
+        wanted[slice(*loss.lines)] = True
+    around = [slice(max(loss.lines[0] - 1, 0), loss.lines[1] + 1) for loss in injected]
+    return {
+        "losses": len(injected),
+        "kinds": {kind: sum(loss.kind == kind for loss in injected) for kind in KINDS},
+        "block_turns": (FIRST_ID + sheets * rig.trigger // BLOCK_LINES) // PERIOD,
+        "trigger_turns": (FIRST_TRIGGERS + sheets * rig.trigger) >> 16,
+        "named_exactly": sum(bool((named[part] == wanted[part]).all()) for part in around),
+        "lines_named": int(named.sum()),
+        "lines_lost": int(wanted.sum()),
+        "other_lines": other,
+    }
+
+
+def _grabs(rig: Rig, losses: int, sheets: int, seed: int, injected: list[Loss]) -> Iterator[Grab]:
+    """Blocks of the prints over and over, with losses spread evenly; what is injected is added to the list."""
+    rng = stream(seed, "camera-losses", 0)
+    every = sheets * rig.trigger
+    passed_over = MOST_PASSED_OVER * -(-losses // len(KINDS))
+    places = np.linspace(4, (every - passed_over) // BLOCK_LINES - 4, losses).astype(int)
+    kinds = {int(place): KINDS[turn % len(KINDS)] for turn, place in enumerate(places)}
+    line = 0  # by the triggers of the press
+    for number in count():
+        lines = min(BLOCK_LINES, every - line)  # the last block ends with the last sheet
+        if not lines:
+            return
+        kind, first, size = kinds.get(number), line, lines * PIXELS * 2
+        taken = np.arange(line, line + lines)
+        missing: tuple[tuple[int, int], ...] = ()
+        if kind == "triggers":
+            over, at = int(rng.integers(1, MOST_PASSED_OVER + 1)), int(rng.integers(1, BLOCK_LINES))
+            taken = np.where(np.arange(BLOCK_LINES) < at, taken, taken + over)
+            line += over
+        line += lines
+        if kind == "packets":
+            packet = int(rng.integers(0, -(-size // PACKET_BYTES)))
+            hole = packet * PACKET_BYTES, min((packet + int(rng.integers(1, 4))) * PACKET_BYTES, size)
+            missing = (hole,)
+            injected.append(Loss(kind, (first + hole[0] // (2 * PIXELS), first - (-hole[1] // (2 * PIXELS)))))
+        elif kind is not None:
+            injected.append(Loss(kind, (first, line)))
+        if kind == "block":
+            continue
+        data = rig.lines[taken % len(rig.lines)].astype("<u2").view(np.uint8).ravel().copy()
+        for begin, end in missing:
+            data[begin:end] = 0
+        yield Grab(
+            block_id=(FIRST_ID + number - 1) % PERIOD + 1,
+            id_wraps=True,
+            data=data,
+            missing=missing,
+            pixel_format="Mono16",
+            lines=lines,
+            pixels=PIXELS,
+            padding=0,
+            time_s=line / 1000,
+            triggers=(FIRST_TRIGGERS + line) & 0xFFFF,
+        )

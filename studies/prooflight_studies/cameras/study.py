@@ -1,0 +1,156 @@
+"""``prooflight study cameras``: what cameras on loopback do to a run, measured part by part; writes ``cameras.md``.
+
+Each part's figures are kept as soon as they are there, so that the page can be made of parts measured apart: those that
+want a quiet machine have a command of their own.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.files.atomic import whole_file
+from prooflight_studies.cameras.deaths import death_figures, taken_figures
+from prooflight_studies.cameras.job import job_rows
+from prooflight_studies.cameras.losses import loss_figures
+from prooflight_studies.cameras.rig import rig
+from prooflight_studies.cameras.speed import PROTOTYPE_MB_S, RATES_MB_S, speed_rows
+from prooflight_studies.cameras.step import step_figures
+from prooflight_studies.cameras.unseen import unseen_rows
+from prooflight_studies.harness.page import write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from prooflight_studies.cameras.rig import Rig
+
+PARTS: Final = ("job", "losses", "unseen", "deaths", "step", "speed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How much of everything."""
+
+    designs: int
+    """That teach the press."""
+    prints: int
+    sheets: int
+    losses: int
+    loss_sheets: int
+    loss_prints: int
+    """On whose sheets they fall, over and over."""
+    unseen_prints: int
+    deaths: int
+    taken: int
+    step_sheets: int
+    rates_mb_s: tuple[float, ...]
+    seconds: float
+    """Of each rate."""
+
+    @classmethod
+    def of(cls, *, quick: bool) -> Plan:
+        """The whole study, or a minute's version."""
+        if quick:
+            return cls(
+                designs=24,
+                prints=3,
+                sheets=6,
+                losses=12,
+                loss_sheets=8,
+                loss_prints=3,
+                unseen_prints=2,
+                deaths=1,
+                taken=1,
+                step_sheets=12,
+                rates_mb_s=(8.0,),
+                seconds=1.0,
+            )
+        return cls(
+            designs=48, prints=10, sheets=200, losses=1000, loss_sheets=500, loss_prints=100, unseen_prints=24,
+            deaths=20, taken=3, step_sheets=2000, rates_mb_s=RATES_MB_S, seconds=12.0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """Where it works and with what."""
+
+    out: Path
+    cache: Path
+    plan: Plan
+    seed: int
+    press: Path | None
+    """Taught for all detectors, for the part ``unseen``; None: the press of the job, taught for ours."""
+    progress: Callable[[str], None]
+
+    def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
+        """Measure what is not known yet; again: all parts named."""
+        for part in parts:
+            if part in self._known() and not again:
+                self.progress(f"{part}: known")
+                continue
+            found = {part: getattr(self, f"_{part}")()}
+            with whole_file(self._results) as unfinished:
+                unfinished.write_text(json.dumps(self._known() | found, indent=1))
+            self._write()
+        self._write()
+        return self._known()
+
+    def _job(self) -> list[dict[str, Any]]:
+        return job_rows(self._rig(), sheets=self.plan.sheets, progress=self.progress)
+
+    def _losses(self) -> dict[str, Any]:
+        return loss_figures(
+            self._rig(self.plan.loss_prints),
+            losses=self.plan.losses,
+            sheets=self.plan.loss_sheets,
+            seed=self.seed,
+            progress=self.progress,
+        )
+
+    def _unseen(self) -> list[dict[str, Any]]:
+        press = self.press or self._rig().press
+        return unseen_rows(press, prints=self.plan.unseen_prints, seed=self.seed, progress=self.progress)
+
+    def _deaths(self) -> dict[str, Any]:
+        found = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
+        return found | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
+
+    def _step(self) -> dict[str, Any]:
+        return step_figures(sheets=self.plan.step_sheets, seed=self.seed, progress=self.progress)
+
+    def _speed(self) -> list[dict[str, Any]]:
+        plan = self.plan
+        return speed_rows(
+            seconds=plan.seconds, rates_mb_s=plan.rates_mb_s, seed=self.seed, progress=self.progress
+        )
+
+    def _rig(self, prints: int | None = None) -> Rig:
+        return rig(
+            self.cache / "cameras",
+            designs=self.plan.designs,
+            prints=prints or self.plan.prints,
+            seed=self.seed,
+            progress=self.progress,
+        )
+
+    @property
+    def _results(self) -> Path:
+        folder = self.cache / "cameras"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder / f"figures-{self.plan.prints}-{self.plan.sheets}-{self.seed}.json"
+
+    def _known(self) -> dict[str, Any]:
+        return json.loads(self._results.read_text()) if self._results.exists() else {}
+
+    def _write(self) -> None:
+        found = cameras_results(self._known(), seed=self.seed, plan=self.plan)
+        write_page(self.out / "cameras.md", "cameras", found)
+
+
+def cameras_results(known: dict[str, Any], *, seed: int, plan: Plan) -> dict[str, Any]:
+    """All figures of the page; None for parts that were not measured."""
+    parts = {part: known.get(part) for part in PARTS}
+    return parts | {"seed": seed, "plan": asdict(plan), "prototype_mb_s": PROTOTYPE_MB_S}

@@ -1,0 +1,81 @@
+"""``prooflight study console``: how soon a verdict is seen, and what the console costs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight.errors import RequestError
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
+
+PARTS = ("live", "beside", "hour", "pages")
+
+
+def console(
+    out: Results = Path("docs/results"),
+    part: Annotated[
+        str, typer.Option(help="live, beside, hour or pages; the others stay as measured.")
+    ] = "live",
+    press: Annotated[
+        Path | None, typer.Option(metavar="X.press", help="Of `beside` and `hour`: what inspects.")
+    ] = None,
+    job: Annotated[Path | None, typer.Option(metavar="JOB", help="Of `beside` and `hour`.")] = None,
+    rate: Annotated[
+        float, typer.Option(help="Of `beside` and `hour`; sheets a second.", min=0.01, max=50)
+    ] = 2.0,
+    minutes: Annotated[
+        float | None, typer.Option(help="Default 10, of `hour` 60, quick 1.", min=0.3, max=1000)
+    ] = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """From a verdict to its being seen, with 50 live pages; real inspection beside them; memory; pages.
+
+    Writes console.md.
+    """
+    from prooflight_studies.console.beside import Beside
+    from prooflight_studies.console.study import CLIENTS, QUICK_CLIENTS, run_console_part, run_console_study
+
+    if part not in PARTS:
+        raise RequestError("part", f"there is no {part!r}", remedy=f"choose {', '.join(PARTS)}")
+    steps = show.steps(quiet=json)
+    if part != "live":
+        plan = None
+        if part != "pages":
+            if press is None or job is None:
+                raise RequestError(
+                    "part", f"{part} inspects a job on a press", remedy="give --press and --job"
+                )
+            plan = Beside(
+                press=press,
+                job=job,
+                rate_hz=rate,
+                minutes=minutes or (1.0 if quick else 60.0 if part == "hour" else 10.0),
+                clients=QUICK_CLIENTS if quick else CLIENTS,
+                paired=part == "beside",
+                quick=quick,
+            )
+        told = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
+        if json:
+            show.print_json(told)
+        else:
+            show.written(out / "console.md")
+        return
+    found = run_console_study(out, quick=quick, progress=steps)
+    if json:
+        show.print_json(asdict(found))
+        return
+    cells = (
+        (
+            one.who,
+            *(f"{value:.3f} s" for value in (one.median_s, one.p99_s, one.greatest_s)),
+            str(one.missing),
+        )
+        for one in found.delays
+    )
+    show_table("From the verdict", ("to", "median", "99 %", "at most", "never came"), cells)
+    show.written(out / "console.md")

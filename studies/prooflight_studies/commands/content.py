@@ -1,0 +1,76 @@
+"""``prooflight study content``: codes and numbers on prints of the press world."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, show_table
+
+
+class Part(StrEnum):
+    """Of the study."""
+
+    CODES = "codes"
+    TEXT = "text"
+
+
+def content(
+    out: Results = Path("docs/results"),
+    part: Annotated[Part, typer.Option(help="codes: bar codes. text: digits of numbers.")] = Part.CODES,
+    seed: Annotated[int, typer.Option(help="Of what is printed, its prints and its damage.", min=0)] = 19,
+    sheets: Annotated[
+        int, typer.Option(help="Of numbers of each size; each gives three wrong digits.", min=4)
+    ] = 168,
+    pitch: Annotated[
+        list[float] | None, typer.Option(help="Of the camera, for numbers; default 0.254 and 0.127. [mm]")
+    ] = None,
+    cache: Cache = CACHE,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Codes of eight symbologies, or numbers of 6 to 10 pt, good and wrong: what is caught; writes content.md."""
+    if part is Part.TEXT:
+        _text(out, seed=seed, sheets=sheets, pitches_mm=pitch, cache=cache, quick=quick, json=json)
+        return
+    from prooflight_studies.content.study import run_content_study
+
+    found = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    if json:
+        show.print_json(asdict(found))
+        return
+    cells = (
+        tuple(str(row[name]) for name in ("pitch_mm", "printed", "asked", "read", "misread"))
+        for row in found.totals
+    )
+    show_table("Good prints", ("mm a pixel", "printed", "asked", "read", "misread"), cells)
+    show.written(out / "content.md")
+
+
+def _text(
+    out: Path, *, seed: int, sheets: int, pitches_mm: list[float] | None, cache: Path, quick: bool, json: bool
+) -> None:
+    from prooflight_studies.content.numbers import PITCHES_MM, run_text_study
+    from prooflight_studies.content.study import write_text
+
+    found = run_text_study(
+        cache / "content-text",
+        seed=seed,
+        sheets=sheets,
+        pitches_mm=pitches_mm or PITCHES_MM,
+        quick=quick,
+        progress=show.steps(quiet=json),
+    )
+    write_text(out, found)
+    if json:
+        show.print_json(asdict(found))
+        return
+    names = ("pitch_mm", "points", "wrong", "printed", "before", "after")
+    cells = (tuple(str(row[name]) for name in names) for row in found.caught)
+    show_table("Wrong digits", ("mm a pixel", "pt", "wrong", "printed", "caught before", "after"), cells)
+    show.written(out / "content.md")

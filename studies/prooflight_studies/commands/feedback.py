@@ -1,0 +1,44 @@
+"""``prooflight study feedback``: a press calibrated anew by what people say of its sheets."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, show_table
+
+
+def feedback(
+    out: Results = Path("docs/results"),
+    cache: Cache = CACHE,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and weeks.", min=0)] = 23,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Promised and realised false alarms of a press that drifted, before and after words; writes feedback.md."""
+    from prooflight_studies.feedback.pool import PoolPlan
+    from prooflight_studies.feedback.study import run_feedback_study
+
+    found = run_feedback_study(
+        out,
+        cache=cache / "feedback",
+        plan=PoolPlan.quick(seed) if quick else PoolPlan(seed=seed),
+        quick=quick,
+        processes=processes,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(asdict(found))
+        return
+    cells = (
+        (row.way, str(row.told or "-"), f"{row.realised:.2%}", f"{row.within:.0%}", f"{row.caught:.1%}")
+        for row in found.rows
+    )
+    headings = ("threshold by", "sheets told", "realised", "within 1.5 times", "misprints caught")
+    show_table("Promised: 1.00%", headings, cells)
+    show.written(out / "feedback.md")

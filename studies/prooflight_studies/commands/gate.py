@@ -1,0 +1,50 @@
+"""``prooflight study gate``: a bad sheet never reaches the good tray, measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight.errors import RequestError
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
+
+
+def gate(
+    out: Results = Path("docs/results"),
+    part: Annotated[
+        list[str] | None,
+        typer.Option(help="latency, watch, plant; default all. The others stay as measured."),
+    ] = None,
+    sheets: Annotated[int | None, typer.Option(help="Of the long run; default 10,000.", min=100)] = None,
+    faster: Annotated[
+        float | None,
+        typer.Option(help="How many times the long run is compressed; default 2.", min=1, max=50),
+    ] = None,
+    cache: Cache = CACHE,
+    seed: Annotated[int, typer.Option(help="Of sheets, verdicts and slips.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Misprints, failures of camera, link, controller and watch, and where every sheet went; writes gate.md."""
+    from prooflight_studies.gate.study import PARTS, run_gate_study
+
+    for one in part or ():
+        if one not in PARTS:
+            raise RequestError("part", f"there is no {one!r}", remedy=f"choose {', '.join(PARTS)}")
+    found = run_gate_study(
+        out,
+        parts=part or PARTS,
+        cache=cache,
+        seed=seed,
+        quick=quick,
+        sheets=sheets,
+        faster=faster,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(found)
+    else:
+        show.written(out / "gate.md")

@@ -1,0 +1,33 @@
+"""``prooflight study zones``: zones' price as foretold and as it came."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
+
+
+def zones(
+    out: Results = Path("docs/results"),
+    seed: Annotated[int, typer.Option(help="Of pages, zones, prints and defects.", min=0)] = 37,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Careful and ignored zones: price foretold and come, false alarms, what is hidden; writes zones.md."""
+    from prooflight_studies.zones.study import run_zones_study
+
+    found = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    if json:
+        show.print_json(asdict(found))
+        return
+    cells = (
+        (str(row["zones"]), *(f"{row[at]['alarms']} of {row[at]['prints']}" for at in ("without", "with")))
+        for row in found.good
+    )
+    show_table("Good prints that alarm", ("zones", "without", "with"), cells)
+    show.written(out / "zones.md")

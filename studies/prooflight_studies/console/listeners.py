@@ -1,0 +1,140 @@
+"""Whoever looks: browsers' live connections by the dozen, and one real browser, each noting when a sheet was there."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+CHROMIUM: Final = Path("/usr/bin/chromium")
+FLAGS: Final = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+COOKIE: Final = "prooflight"
+WATCH: Final = """() => {
+  window.seen = [];
+  const shown = new Set();
+  const note = (what) => window.seen.push([what, Date.now() / 1000]);
+  const painted = (what) => requestAnimationFrame(() => requestAnimationFrame(() => note(what)));
+  const look = () => {
+    for (const cell of document.querySelectorAll("#strip .unseen")) {
+      if (!shown.has(cell.textContent)) { shown.add(cell.textContent); painted(Number(cell.textContent)); }
+    }
+    if (document.querySelector(".band.stop") && !shown.has("stop")) { shown.add("stop"); painted("stop"); }
+  };
+  new MutationObserver(look).observe(document.getElementById("main"), { childList: true, subtree: true });
+}"""
+"""Notes each sheet of the strip, and the state `stop`, when a frame with it was drawn."""
+
+
+class Listeners:
+    """So many live connections, as a browser on the page Now holds one; use it as a context."""
+
+    def __init__(self, address: tuple[str, int], *, session: str, count: int) -> None:
+        self._address, self._session, self._count = address, session, count
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="listeners", daemon=True)
+        self.seen: dict[int, list[float]] = {}
+        """When each sheet came to each of them; Unix time. [s]"""
+        self.connected = 0
+        self.lost: list[str] = []
+        """Why a connection ended before it should, one line each."""
+        self._tasks: list[asyncio.Task[None]] = []
+        self._ending = False
+
+    def __enter__(self) -> Listeners:
+        self._thread.start()
+        asyncio.run_coroutine_threadsafe(self._begin(), self._loop).result()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ending = True
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _begin(self) -> None:
+        ready = [asyncio.Event() for _ in range(self._count)]
+        self._tasks = [asyncio.create_task(self._listen(one)) for one in ready]
+        await asyncio.wait_for(asyncio.gather(*(one.wait() for one in ready)), 60)
+
+    async def _end(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _listen(self, ready: asyncio.Event) -> None:
+        reader, writer = await asyncio.open_connection(*self._address, limit=1 << 22)
+        asked = f"GET /now/events HTTP/1.1\r\nHost: {self._address[0]}\r\nCookie: {COOKIE}={self._session}\r\n\r\n"
+        writer.write(asked.encode())
+        kind = ""
+        try:
+            async for raw in reader:
+                line = raw.decode().rstrip()
+                if line.startswith("retry:"):
+                    self.connected += 1
+                    ready.set()
+                elif line.startswith("event: "):
+                    kind = line.removeprefix("event: ")
+                elif line.startswith("data: ") and kind == "sheet":
+                    sheet = json.loads(line.removeprefix("data: "))["sheet"]
+                    self.seen.setdefault(sheet, []).append(time.time())
+            if not self._ending:
+                self.lost.append("the console ended it")
+        except OSError as error:
+            self.lost.append(str(error))
+        finally:
+            ready.set()
+            writer.close()
+
+
+class Window:
+    """The page Now in a real browser; ``seen`` afterwards. Use it as a context; ``found`` says whether there is one."""
+
+    def __init__(self, address: str, session: str) -> None:
+        self._address, self._session = address, session
+        self._started: Any = None
+        self.seen: dict[int | str, float] = {}
+        """When a frame with each sheet was drawn, and when the state `stop` first was; Unix time. [s]"""
+
+    @property
+    def found(self) -> bool:
+        """Whether Chromium and Playwright are installed."""
+        try:
+            import playwright
+        except ImportError:
+            return False
+        return CHROMIUM.exists() and playwright is not None
+
+    def __enter__(self) -> Window:
+        if self.found:
+            from playwright.sync_api import sync_playwright
+
+            self._started = sync_playwright().start()
+            self._browser = self._started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+            context = self._browser.new_context(reduced_motion="reduce")
+            context.add_cookies([{"name": COOKIE, "value": self._session, "url": self._address}])
+            self._page = context.new_page()
+            self._page.goto(self._address)
+            self._page.wait_for_selector(".band")
+            self._page.evaluate(WATCH)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._started is None:
+            return
+        self.seen = dict(self._page.evaluate("window.seen"))
+        self._browser.close()
+        self._started.stop()

@@ -1,0 +1,71 @@
+"""A console for a study: who is signed in, where it listens, and what its process takes."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.roles import Role
+from prooflight.server.running import LOOPBACK
+
+if TYPE_CHECKING:
+    from prooflight.server.settings import ConsoleSettings
+
+STARTS_S: Final = 60.0
+
+
+def session(settings: ConsoleSettings, *, role: Role = Role.VIEWER) -> str:
+    """Of somebody who looks on."""
+    accounts = Accounts(settings.data)
+    try:
+        accounts.add(role.value, role, by="study")
+        return accounts.begin(role.value)
+    finally:
+        accounts.close()
+
+
+def nothing(_address: str, _link: str | None) -> None:
+    """Where the console is, is known."""
+
+
+def free_port() -> int:
+    """Of loopback, that nobody holds at this moment."""
+    with socket.socket() as made:
+        made.bind((LOOPBACK, 0))
+        return int(made.getsockname()[1])
+
+
+def wait_until_it_answers(port: int) -> None:
+    """OSError: nobody listens there in time."""
+    until = time.monotonic() + STARTS_S
+    while True:
+        try:
+            socket.create_connection((LOOPBACK, port), timeout=1).close()
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+        else:
+            return
+
+
+def cpu_s(pid: int) -> float | None:
+    """CPU time of a process so far, its threads' as well; Linux only, proc(5)."""
+    try:
+        told = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    except OSError:
+        return None
+    return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def megabytes(pid: int) -> float | None:
+    """Resident memory of a process; Linux only, proc(5)."""
+    try:
+        told = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+    except OSError:
+        return None
+    return int(told[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -1,0 +1,283 @@
+"""From a verdict to its being seen: sheets are recorded as by a press, many look on, and the console is watched."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.cmyk import INK_NAMES
+from prooflight.detectors.verdict import Region, Verdict
+from prooflight.errors import RequestError
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunFacts
+from prooflight.line.recording import COMMIT_S, Recorder
+from prooflight.server.running import LOOPBACK, Listening, spawned
+from prooflight.server.settings import ConsoleSettings
+from prooflight_studies.console.beside import Beside, run_beside
+from prooflight_studies.console.listeners import Listeners, Window
+from prooflight_studies.console.loads import measure_loads
+from prooflight_studies.console.serving import (
+    cpu_s,
+    free_port,
+    megabytes,
+    nothing,
+    session,
+    wait_until_it_answers,
+)
+from prooflight_studies.harness.page import write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RATE_HZ: Final = 5.0
+"""Sheets a second: the paper's press."""
+ALONE_S, WATCHED_S = 30.0, 150.0
+QUICK_S: Final = 8.0
+CLIENTS, QUICK_CLIENTS = 50, 8
+FIRST_ALARM: Final = 40
+"""Sheet of the watched part that is the first misprint; then one in ``ALARM_EVERY``."""
+ALARM_EVERY: Final = 25
+ALARM_S: Final = 1.0
+"""The issue's bound from a verdict to its alarm."""
+AFTER_S: Final = 3.0
+"""For what still comes when the last sheet was recorded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """Of the console's process in one part of the study."""
+
+    seconds: float
+    cpu_percent: float | None
+    """Of one core; None: this system does not tell."""
+    first_mb: float | None
+    last_mb: float | None
+    """Memory at its beginning and end."""
+    sheets: int
+    record_ms: float
+    """Longest that whoever inspects waited to hand a sheet to the journal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delay:
+    """From verdict to somebody."""
+
+    who: str
+    sheets: int
+    missing: int
+    """Sheets that never came."""
+    median_s: float
+    p99_s: float
+    greatest_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsoleFigures:
+    """What was measured."""
+
+    alone: Load
+    watched: Load
+    clients: int
+    connected: int
+    lost: tuple[str, ...]
+    delays: tuple[Delay, ...]
+    alarm_s: float | None
+    """From the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
+    cores: int
+    load: float
+    """Of the machine when the study began, a core: above 0.5 others worked as well."""
+
+
+def run_console_study(
+    results: Path,
+    *,
+    quick: bool = False,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> ConsoleFigures:
+    """Serve, record, look, measure; writes ``console.md``."""
+    load = os.getloadavg()[0] / (os.cpu_count() or 1)
+    alone_s, watched_s = (QUICK_S, QUICK_S * 2) if quick else (ALONE_S, WATCHED_S)
+    clients = QUICK_CLIENTS if quick else CLIENTS
+    with tempfile.TemporaryDirectory() as folder:
+        settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
+        held = session(settings)
+        port = free_port()
+        progress("starting the console")
+        process = spawned(settings, Listening(port=port), ready=nothing)
+        try:
+            wait_until_it_answers(port)
+            with Journal.open(str(settings.journal)) as journal:
+                run = journal.begin_run(_facts(int(RATE_HZ * (alone_s + watched_s))))
+                with Recorder(journal, run) as recorder:
+                    press = _Press(recorder, pid=int(process.pid))
+                    progress(f"{alone_s:.0f} s with nobody looking")
+                    alone = press.go_on(alone_s, alarms=False)
+                    progress(f"{clients} live pages and a browser open")
+                    address = f"http://{LOOPBACK}:{port}"
+                    with (
+                        Window(address, held) as window,
+                        Listeners((LOOPBACK, port), session=held, count=clients) as listeners,
+                    ):
+                        progress(f"{watched_s:.0f} s with {clients} live pages")
+                        watched = press.go_on(watched_s, alarms=True)
+                        time.sleep(AFTER_S)
+        finally:
+            process.terminate()
+            process.join()
+    told = {number: at for number, at in press.told.items() if number >= alone.sheets}
+    everybody = [(number, at) for number, times in listeners.seen.items() for at in times]
+    delays = [_delay("live pages", told, everybody, times=clients)]
+    alarm_s = None
+    if window.seen:
+        drawn = [(number, at) for number, at in window.seen.items() if isinstance(number, int)]
+        delays.append(_delay("browser", told, drawn, times=1))
+        if "stop" in window.seen:
+            alarm_s = window.seen["stop"] - told[alone.sheets + FIRST_ALARM]
+    figures = ConsoleFigures(
+        alone=alone,
+        watched=watched,
+        clients=clients,
+        connected=listeners.connected,
+        lost=tuple(listeners.lost),
+        delays=tuple(delays),
+        alarm_s=alarm_s,
+        cores=os.cpu_count() or 1,
+        load=load,
+    )
+    stated: dict[str, Any] = {"rate_hz": RATE_HZ, "commit_s": COMMIT_S, "quick": quick, "bound_s": ALARM_S}
+    stated["alarm_every"] = ALARM_EVERY
+    write_page(results / "console.md", "console", _known(results) | asdict(figures) | stated)
+    return figures
+
+
+def run_console_part(
+    results: Path, part: str, *, plan: Beside | None, quick: bool, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measure ``beside``, ``hour`` or ``pages`` and keep the others; RequestError: the rest was never measured.
+
+    plan: what is watched; None: of ``pages``.
+    """
+    known = _known(results)
+    if "alone" not in known:
+        remedy = "run `prooflight study console` first"
+        raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
+    if plan is None:
+        found = measure_loads(
+            lambda sheet, alarm: _sheet(sheet, alarm=alarm), _facts, quick=quick, progress=progress
+        )
+    else:
+        found = run_beside(plan, progress=progress)
+    cores = os.cpu_count() or 1
+    found |= {"cores": cores, "load": os.getloadavg()[0] / cores}
+    write_page(results / "console.md", "console", known | {part: found})
+    return found
+
+
+def _known(results: Path) -> dict[str, Any]:
+    """Figures that were measured before."""
+    try:
+        found = json.loads((results / "console.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {name: value for name, value in found.items() if name != "study"}
+
+
+class _Press:
+    """Records sheets at a press's rate, and notes when."""
+
+    def __init__(self, recorder: Recorder, *, pid: int) -> None:
+        self._recorder, self._pid = recorder, pid
+        self._number = 0
+        self.told: dict[int, float] = {}
+        """When each verdict was made; Unix time. [s]"""
+
+    def go_on(self, seconds: float, *, alarms: bool) -> Load:
+        """Record for so long."""
+        count = int(seconds * RATE_HZ)
+        begun, used, memory = time.monotonic(), cpu_s(self._pid), megabytes(self._pid)
+        longest = 0.0
+        for at in range(count):
+            time.sleep(max(begun + at / RATE_HZ - time.monotonic(), 0.0))
+            alarm = alarms and at >= FIRST_ALARM and (at - FIRST_ALARM) % ALARM_EVERY == 0
+            page = _sheet(self._number, alarm=alarm)
+            self.told[self._number] = time.time()
+            before = time.monotonic()
+            self._recorder.record(page)
+            longest = max(longest, time.monotonic() - before)
+            self._number += 1
+        took, used_then = time.monotonic() - begun, cpu_s(self._pid)
+        cpu = None if used is None or used_then is None else 100 * (used_then - used) / took
+        return Load(
+            seconds=took,
+            cpu_percent=cpu,
+            first_mb=memory,
+            last_mb=megabytes(self._pid),
+            sheets=count,
+            record_ms=1000 * longest,
+        )
+
+
+def _delay(who: str, told: dict[int, float], seen: list[tuple[int, float]], *, times: int) -> Delay:
+    waited = np.array([at - told[number] for number, at in seen if number in told])
+    if not waited.size:
+        waited = np.array([np.inf])
+    return Delay(
+        who=who,
+        sheets=len(told),
+        missing=times * len(told) - sum(number in told for number, _ in seen),
+        median_s=float(np.median(waited)),
+        p99_s=float(np.quantile(waited, 0.99)),
+        greatest_s=float(waited.max()),
+    )
+
+
+def _sheet(number: int, *, alarm: bool) -> PageRecord:
+    """As long a row as a real one's; nothing was looked at."""
+    names = ("gain", "register-x", "register-y")
+    nuisance = {f"{name}-{ink}": 0.02 * math.sin(number) for name in names for ink in INK_NAMES}
+    verdict = Verdict(
+        page=f"p{number % 24 + 1:04}",
+        verdict="good",
+        action="accept",
+        score=-1.0,
+        threshold=1.0,
+        milliseconds=100.0,
+        detector="ours",
+    )
+    page = PageRecord(
+        sheet=number,
+        job_page=number,
+        verdict=verdict,
+        late=False,
+        first_line=3000 * number,
+        time_s=number / RATE_HZ,
+        nuisance=nuisance,
+    )
+    if not alarm:
+        return page
+    spot = Region(x_mm=60.0, y_mm=80.0, width_mm=3.0, height_mm=3.0, score=9.0, kind="spots-voids")
+    bad = replace(verdict, verdict="misprint", action="stop", kind="spots-voids", regions=(spot,), score=8.0)
+    cut = (np.arange(2 * 200 * 200, dtype=np.uint32) * (number + 7) % 4096).astype(np.uint16)
+    evidence = {"cut0": cut.reshape(2, 200, 200), "cut0_mm": np.array([50.0, 70.0, 21.0, 21.0])}
+    return replace(page, verdict=bad, evidence=evidence)
+
+
+def _facts(sheets: int) -> RunFacts:
+    return RunFacts(
+        job="made-up",
+        job_digest="",
+        press="none",
+        press_digest="0" * 64,
+        detector="ours",
+        source="made-up",
+        started_s=time.time(),
+        sheets=sheets,
+    )

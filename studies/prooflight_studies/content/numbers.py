@@ -1,0 +1,292 @@
+"""Numbers on prints of the press world: whether a wrong digit alarms, by the ranking alone and with glyphs weighed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training import DESIGNS
+from prooflight.commissioning.training.train import DEFAULT_RATE, trained
+from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
+from prooflight.inspection.inspector import Inspector
+from prooflight.press.artefact import Press
+from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
+from prooflight.scans.scan import Scan
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.scans import scan_page
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import amounts_of
+from prooflight_studies.content.text_sheets import POINTS, WRONGS, text_sheet, with_wrong_digit
+from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.paper.study import at_pitch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Inspection, PreparedPage
+    from prooflight.pages.raster import Page
+    from prooflight_studies.harness.result_cache import Rows
+
+PITCHES_MM: Final = (0.254, 0.127)
+SHEETS: Final = 168
+"""Of each size: 504 wrong digits, a third of each kind."""
+SHEETS_A_DAY: Final = 4
+QUICK: Final = 4
+QUICK_DESIGNS: Final = 24
+SPECIMEN_SEED: Final = 1
+TAUGHT_BY: Final = 70_001
+"""Seed of the designs by which `press build` teaches a press."""
+NEAR_MM: Final = 1.0
+"""By which a place that the verdict names may lie off the wrong digit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextFound:
+    """What the page says of numbers."""
+
+    seed: int
+    sheets: int
+    """Of each size, at each pitch."""
+    pitches_mm: list[float]
+    promise: float
+    """One good page in 1 / promise may alarm."""
+    caught: list[dict[str, float | int | str]]
+    """By pitch, size and what is wrong."""
+    good: list[dict[str, float | int | str]]
+    """By pitch."""
+    margins: list[dict[str, float]]
+    """By pitch: S of good prints and of wrong ones."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextPiece:
+    """Sheets of one size, of one press day."""
+
+    pitch_mm: float
+    points: int
+    first: int
+    sheets: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextWork:
+    """Prints a day's sheets, each once well and once with each kind of wrong digit, and inspects them."""
+
+    press: Path
+    seed: int
+
+    def __call__(self, piece: TextPiece) -> Rows:
+        """Columns: points, wrong (an index of ``WRONGS``; -1: good), before, after, near, named, s."""
+        bench = _Bench.at(self.press)
+        at = POINTS.index(piece.points)
+        session = Session.draw(
+            amounts_of(bench.press), bench.press, stream(self.seed, "content-text-session", piece.first, at)
+        )
+        rows: list[dict[str, Any]] = []
+        for number in range(piece.first, piece.first + piece.sheets):
+            rng = stream(self.seed, "content-text", number, at)
+            sheet = text_sheet(piece.points, rng=rng)
+            page = sheet.raster(number + 1, dpi=bench.press.dpi)
+            ready = bench.detector.prepare(bench.inspector.planned(page, threads=1))
+            for wrong in (-1, *range(len(WRONGS))):
+                printed = page
+                if wrong >= 0:
+                    printed = with_wrong_digit(sheet, WRONGS[wrong], rng=rng).raster(
+                        number + 1, dpi=bench.press.dpi
+                    )
+                row = {"points": piece.points, "wrong": wrong}
+                rows.append(row | bench.inspected(ready, page, printed, session, rng))
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bench:
+    """A press with its detector as it is, and as it would be did it not weigh glyphs."""
+
+    press: Press
+    inspector: Inspector
+    detector: MatchedFilterDetector
+    before: MatchedFilterDetector
+
+    @classmethod
+    def at(cls, path: Path) -> _Bench:
+        return _bench(path)
+
+    def inspected(
+        self, ready: PreparedPage, page: Page, printed: Page, session: Session, rng: np.random.Generator
+    ) -> dict[str, Any]:
+        scan = scan_page(
+            printed,
+            press=self.press,
+            request=None,
+            others=(),
+            fetch=lambda _: printed,
+            rng=rng,
+            session=session,
+        )
+        done = ready.inspect(Scan(dn=scan.dn, name="print"))
+        kept = {name: array for name, array in done.kept.items() if name != "glyphs"}
+        before = self.before.decided_again(KeptArrays(kept, self.before.name))
+        after = done.verdict.verdict == "misprint"
+        return {
+            "before": before.misprint,
+            "after": after,
+            "near": after and _near(done, page, printed),
+            "named": after and done.verdict.kind in ("exchanged-glyph", "missing-glyph"),
+            "s": float(done.kept["glyphs"]),
+        }
+
+
+@lru_cache(maxsize=1)
+def _bench(path: Path) -> _Bench:
+    press = Press.load(path)
+    assert press.ours is not None
+    inspector = Inspector.of(press, "ours").with_threads(1)
+    detector = inspector.detector
+    assert isinstance(detector, MatchedFilterDetector)
+    return _Bench(
+        press=press,
+        inspector=inspector,
+        detector=detector,
+        before=replace(detector, calibrated=without_glyphs(press.ours)),
+    )
+
+
+def without_glyphs(ours: CalibratedDetector) -> CalibratedDetector:
+    """The same that promises as much and weighs no glyphs."""
+    return CalibratedDetector.calibrated(
+        ours.model,
+        ours.own,
+        references=ours.references,
+        pages=replace(ours.pages, glyphs=np.zeros(0)),
+        false_alarm_rate=ours.promise.asked,
+        misprint_rate=ours.misprint_rate,
+        real=ours.real,
+    )
+
+
+def _near(done: Inspection, page: Page, printed: Page) -> bool:
+    """Whether the first place of a verdict is where the raster was changed."""
+    if not done.verdict.regions:
+        return False
+    rows, columns = np.nonzero((page.cmyk != printed.cmyk).any(axis=-1))
+    if not rows.size:
+        return False
+    first, px = done.verdict.regions[0], page.pixel_mm
+    return bool(
+        first.x_mm - NEAR_MM <= columns.max() * px
+        and first.x_mm + first.width_mm + NEAR_MM >= columns.min() * px
+        and first.y_mm - NEAR_MM <= rows.max() * px
+        and first.y_mm + first.height_mm + NEAR_MM >= rows.min() * px
+        and first.width_mm <= 10 * NEAR_MM
+    )
+
+
+def run_text_study(
+    cache: Path,
+    *,
+    seed: int,
+    sheets: int = SHEETS,
+    pitches_mm: Sequence[float] = PITCHES_MM,
+    quick: bool = False,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> TextFound:
+    """Teach a press at each pitch, print so many sheets of numbers of each size, and count alarms."""
+    sheets, designs = (QUICK, QUICK_DESIGNS) if quick else (sheets, DESIGNS)
+    every: list[tuple[float, Rows]] = []
+    for pitch_mm in pitches_mm[:1] if quick else pitches_mm:
+        path = _taught(cache, pitch_mm, designs, processes=processes, progress=progress)
+        pieces = [
+            TextPiece(pitch_mm=pitch_mm, points=points, first=first, sheets=min(SHEETS_A_DAY, sheets - first))
+            for points in POINTS
+            for first in range(0, sheets, SHEETS_A_DAY)
+        ]
+        rows = run_pieces(
+            TextWork(press=path, seed=seed),
+            pieces,
+            cache,
+            digest=digest_of({"seed": seed, "press": Press.load(path).digest, "algorithms": ALGORITHMS}),
+            processes=processes,
+            progress=lambda done, total: progress(f"{pitch_mm} mm: {done} of {total} press days"),  # noqa: B023
+        )
+        every.append((pitch_mm, rows))
+    return text_found(every, seed=seed, sheets=sheets)
+
+
+def _taught(
+    cache: Path,
+    pitch_mm: float,
+    designs: int,
+    *,
+    processes: int | None,
+    progress: Callable[[str], None],
+) -> Path:
+    """A press as `press build` makes it, at a pitch; kept."""
+    facts = {"pitch_mm": pitch_mm, "designs": designs, "algorithms": ALGORITHMS}
+    path = cache / f"taught-{digest_of(facts)[:16]}.press"
+    if not path.exists():
+        cache.mkdir(parents=True, exist_ok=True)
+        progress(f"making a press whose pixels lie {pitch_mm} mm apart, by {designs} designs")
+        press = build_press(at_pitch(PressFile.prototype(), pitch_mm), seed=SPECIMEN_SEED)
+        corpus = Corpus(seed=TAUGHT_BY, dpi=press.dpi)
+        trained(
+            press,
+            corpus,
+            designs=designs,
+            seed=SPECIMEN_SEED,
+            false_alarm_rate=DEFAULT_RATE,
+            processes=processes,
+        ).save(path)
+    return path
+
+
+def text_found(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextFound:
+    """Counts of rows by pitch."""
+    return TextFound(
+        seed=seed,
+        sheets=sheets,
+        pitches_mm=[pitch_mm for pitch_mm, _ in every],
+        promise=DEFAULT_RATE,
+        caught=[
+            _of_wrong(pitch_mm, points, name, rows, (rows["points"] == points) & (rows["wrong"] == wrong))
+            for pitch_mm, rows in every
+            for points in POINTS
+            for wrong, name in enumerate(WRONGS)
+        ],
+        good=[_of_good(pitch_mm, rows, rows["wrong"] < 0) for pitch_mm, rows in every],
+        margins=[_margin(pitch_mm, rows) for pitch_mm, rows in every],
+    )
+
+
+def _of_wrong(
+    pitch_mm: float, points: int, wrong: str, rows: Rows, which: NDArray[np.bool_]
+) -> dict[str, float | int | str]:
+    counts = {name: int(rows[name][which].sum()) for name in ("before", "after", "near", "named")}
+    return {"pitch_mm": pitch_mm, "points": points, "wrong": wrong, "printed": int(which.sum()), **counts}
+
+
+def _of_good(pitch_mm: float, rows: Rows, which: NDArray[np.bool_]) -> dict[str, float | int | str]:
+    counts = {name: int(rows[name][which].sum()) for name in ("before", "after", "named")}
+    return {"pitch_mm": pitch_mm, "printed": int(which.sum()), **counts}
+
+
+def _margin(pitch_mm: float, rows: Rows) -> dict[str, float]:
+    good, wrong = rows["s"][rows["wrong"] < 0], rows["s"][rows["wrong"] >= 0]
+    return {
+        "pitch_mm": pitch_mm,
+        "greatest_good": float(good.max()),
+        "one_in_100_wrong": float(np.quantile(wrong, 0.01)),
+        "half_of_wrong": float(np.median(wrong)),
+    }

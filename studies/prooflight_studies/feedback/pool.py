@@ -1,0 +1,203 @@
+"""Sheets of a press that is not the one it was taught by, printed and scored once: weeks are drawn from these."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training import DESIGNS
+from prooflight.commissioning.training.train import trained
+from prooflight.detectors.base import PlannedPage
+from prooflight.inspection.registry import detector
+from prooflight.press.artefact import Press
+from prooflight.press.press_file import PressFile
+from prooflight.scans.scan import Scan
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.protocol import Day, in_days
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
+from prooflight_studies.press.scans import Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Detector
+
+PROMISED: Final = 0.01
+TIMES: Final = 1.5
+"""As much as the press world's amounts do good prints of this press vary."""
+BLACK_OF_FOUR: Final = 0.5
+"""Of its designs have type in a black of four inks; of those that taught it none has."""
+TEACHING_OFFSET: Final = 500
+"""Seed of the designs and days that teach the press, beyond the study's."""
+SCENE: Final = 64
+"""Number of this study's scene, apart from those of others of the same seed."""
+RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoolPlan:
+    """How much is printed."""
+
+    seed: int
+    days: int = 70
+    designs_a_day: int = 20
+    misprint_every: int = 4
+    """One design in so many is also printed wrong; kinds take turns."""
+    teaching: int = DESIGNS
+    """Designs that make the press ready."""
+
+    @classmethod
+    def quick(cls, seed: int) -> PoolPlan:
+        """To see that all of it works."""
+        return cls(seed=seed, days=8, designs_a_day=6, misprint_every=2, teaching=24)
+
+    @property
+    def of_days(self) -> list[Day]:
+        """Each with its designs."""
+        return in_days("test", range(self.days * self.designs_a_day), self.designs_a_day)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pool:
+    """Scored sheets, one a row."""
+
+    score: NDArray[np.float64]
+    day: NDArray[np.int64]
+    """First design of the day on which it was printed."""
+    kind: NDArray[np.str_]
+    """Of the misprint; "": a good print."""
+    severity: NDArray[np.float64]
+    threshold: float
+    """That the press was taught."""
+    promise: str
+    """What it promises, in words."""
+    minutes: float
+    """That printing and scoring took, of one core."""
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """Which are good prints."""
+        return self.kind == ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoolWork:
+    """Prints of a day's designs -> score, day, kind and severity of each, by the press's own detector."""
+
+    scene: Scene
+    every: int
+
+    def __call__(self, day: Day, /) -> dict[str, NDArray[Any]]:
+        """``Work``."""
+        bench, taught = self.scene.day(day), _detector(self.scene.press)
+        station = _press(self.scene.press).station(threads=1)
+        columns: dict[str, list[Any]] = defaultdict(list)
+        for index in day.designs:
+            good = bench.day.good(bench.page(index))
+            known = taught.prepare(PlannedPage(good.page, station))
+            for copy in range(1 + (index % self.every == 0)):
+                rng, printed = self.scene.rng(index, copy), good
+                if copy:
+                    others = rng.permutation([other for other in day.designs if other != index])[:3].tolist()
+                    kind = self.scene.kind(index // self.every, copy)
+                    wrong = bench.wrong(good, kind, others, rng)
+                    if wrong is None:
+                        continue
+                    printed = wrong
+                verdict = known.inspect(Scan(dn=bench.scan(printed, rng))).verdict
+                row = {"score": verdict.score, "day": day.designs[0], "kind": printed.kind}
+                for name, value in (row | {"severity": printed.severity}).items():
+                    columns[name].append(value)
+        rows = {name: np.array(values) for name, values in columns.items()}
+        return rows | {"score": rows["score"].astype(float), "kind": rows["kind"].astype("U16")}
+
+
+def printed_pool(
+    plan: PoolPlan,
+    cache: Path,
+    *,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> Pool:
+    """Teach the press, print what it was not taught by, score it; cache: where presses and rows are kept."""
+    path = _taught(plan, cache, progress)
+    press = Press.load(path)
+    scene = Scene(
+        press=path,
+        pages=Corpus(seed=plan.seed, dpi=press.dpi, black_of_four=BLACK_OF_FOUR),
+        seed=plan.seed,
+        number=SCENE,
+        times=TIMES,
+        misprints=1,
+    )
+    digest = digest_of(
+        {
+            "worlds": worlds_digest(),
+            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+            "press": press.digest,
+            "scene": repr(replace(scene, press=None)),  # type: ignore[arg-type]
+            "every": plan.misprint_every,
+        }
+    )
+    work, days = PoolWork(scene=scene, every=plan.misprint_every), plan.of_days
+    rows = run_pieces(
+        work,
+        days,
+        cache / "pool",
+        digest=digest,
+        processes=processes,
+        progress=lambda done, of: progress(f"printing and scoring: {done} of {of} press days"),
+    )
+    assert press.ours is not None
+    return Pool(
+        **{name: rows[name] for name in ("score", "day", "kind", "severity")},
+        threshold=press.ours.threshold,
+        promise=str(press.ours.promise),
+        minutes=minutes_spent(days, cache / "pool", digest=digest),
+    )
+
+
+def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
+    """The press as it is delivered, which is kept."""
+    press = build_press(at_pitch(PressFile.prototype(), REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
+    facts = {
+        "worlds": worlds_digest(),
+        "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+        "press": press.digest,
+        "seed": plan.seed,
+        "teaching": plan.teaching,
+    }
+    path = cache / f"{digest_of(facts)[:16]}.press"
+    if not path.is_file():
+        progress(f"teaching a press by {plan.teaching} designs")
+        taught = trained(
+            press,
+            Corpus(seed=plan.seed + TEACHING_OFFSET, dpi=press.dpi),
+            designs=plan.teaching,
+            seed=plan.seed + TEACHING_OFFSET,
+            false_alarm_rate=PROMISED,
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        taught.save(path)
+    return path
+
+
+@lru_cache(maxsize=2)
+def _press(path: Path) -> Press:
+    return Press.load(path)
+
+
+@lru_cache(maxsize=2)
+def _detector(path: Path) -> Detector:
+    return detector("ours", _press(path))

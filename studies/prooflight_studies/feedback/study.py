@@ -1,0 +1,353 @@
+"""Twenty weeks of a press that is not the one it was taught by: calibrated anew by a sample, and by alarms alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.detectors.false_alarm_rate import conformal_threshold
+from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
+from prooflight.errors import RequestError
+from prooflight.rng import stream
+from prooflight_studies.feedback.pool import BLACK_OF_FOUR, PROMISED, TIMES, PoolPlan, printed_pool
+from prooflight_studies.harness.page import write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight_studies.feedback.pool import Pool
+
+WEEKS: Final = 20
+DAYS_A_WEEK: Final = 5
+SHEETS_A_DAY: Final = 250
+SAMPLE: Final = 0.02
+"""Of the sheets that pass, about which people are asked."""
+MISPRINT_RATE: Final = 0.01
+TOLD: Final = (100, 150, 200, 300)
+"""Sampled good pages that were told, after which it is calibrated anew."""
+HISTORIES: Final = 200
+"""Of twenty weeks, each with other days to calibrate and to judge."""
+GOAL_TOLD: Final = 300
+GOAL_FACTOR: Final = 1.5
+MIDDLE: Final = 0.9
+"""Of histories, between the bounds that are given."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """One threshold on days that no word came from."""
+
+    realised: float
+    """Of good sheets, the share that alarms. [-]"""
+    caught: float
+    """Of misprints. [-]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One way to set the threshold, over all histories."""
+
+    way: str
+    told: int | None
+    """Sampled good pages; None: not by these."""
+    sheets: float
+    """That had been printed by then, in the mean."""
+    threshold: float
+    """The median."""
+    realised: float
+    """In the mean: what the theorem bounds. [-]"""
+    low: float
+    """The middle ``MIDDLE`` of histories. [-]"""
+    high: float
+    within: float
+    """Share of histories whose realised rate is within ``GOAL_FACTOR`` of the promise."""
+    caught: float
+    histories: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What the page says."""
+
+    seed: int
+    quick: bool
+    promised: float
+    times: float
+    black_of_four: float
+    pool_good: int
+    pool_misprints: int
+    pool_days: int
+    minutes: float
+    weeks: int
+    days_a_week: int
+    sheets_a_day: int
+    sample: float
+    misprint_rate: float
+    histories: int
+    goal_told: int
+    goal_factor: float
+    taught: str
+    rows: list[Row]
+    alone: Row
+    """By the words on alarms alone, at that moment."""
+    goal: Row
+    """At ``GOAL_TOLD`` pages, or as many as there were."""
+    refused_below: int
+    """Sampled good pages below which the product refuses."""
+    missed_covered: float
+    """Share of histories in which the interval of the misprints missed holds their true number."""
+    missed_true: float
+    """In the mean over histories."""
+    missed_estimate: float
+    rate_covered: float
+    """The same of the realised false-alarm rate of the sheets that passed the press."""
+
+
+def run_feedback_study(
+    out: Path,
+    *,
+    cache: Path,
+    plan: PoolPlan,
+    quick: bool = False,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> Found:
+    """Print the pool, live through the weeks, and write feedback.md."""
+    pool = printed_pool(plan, cache, processes=processes, progress=progress)
+    histories = 20 if quick else HISTORIES
+    lived = []
+    for number in range(histories):
+        if number % 20 == 0:
+            progress(f"twenty weeks, {number} of {histories} times")
+        lived.append(history(pool, stream(plan.seed, "feedback-weeks", number)))
+    found = _found(pool, lived, plan=plan, quick=quick)
+    write_page(out / "feedback.md", "feedback", found)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """Twenty weeks."""
+
+    before: Judged
+    by_told: dict[int, tuple[float, int, Judged]]
+    """Threshold, sheets printed by then, and what it does; of ``TOLD`` as far as it came."""
+    alone: dict[int, tuple[float, int, Judged]]
+    """The same moments, by the confirmed alarms alone."""
+    naive: list[tuple[float, Judged]]
+    """By these too, anew after each week, of that week's at the threshold then in force."""
+    every: tuple[float, Judged]
+    """Had people told every good print of those days, each design once: what no sample can beat."""
+    missed: tuple[float, float, float, float]
+    """True number of misprints that passed in all weeks, the estimate, and its interval."""
+    rate: tuple[float, float, float, float]
+    """The same of good sheets that alarmed, as a share."""
+
+
+def history(pool: Pool, rng: np.random.Generator) -> History:
+    """One draw of days and of what people are asked; judged on days of the pool that take no part in it."""
+    days = rng.permutation(np.unique(pool.day))
+    lives, judges = days[: len(days) // 2], days[len(days) // 2 :]
+    judge = _judge(pool, np.isin(pool.day, judges))
+    drawn = np.concatenate([_sheets(pool, rng.choice(lives), rng) for _ in range(WEEKS * DAYS_A_WEEK)])
+    score, good = pool.score[drawn], pool.good[drawn]
+    alarm = score > pool.threshold
+    asked = alarm | (rng.random(drawn.size) < SAMPLE)
+    sampled = np.cumsum(asked & ~alarm & good)
+    by_told, alone = {}, {}
+    for told in TOLD:
+        if sampled[-1] < told:
+            continue
+        upto = int(np.searchsorted(sampled, told)) + 1
+        by_told[told] = _recalibrated(pool, score[:upto], (asked & good)[:upto], alarm[:upto], judge)
+        confirmed = score[:upto][alarm[:upto] & good[:upto]]
+        threshold = _by_count(confirmed) if confirmed.size else pool.threshold
+        alone[told] = (threshold, upto, judge(threshold))
+    counts = SampleCounts(
+        alarms=int(alarm.sum()),
+        alarms_good=int((alarm & good).sum()),
+        alarms_misprints=int((alarm & ~good).sum()),
+        passed=int((~alarm).sum()),
+        passed_good=int((asked & ~alarm & good).sum()),
+        passed_misprints=int((asked & ~alarm & ~good).sum()),
+    )
+    missed, rate = counts.missed, counts.false_alarms
+    assert missed is not None
+    assert rate is not None
+    return History(
+        before=judge(pool.threshold),
+        by_told=by_told,
+        alone=alone,
+        naive=_naive(pool, score, good, judge),
+        every=_every(pool.score[np.isin(pool.day, lives) & pool.good], judge),
+        missed=(float((~alarm & ~good).sum()), missed.value, missed.low, missed.high),
+        rate=(float(alarm[good].mean()), rate.value, rate.low, rate.high),
+    )
+
+
+def _judge(pool: Pool, here: NDArray[np.bool_]) -> Callable[[float], Judged]:
+    good, wrong = pool.score[here & pool.good], pool.score[here & ~pool.good]
+    return lambda threshold: Judged(
+        realised=float((good > threshold).mean()), caught=float((wrong > threshold).mean())
+    )
+
+
+def _sheets(pool: Pool, day: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A day's sheets: its good prints over and over, and misprints of that day as rarely as they come."""
+    here = pool.day == day
+    good, wrong = np.flatnonzero(here & pool.good), np.flatnonzero(here & ~pool.good)
+    drawn = rng.choice(good, SHEETS_A_DAY)
+    bad = rng.random(SHEETS_A_DAY) < MISPRINT_RATE
+    if wrong.size:
+        drawn[bad] = rng.choice(wrong, int(bad.sum()))
+    return drawn
+
+
+def _recalibrated(
+    pool: Pool,
+    score: NDArray[np.float64],
+    told: NDArray[np.bool_],
+    alarm: NDArray[np.bool_],
+    judge: Callable[[float], Judged],
+) -> tuple[float, int, Judged]:
+    """As `press recalibrate` does, with every question answered."""
+    which = np.flatnonzero(told)
+    passed = ~alarm[which]
+    pages = ToldPages(
+        score=score[which],
+        weight=np.where(passed, 1 / SAMPLE, 1.0),
+        run=np.ones(which.size, np.int64),
+        sheet=which,
+        passed=passed,
+        rate=PROMISED,
+        passed_weight=1 / SAMPLE,
+        alarms_from=pool.threshold,
+        replaces="",
+    )
+    return pages.threshold, score.size, judge(pages.threshold)
+
+
+def _every(score: NDArray[np.float64], judge: Callable[[float], Judged]) -> tuple[float, Judged]:
+    threshold = _by_count(score)
+    return threshold, judge(threshold)
+
+
+def _by_count(score: NDArray[np.float64]) -> float:
+    """Split-conformal, all of equal weight; with too few for the promise the rarest that they can promise."""
+    rate = max(PROMISED, 1 / (score.size + 1))
+    return conformal_threshold(score, np.arange(score.size), false_alarm_rate=rate)
+
+
+def _naive(
+    pool: Pool, score: NDArray[np.float64], good: NDArray[np.bool_], judge: Callable[[float], Judged]
+) -> list[tuple[float, Judged]]:
+    """After each week: split-conformal on that week's confirmed false alarms alone; with too few it stays."""
+    threshold, found = pool.threshold, []
+    for week in range(WEEKS):
+        at = slice(week * DAYS_A_WEEK * SHEETS_A_DAY, (week + 1) * DAYS_A_WEEK * SHEETS_A_DAY)
+        confirmed = score[at][good[at] & (score[at] > threshold)]
+        try:
+            each = np.arange(confirmed.size)
+            threshold = conformal_threshold(confirmed, each, false_alarm_rate=PROMISED)
+        except ValueError:
+            pass  # as who calibrates by hand: wait for more alarms
+        found.append((threshold, judge(threshold)))
+    return found
+
+
+def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> Found:
+    rows = [_row("as taught", None, [(pool.threshold, 0, one.before) for one in lived])]
+    for told in TOLD:
+        reached = [one.by_told[told] for one in lived if told in one.by_told]
+        if reached:
+            rows.append(_row("sample and alarms, weighted", told, reached))
+    rows.append(_row("every good print told", None, [(one.every[0], 0, one.every[1]) for one in lived]))
+    for told in TOLD:
+        if came := [one.alone[told] for one in lived if told in one.alone]:
+            rows.append(_row("the same words on alarms alone", None, came))
+    for week in (1, WEEKS):
+        of_week = [(*one.naive[week - 1], week) for one in lived]
+        sheets = week * DAYS_A_WEEK * SHEETS_A_DAY
+        way = f"alarms of one week alone, after week {week}"
+        rows.append(_row(way, None, [(threshold, sheets, judged) for threshold, judged, _ in of_week]))
+    missed, rate = (np.array([getattr(one, name) for one in lived]) for name in ("missed", "rate"))
+    return Found(
+        seed=plan.seed,
+        quick=quick,
+        promised=PROMISED,
+        times=TIMES,
+        black_of_four=BLACK_OF_FOUR,
+        pool_good=int(pool.good.sum()),
+        pool_misprints=int((~pool.good).sum()),
+        pool_days=int(np.unique(pool.day).size),
+        minutes=pool.minutes,
+        weeks=WEEKS,
+        days_a_week=DAYS_A_WEEK,
+        sheets_a_day=SHEETS_A_DAY,
+        sample=SAMPLE,
+        misprint_rate=MISPRINT_RATE,
+        histories=len(lived),
+        goal_told=GOAL_TOLD,
+        goal_factor=GOAL_FACTOR,
+        taught=pool.promise,
+        rows=rows,
+        goal=[row for row in rows if row.told][-1] if any(row.told for row in rows) else rows[0],
+        alone=[row for row in rows if row.way.startswith("the same words")][-1],
+        refused_below=_least(),
+        missed_covered=_covered(missed),
+        missed_true=float(missed[:, 0].mean()),
+        missed_estimate=float(missed[:, 1].mean()),
+        rate_covered=_covered(rate),
+    )
+
+
+def _row(way: str, told: int | None, found: list[tuple[float, int, Judged]]) -> Row:
+    realised = np.array([judged.realised for _, _, judged in found])
+    low, high = np.quantile(realised, [(1 - MIDDLE) / 2, (1 + MIDDLE) / 2])
+    ratio = realised / PROMISED
+    return Row(
+        way=way,
+        told=told,
+        sheets=float(np.mean([sheets for _, sheets, _ in found])),
+        threshold=float(np.median([threshold for threshold, _, _ in found])),
+        realised=float(realised.mean()),
+        low=float(low),
+        high=float(high),
+        within=float(((ratio >= 1 / GOAL_FACTOR) & (ratio <= GOAL_FACTOR)).mean()),
+        caught=float(np.mean([judged.caught for _, _, judged in found])),
+        histories=len(found),
+    )
+
+
+def _covered(rows: NDArray[Any]) -> float:
+    return float(((rows[:, 2] <= rows[:, 0]) & (rows[:, 0] <= rows[:, 3])).mean())
+
+
+def _least() -> int:
+    """How many sampled good pages the product asks for: it refuses one fewer."""
+    count = 1
+    while True:
+        pages = ToldPages(
+            score=np.arange(float(count)),
+            weight=np.full(count, 1 / SAMPLE),
+            run=np.ones(count, np.int64),
+            sheet=np.arange(count),
+            passed=np.ones(count, bool),
+            rate=PROMISED,
+            passed_weight=1 / SAMPLE,
+            alarms_from=float(count),
+            replaces="",
+        )
+        try:
+            _ = pages.threshold
+        except RequestError as error:
+            count += max(pages.missing, 1)
+            if count > 1e6:
+                raise RuntimeError("no count supports the promise") from error
+            continue
+        return count

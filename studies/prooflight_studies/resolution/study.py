@@ -1,0 +1,284 @@
+"""PDFs printed by presses whose resolution is their own, inspected against rasters drawn coarsely and finely.
+
+Everywhere else a simulated press prints the very raster from which its prints are foretold. A real press draws a PDF
+itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
+from prooflight.detectors.matched_filter.calibrated import ScannedPage, score_of
+from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.errors import InputError, RequestError
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.job import in_full
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.rng import stream
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest, scan_page
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import amounts_of
+from prooflight_studies.harness.operating import counted
+from prooflight_studies.harness.page import write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from prooflight.inspection.inspector import Prepared
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+PRINTED_DPI: Final = (0, 600, 1200)
+"""0: the raster itself, drawn as finely as it was expected."""
+FINER: Final = (1, 2)
+WITH_MISPRINTS: Final = 1200
+PAGES_A_DAY: Final = 4
+QUICK: Final = 4
+OTHER_PAGES: Final = ("wrong-page",)
+"""Kinds that take another page; each job here has one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One print, inspected against one raster."""
+
+    page: str
+    printed_dpi: int
+    """0: the raster itself."""
+    finer: int
+    """How many times as finely as the raster it was drawn."""
+    misprint: str
+    """Its kind; empty: a good print."""
+    severity: float
+    alarm: bool
+    p_value: float
+    said: ScannedPage
+    """What the scan said, for a press that learns from it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What the page says."""
+
+    seed: int
+    press: str
+    raster_dpi: float
+    promise: float
+    pages: int
+    days: int
+    rows: list[dict[str, Any]]
+    """By printed resolution and raster."""
+    learned: list[dict[str, Any]]
+    """By printed resolution: of prints expected from the finely drawn raster, judged by the press once it has learned
+    from the good prints of the other half of the pages."""
+    worst: list[dict[str, Any]]
+    """Pages whose good prints alarm although they were drawn finely."""
+
+
+def run_resolution_study(
+    press: Press,
+    pages: Path,
+    out: Path,
+    *,
+    seed: int,
+    most: int | None = None,
+    quick: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Found:
+    """Print the first pages of a folder's PDFs and inspect them; writes resolution.md.
+
+    most: so many pages. RequestError: the press has no detector of ours, or no PDF fits it.
+    """
+    if press.ours is None:
+        raise RequestError(
+            "press", "was not taught our detector", remedy="give one of `prooflight press build`"
+        )
+    inspector = in_full(Inspector(press))
+    wanted = QUICK if quick else most
+    rows, number = list[Row](), 0
+    for pdf in sorted(pages.glob("*.pdf")):
+        if number == wanted:
+            break
+        rasters = _rasters(pdf, press)
+        if rasters is None:
+            continue
+        number += 1
+        progress(f"{pdf.stem} (page {number}" + (f" of {wanted})" if wanted else ")"))
+        rows += _of_page(pdf.stem, rasters, inspector, number=number, seed=seed)
+    if not rows:
+        raise RequestError(pages, "holds no PDF that fits this press", remedy="give a folder of PDFs")
+    found = _found(rows, press, seed=seed, pages=number)
+    write_page(out / "resolution.md", "resolution", found)
+    return found
+
+
+def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
+    """A PDF's first page by resolution (0: the press's) and how finely it was drawn; None: it does not fit."""
+    try:
+        with PdfJob(pdf) as job:
+            width_mm, _ = job.page_sizes_mm[0]
+            if width_mm > press.geometry.field_mm:
+                return None
+            light = press.ink_light
+            drawn = {(0, finer): job.page(1, press.dpi, finer=finer, light=light) for finer in FINER}
+            drawn |= {(dpi, 1): job.page(1, dpi) for dpi in PRINTED_DPI if dpi}
+            return {key: press.geometry.lay(page) for key, page in drawn.items()}
+    except InputError:
+        return None
+
+
+def _of_page(
+    name: str, rasters: dict[tuple[int, int], Page], inspector: Inspector, *, number: int, seed: int
+) -> Iterator[Row]:
+    """Good prints at every resolution, and a misprint at one, against each raster; prints are the same for each."""
+    press = inspector.press
+    session = Session.draw(
+        amounts_of(press), press, stream(seed, "resolution-session", number // PAGES_A_DAY)
+    )
+    prepared = {finer: inspector.prepare(rasters[0, finer]) for finer in FINER}
+    for dpi in PRINTED_DPI:
+        for finer in FINER:
+            page = rasters[dpi, 1] if dpi else rasters[0, finer]
+            rng = stream(seed, "resolution-print", number, dpi)
+            scan = scan_page(
+                page, press=press, request=None, others=(), fetch=_none, rng=rng, session=session
+            )
+            yield _row(name, dpi, finer, prepared[finer], inspector, scan.dn)
+    kinds = [kind for kind in KINDS if kind not in OTHER_PAGES]
+    request = MisprintRequest(kind=kinds[number % len(kinds)])
+    page, rng = rasters[WITH_MISPRINTS, 1], stream(seed, "resolution-misprint", number)
+    try:
+        scan = scan_page(page, press=press, request=request, others=(), fetch=_none, rng=rng, session=session)
+    except RequestError:
+        return  # nothing of that kind can be seen on this page
+    if scan.misprint is not None:
+        severity = scan.misprint.severity
+        for finer in FINER:
+            yield _row(
+                name,
+                WITH_MISPRINTS,
+                finer,
+                prepared[finer],
+                inspector,
+                scan.dn,
+                misprint=request.kind,
+                severity=severity,
+            )
+
+
+def _none(number: int) -> Page:
+    raise RequestError(
+        f"page {number}", "is not printed here", remedy="ask for a kind that takes no other page"
+    )
+
+
+def _row(
+    name: str,
+    dpi: int,
+    finer: int,
+    prepared: Prepared,
+    inspector: Inspector,
+    dn: np.ndarray,
+    *,
+    misprint: str = "",
+    severity: float = 0.0,
+) -> Row:
+    inspection = inspector.inspect(prepared, dn)
+    verdict = inspection.verdict
+    return Row(
+        page=name,
+        printed_dpi=dpi,
+        finer=finer,
+        misprint=misprint,
+        severity=severity,
+        alarm=verdict.verdict == "misprint",
+        p_value=1.0 if verdict.p_value is None else verdict.p_value,
+        said=ScannedPage(
+            name=name,
+            score=verdict.score or 0.0,
+            values=inspection.kept["values"],
+            page_features=inspection.kept["portrait"],
+            another=bool(inspection.kept["wrong_page"]),
+            digest=name,
+            variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
+            glyphs=float(inspection.kept["glyphs"]),
+        ),
+    )
+
+
+def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
+    """``Found.learned``; empty where half of the pages are too few to learn from."""
+    pages = sorted({row.page for row in rows})
+    halves = set(pages[::2]), set(pages[1::2])
+    if min(map(len, halves)) < FEWEST_REAL:
+        return []
+    table = []
+    for dpi in PRINTED_DPI[1:]:
+        here = [row for row in rows if row.printed_dpi == dpi and row.finer == max(FINER)]
+        judged = list[tuple[Row, bool]]()
+        for taught_by, others in (halves, halves[::-1]):
+            good = [row.said for row in here if row.page in taught_by and not row.misprint]
+            ours = recalibrated(
+                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_promise(press)
+            ).ours
+            assert ours is not None
+            for row in here:
+                if row.page in others:
+                    said = row.said
+                    score = score_of(ours.model, said.values, said.page_features, another=said.another)
+                    judged.append((row, ours.decide(score, said.glyphs).misprint))
+        good_alarms = [alarm for row, alarm in judged if not row.misprint]
+        caught = [alarm for row, alarm in judged if row.misprint]
+        table.append(
+            {
+                "printed_dpi": dpi,
+                "false_alarms": counted(sum(good_alarms), len(good_alarms)),
+                "misprints": len(caught),
+                "caught": sum(caught),
+            }
+        )
+    return table
+
+
+def _promise(press: Press) -> float:
+    return 0.0 if press.ours is None else press.ours.promise.rate
+
+
+def _found(rows: list[Row], press: Press, *, seed: int, pages: int) -> Found:
+    table = []
+    for dpi in PRINTED_DPI:
+        for finer in FINER:
+            of = [row for row in rows if (row.printed_dpi, row.finer) == (dpi, finer)]
+            good = [row for row in of if not row.misprint]
+            bad = [row for row in of if row.misprint]
+            table.append(
+                {
+                    "printed_dpi": dpi,
+                    "finer": finer,
+                    "good": len(good),
+                    "alarms": sum(row.alarm for row in good),
+                    "false_alarms": counted(sum(row.alarm for row in good), len(good)),
+                    "odd": sum(row.p_value < 0.05 for row in good),
+                    "misprints": len(bad),
+                    "caught": sum(row.alarm for row in bad),
+                }
+            )
+    fine = Counter(row.page for row in rows if row.alarm and not row.misprint and row.finer == max(FINER))
+    return Found(
+        seed=seed,
+        press=press.name,
+        raster_dpi=press.dpi,
+        promise=_promise(press),
+        pages=pages,
+        days=-(-pages // PAGES_A_DAY),
+        rows=table,
+        learned=_learned(rows, press),
+        worst=[{"page": page, "alarms": count} for page, count in fine.most_common()],
+    )

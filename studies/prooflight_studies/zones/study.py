@@ -1,0 +1,423 @@
+"""Zones on prints of the press world: their price as foretold and as it came, what ignored zones hide, the promise."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.build import build_press
+from prooflight.commissioning.training.train import trained
+from prooflight.commissioning.zones.defects import SORTS, Area, areas_of
+from prooflight.commissioning.zones.price import ZonePrints, price_of
+from prooflight.pages.files import write_tiff
+from prooflight.pages.job import JobSource
+from prooflight.pages.parallel import in_order
+from prooflight.pages.raster import Page
+from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.press.pages import job_source
+from prooflight.press.press_file import PressFile
+from prooflight.rng import stream
+from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.zones.defects import printed_with
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+    from prooflight.pages.zones.zone import Kind
+    from prooflight.press.artefact import Press
+
+PIXELS: Final = 400
+"""Of the camera: the paper's rig with a shorter line."""
+PAGE_MM: Final = (38.0, 54.0)
+PAGES: Final = 5
+ZONES_A_PAGE: Final = 12
+ZONE_MM: Final = (8.0, 8.0)
+DESIGNS: Final = 24
+SPECIMEN_SEED: Final = 1
+PRINTS: Final = 60
+"""That calibrate the zones of a page."""
+TRIALS: Final = 12
+CAME: Final = 2
+"""Prints at the foretold strength, of each sort in each zone."""
+GOOD: Final = 40
+"""Fresh good prints of a page, with each set of zones."""
+BESIDE_MM: Final = (0.6, 3.0)
+"""How far beside an ignored zone a defect's middle may lie, beyond its own reach and the strip of 0.5 mm."""
+LEAST_PRINTED: Final = 0.25
+"""Share of a piece that must be printed."""
+STRONG: Final = {"spot": 2.0, "streak": 60.0, "density": 60.0}
+"""Defects put into ignored zones, and beside them."""
+QUICK: Final = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """Of prints, how many alarmed."""
+
+    prints: int
+    alarms: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageRows:
+    """What one page gave; by sort of defect."""
+
+    careful_zones: int
+    ignored_zones: int
+    foretold: list[dict[str, Any]]
+    """A row a careful zone and sort: least before and after, prints and alarms at the foretold strength."""
+    rest: list[dict[str, Any]]
+    inside: dict[str, Tally]
+    """Defects within ignored zones, with the zones in force ..."""
+    inside_bare: dict[str, Tally]
+    """... and without."""
+    beside: list[dict[str, Any]]
+    """A row a print: sort, caught without zones, caught with them."""
+    good: dict[str, Tally]
+    """Fresh good prints by kind of zones."""
+    good_bare: dict[str, Tally]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What the page says."""
+
+    seed: int
+    quick: bool
+    pages: int
+    page_mm: tuple[float, float]
+    zone_mm: tuple[float, float]
+    prints: int
+    trials: int
+    promised: float
+    careful_share: float
+    careful_zones: int
+    ignored_zones: int
+    price: list[dict[str, Any]]
+    """By sort, of careful zones: medians before and after, foretold, and what came."""
+    rest: list[dict[str, Any]]
+    inside: list[dict[str, Any]]
+    beside: list[dict[str, Any]]
+    good: list[dict[str, Any]]
+    strong: dict[str, float]
+
+
+def run_zones_study(
+    out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> Found:
+    """Price careful and ignored zones on pages, then print; writes zones.md."""
+    progress("making a press")
+    press = build_press(PressFile.prototype(), seed=SPECIMEN_SEED, pixels=PIXELS)
+    press = trained(press, Pieces(corpus=Corpus(seed=seed + 1, dpi=press.dpi)), designs=DESIGNS, seed=seed)
+    pages = QUICK if quick else PAGES
+    rows: list[PageRows] = []
+    work = partial(page_rows, press=press, seed=seed, quick=quick)
+    for done, one in enumerate(in_order(work, range(pages), fewest=2), start=1):
+        rows.append(one)
+        progress(f"page {done} of {pages}")
+    assert press.ours is not None
+    found = found_of(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
+    write_page(out / "zones.md", "zones", found)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pieces:
+    """Pieces of composed designs, as large as the study's pages."""
+
+    corpus: Corpus
+
+    def page(self, index: int) -> Page:
+        """The middle of design ``index``, or another piece of it where that is almost bare."""
+        whole = self.corpus.page(index)
+        size = [round(extent / whole.pixel_mm) for extent in reversed(PAGE_MM)]
+        most, best = -1.0, whole.cmyk
+        for down in (0.5, 0.2, 0.8):
+            for across in (0.5, 0.1, 0.9):
+                top, left = (
+                    round(share * (extent - side))
+                    for share, extent, side in zip((down, across), whole.cmyk.shape, size, strict=False)
+                )
+                piece = whole.cmyk[top : top + size[0], left : left + size[1]]
+                printed = float(piece.any(axis=2).mean())
+                if printed > most:
+                    most, best = printed, piece
+                if printed >= LEAST_PRINTED:
+                    break
+        return Page(cmyk=np.ascontiguousarray(best), dpi=whole.dpi, name=whole.name, number=whole.number)
+
+
+def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
+    """Zones spread over a page, each somewhere in a cell of its own."""
+    found = []
+    columns, rows = 3, ZONES_A_PAGE // 3
+    cell = PAGE_MM[0] / columns, PAGE_MM[1] / rows
+    for number in range(ZONES_A_PAGE):
+        row, column = divmod(number, columns)
+        x, y = (
+            round(place * side + float(rng.uniform(2.0, side - extent - 2.0)), 2)
+            for place, side, extent in zip((column, row), cell, ZONE_MM, strict=True)
+        )
+        found.append(ZoneEntry(name=f"{kind} {number + 1}", kind=kind, rectangle_mm=(x, y, *ZONE_MM)))
+    return found
+
+
+def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> PageRows:
+    """One page with careful zones, and with ignored ones; one design of the corpus that taught nothing."""
+    page = Pieces(corpus=Corpus(seed=seed + 2, dpi=press.dpi)).page(index)
+    rng = stream(seed, "zones-study", index)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "p0001.tif"
+        write_tiff(page, path)
+        source = job_source(path, press)
+        priced = partial(price_of, source, press, prints=PRINTS, seed=seed * 1000 + index, processes=1)
+        sizes = [(page.width_mm, page.height_mm)]
+        careful = JobZones.made(zones_of("careful", rng), sizes)
+        ignored = JobZones.made(zones_of("ignore", rng), sizes)
+        price = priced(careful, trials=4 if quick else TRIALS)
+        bench = Bench(source, press, careful.priced(price.entry), seed=seed * 1000 + index)
+        foretold = list(bench.foretold(price, came=1 if quick else CAME))
+        good = {"careful": bench.good(10 if quick else GOOD, first=0)}
+        rest = [
+            {
+                "sort": sort.name,
+                "before": _finite(one.before[sort.name].least),
+                "after": _finite(one.after[sort.name].least),
+            }
+            for one in price.areas
+            if one.kind == "rest"
+            for sort in SORTS
+        ]
+        without = priced(ignored, trials=0)
+        bench = Bench(source, press, ignored.priced(without.entry), seed=seed * 1000 + index)
+        good |= {"ignored": bench.good(10 if quick else GOOD, first=1000)}
+        inside = {sort.name: bench.inside(sort.name) for sort in SORTS}
+        beside = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
+    return PageRows(
+        careful_zones=len(careful.document.zones),
+        ignored_zones=len(ignored.document.zones),
+        foretold=foretold,
+        rest=rest,
+        inside={name: zoned for name, (zoned, _) in inside.items()},
+        inside_bare={name: bare for name, (_, bare) in inside.items()},
+        beside=beside,
+        good={name: zoned for name, (zoned, _) in good.items()},
+        good_bare={name: bare for name, (_, bare) in good.items()},
+    )
+
+
+class Bench:
+    """Prints of one page with its zones in force."""
+
+    def __init__(self, source: JobSource, press: Press, zones: JobZones, *, seed: int) -> None:
+        self.prints = ZonePrints(job=source, press=press, zones=zones, numbers=(1,), seed=seed)
+        self.page, self.bare, self.zoned = self.prints.ready(1)
+        of_page = zones.page(self.page)
+        assert of_page is not None
+        self.areas = areas_of(of_page)
+        self.seed, self._next = seed, 0
+
+    def alarms(self, page: Page, rng: np.random.Generator) -> tuple[bool, bool]:
+        """Whether one more print of it alarms with zones, and without."""
+        scan = self.prints.printed(page, rng)
+        with_zones = self.zoned.inspect(scan)
+        if self.bare is None:
+            return _alarmed(with_zones), without_zones(self.zoned, with_zones)
+        return _alarmed(with_zones), _alarmed(self.bare.inspect(scan))
+
+    def good(self, count: int, *, first: int) -> tuple[Tally, Tally]:
+        """Fresh good prints, with zones and without."""
+        said = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
+        return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*said, strict=True))  # type: ignore[return-value]
+
+    def foretold(self, price: Any, *, came: int) -> Iterator[dict[str, Any]]:
+        """Of every careful zone and sort, what was foretold and what came of prints at that strength."""
+        by_name = {area.name: area for area in self.areas}
+        for priced in price.areas:
+            if priced.kind != "careful":
+                continue
+            for sort in SORTS:
+                least = priced.after[sort.name].least
+                tally = Tally(prints=0, alarms=0)
+                if np.isfinite(least):
+                    tally = self._tally(sort.name, least, by_name[priced.name], came)[0]
+                yield {
+                    "sort": sort.name,
+                    "before": _finite(priced.before[sort.name].least),
+                    "after": _finite(least),
+                    "prints": tally.prints,
+                    "alarms": tally.alarms,
+                }
+
+    def inside(self, sort: str) -> tuple[Tally, Tally]:
+        """Strong defects wholly in every ignored zone: with zones, and without."""
+        reach = STRONG["spot"] / 2 if sort == "spot" else 0.0
+        wholly = [
+            Area(name=area.name, kind=area.kind, holds=partial(_within, area=area, reach=reach))
+            for area in self.areas
+            if area.kind == "ignore"
+        ]
+        said = [self._tally(sort, STRONG[sort], area, 1) for area in wholly]
+        return tuple(  # type: ignore[return-value]
+            Tally(prints=sum(one.prints for one in column), alarms=sum(one.alarms for one in column))
+            for column in zip(*said, strict=True)
+        )
+
+    def beside(self, sort: str) -> Iterator[dict[str, Any]]:
+        """Strong defects close beside every ignored zone."""
+        others = [area for area in self.areas if area.kind == "ignore"]
+        for area in others:
+            near = Area(
+                name=area.name, kind="beside", holds=partial(_beside, area=area, sort=sort, others=others)
+            )
+            spoilt = printed_with(self.page, sort, STRONG[sort], near, rng=self._rng(self._count()))
+            if spoilt is None:
+                continue
+            with_zones, without = self.alarms(spoilt, self._rng(self._count()))
+            yield {"sort": sort, "with": with_zones, "without": without}
+
+    def _tally(self, sort: str, strength: float, area: Area, count: int) -> tuple[Tally, Tally]:
+        said = []
+        for _ in range(count):
+            spoilt = printed_with(self.page, sort, strength, area, rng=self._rng(self._count()))
+            if spoilt is not None:
+                said.append(self.alarms(spoilt, self._rng(self._count())))
+        zoned, bare = ([pair[at] for pair in said] for at in (0, 1))
+        return Tally(prints=len(said), alarms=sum(zoned)), Tally(prints=len(said), alarms=sum(bare))
+
+    def _count(self) -> int:
+        self._next += 1
+        return 10_000 + self._next
+
+    def _rng(self, index: int) -> np.random.Generator:
+        return stream(self.seed, "zones-came", index)
+
+
+def _within(
+    x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, reach: float
+) -> NDArray[np.bool_]:
+    """An area without the strip of this width inside its edges."""
+    found = area.holds(x, y)
+    for dx in (-reach, 0.0, reach):
+        for dy in (-reach, 0.0, reach):
+            found &= area.holds(x + dx, y + dy)
+    return found
+
+
+def _beside(
+    x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, sort: str, others: list[Area]
+) -> NDArray[np.bool_]:
+    """A frame about a zone, where neither it nor another is; streaks run through it up and down."""
+    reach = STRONG["spot"] / 2 if sort == "spot" else 0.5
+    inner, outer = (BESIDE_MM[0] + reach, BESIDE_MM[1] + reach)
+    near = np.zeros((y.size, x.size), bool)
+    for dx in np.linspace(-outer, outer, 7):
+        for dy in np.linspace(-outer, outer, 7):
+            near |= area.holds(x + dx, y + dy)
+    for other in others:
+        for dx in np.linspace(-inner, inner, 7):
+            for dy in np.linspace(-inner, inner, 7):
+                near &= ~other.holds(x + dx, y + dy)
+    return near
+
+
+def _alarmed(inspection: Inspection) -> bool:
+    return inspection.verdict.verdict == "misprint"
+
+
+def without_zones(page: MatchedFilterPage, inspection: Inspection) -> bool:
+    """Whether the same scan alarms by the page as a whole at the press's own threshold."""
+    return page.whole_score(inspection) > page.detector.calibrated.threshold
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None
+
+
+def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> Found:
+    """Rows of all pages, added up."""
+    foretold = [row for one in rows for row in one.foretold]
+    beside = [row for one in rows for row in one.beside]
+
+    def tally(part: str, name: str) -> dict[str, int]:
+        tallies = [getattr(one, part)[name] for one in rows]
+        return {"prints": sum(one.prints for one in tallies), "alarms": sum(one.alarms for one in tallies)}
+
+    return Found(
+        seed=seed,
+        quick=quick,
+        pages=len(rows),
+        page_mm=PAGE_MM,
+        zone_mm=ZONE_MM,
+        prints=PRINTS,
+        trials=4 if quick else TRIALS,
+        promised=promised,
+        careful_share=0.2,
+        careful_zones=sum(one.careful_zones for one in rows),
+        ignored_zones=sum(one.ignored_zones for one in rows),
+        price=[
+            {
+                "sort": sort.name,
+                "unit": sort.unit,
+                **_medians([row for row in foretold if row["sort"] == sort.name]),
+                "prints": sum(row["prints"] for row in foretold if row["sort"] == sort.name),
+                "alarms": sum(row["alarms"] for row in foretold if row["sort"] == sort.name),
+            }
+            for sort in SORTS
+        ],
+        rest=[
+            {
+                "sort": sort.name,
+                "unit": sort.unit,
+                **_medians([row for one in rows for row in one.rest if row["sort"] == sort.name]),
+            }
+            for sort in SORTS
+        ],
+        inside=[
+            {
+                "sort": sort.name,
+                "with": tally("inside", sort.name),
+                "without": tally("inside_bare", sort.name),
+            }
+            for sort in SORTS
+        ],
+        beside=[
+            {
+                "sort": sort,
+                "prints": len(of),
+                "with": sum(row["with"] for row in of),
+                "without": sum(row["without"] for row in of),
+                "lost": sum(row["without"] and not row["with"] for row in of),
+            }
+            for sort in ("spot", "streak")
+            if (of := [row for row in beside if row["sort"] == sort]) is not None
+        ],
+        good=[
+            {"zones": name, "with": tally("good", name), "without": tally("good_bare", name)}
+            for name in ("careful", "ignored")
+        ],
+        strong=dict(STRONG),
+    )
+
+
+def _medians(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Medians of what is caught before and after; null: not in half of the zones. And in how many at all."""
+    told: dict[str, Any] = {"zones": len(rows)}
+    for name in ("before", "after"):
+        values = [np.inf if row[name] is None else row[name] for row in rows]
+        told[name] = _finite(float(np.median(values))) if values else None
+        told[f"{name}_known"] = sum(np.isfinite(value) for value in values)
+    both = [row["before"] / row["after"] for row in rows if row["before"] and row["after"]]
+    told["better"] = round(float(np.median(both)), 2) if both else None
+    told["compared"] = len(both)
+    return told

@@ -1,0 +1,259 @@
+"""Zones by commands: from a PDF by rules, priced, and in force."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pymupdf
+import pytest
+from PIL import Image
+
+from prooflight.__main__ import main
+from prooflight.commissioning.zones.caught import Range, Trial, caught, next_strength
+from prooflight.commissioning.zones.defects import SORTS, areas_of, with_defect
+from prooflight.journal.journal import Journal
+from prooflight.pages.files import write_tiff
+from prooflight.pages.job import JobSource
+from prooflight.pages.zones.zone import PageZones, Zone
+from prooflight.pages.zones.zones_file import JobZones
+from prooflight.press.artefact import Press
+from prooflight.scans.recorded import recorded_scans, write_scan
+from prooflight.simulation.scans import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from prooflight.pages.raster import Page
+
+A7 = (210.0, 297.0)
+"""Of the PDF. [points]"""
+
+
+def prooflight(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["prooflight", *map(str, arguments)])
+    try:
+        return int(main() or 0)
+    except SystemExit as left:
+        return int(left.code or 0)
+
+
+def write_pdf(path: Path) -> None:
+    """A page whose TrimBox is 10 points inside its MediaBox, with a layer, a BleedBox within and a stamp."""
+    document = pymupdf.Document()
+    page = document.new_page(width=A7[0] + 20, height=A7[1] + 20)
+    page.set_trimbox(pymupdf.Rect(10, 10, A7[0] + 10, A7[1] + 10))
+    page.set_bleedbox(pymupdf.Rect(20, 20, A7[0], A7[1]))
+    faces = document.add_ocg("Faces")
+    page.draw_rect(pymupdf.Rect(60, 80, 130, 160), fill=(0.2, 0.4, 0.6), oc=faces)
+    page.insert_text((30, 200), "not in any layer")
+    stamp = page.add_rect_annot(pymupdf.Rect(150, 250, 200, 280))
+    stamp.set_info(title="Numbering")
+    stamp.update()
+    document.save(path)
+
+
+def test_a_pdf_says_where_its_layers_boxes_and_annotations_lie(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_pdf(tmp_path / "job.pdf")
+    out = tmp_path / "job.zones.json"
+    rules = ["--layer", "faces=careful", "--annotation", "Numbering=ignore", "--outside-bleed", "ignore"]
+    assert prooflight(monkeypatch, "job", "zones", tmp_path / "job.pdf", "-o", out, *rules, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    zones = {one["name"]: one for one in told["zones"]["zones"]}
+    point = 25.4 / 72
+    # From the TrimBox's corner, with half a line's width about what is drawn.
+    for name, corners in (("faces", (50, 70, 70, 80)), ("Numbering", (140, 240, 50, 30))):
+        assert np.allclose(zones[name]["rectangle_mm"], np.multiply(corners, point), atol=0.75), name
+    assert zones["outside BleedBox, above"]["rectangle_mm"] == pytest.approx(
+        [0, 0, 210 * point, 10 * point], abs=0.01
+    )
+    assert json.loads(out.read_text())["zones"] == [
+        {name: value for name, value in one.items() if value is not None} for one in told["zones"]["zones"]
+    ]
+    picture = tmp_path / "zones.png"
+    assert prooflight(monkeypatch, "zones", "show", out, tmp_path / "job.pdf", "--picture", picture) == 0
+    assert "faces" in capsys.readouterr().out
+    with Image.open(picture) as image:
+        assert image.height > image.width > 500
+
+
+def test_rules_that_find_nothing_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_pdf(tmp_path / "job.pdf")
+    out = tmp_path / "job.zones.json"
+    code = prooflight(monkeypatch, "job", "zones", tmp_path / "job.pdf", "-o", out, "--layer", "Logo=careful")
+    assert code == 2
+    assert "no page has a layer 'Logo': there are Faces" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
+@pytest.fixture
+def small(tmp_path: Path, make_page: Callable[..., Page], trained_press: Press) -> Path:
+    """A folder with a job of one page, its press, a scan and zones."""
+    page = make_page(2, number=1)
+    (tmp_path / "job").mkdir()
+    (tmp_path / "scans").mkdir()
+    write_tiff(page, tmp_path / "job/p0001.tif")
+    trained_press.save(tmp_path / "my.press")
+    zones = {
+        "zones": [
+            {"name": "face", "kind": "careful", "rectangle_mm": [20, 26, 10, 12]},
+            {"name": "stamp", "kind": "ignore", "rectangle_mm": [8, 8, 12, 14]},
+        ]
+    }
+    (tmp_path / "job.zones.json").write_text(json.dumps(zones))
+    return tmp_path
+
+
+def test_zones_are_priced_saved_and_then_in_force(
+    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    at = {name: small / name for name in ("job", "my.press", "job.zones.json", "scans")}
+    on_press = ["--press", at["my.press"]]
+    made = [at["job"], *on_press, "--world", "press", "-o", at["scans"]]
+    assert prooflight(monkeypatch, "simulate", *made) == 0
+    before = at["job.zones.json"].read_bytes()
+    capsys.readouterr()
+    watched = [at["job"], at["scans"], *on_press, "--zones", at["job.zones.json"], "--json"]
+    assert prooflight(monkeypatch, "inspect", *watched) == 2
+    assert "have not been priced" in " ".join(capsys.readouterr().err.split())
+    priced = [
+        "zones",
+        "price",
+        at["job.zones.json"],
+        at["job"],
+        *on_press,
+        "--prints",
+        24,
+        "--trials",
+        3,
+        "--json",
+    ]
+    assert prooflight(monkeypatch, *priced) == 0
+    assert at["job.zones.json"].read_bytes() == before  # nothing is saved unasked
+    capsys.readouterr()
+    assert prooflight(monkeypatch, *priced, "--save") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [(one["name"], one["kind"]) for one in told["zones"]] == [
+        ("face", "careful"),
+        ("stamp", "ignore"),
+        ("the rest of the page", "rest"),
+    ]
+    assert told["saved"]
+    assert told["promised"] == pytest.approx(0.1)
+    for row in told["zones"]:
+        assert set(row["before"]) == set(row["after"]) == {"spot", "streak", "density"}
+        if row["kind"] == "ignore":
+            assert all(one["least"] is None for one in row["after"].values())
+    kept: dict[str, Any] = json.loads(at["job.zones.json"].read_text())
+    assert kept["price"]["prints"] == 24
+    assert len(kept["price"]["careful_scores"]) == 16
+    assert prooflight(monkeypatch, "inspect", *watched) in (0, 1)
+    _watched_with_zones(small, on_press, monkeypatch, capsys)
+    kept["zones"][0]["rectangle_mm"][0] = 18
+    at["job.zones.json"].write_text(json.dumps(kept))
+    assert prooflight(monkeypatch, "inspect", *watched) == 2
+    assert "changed after they had been priced" in " ".join(capsys.readouterr().err.split())
+
+
+def _watched_with_zones(
+    small: Path, on_press: list[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run takes zones that are in force: what a stamp leaves in its zone passes, and alarms where none is."""
+    job, zones, stamped = small / "job", small / "job.zones.json", small / "stamped"
+    press = Press.load(small / "my.press")
+    (scan,) = recorded_scans(small / "scans", sensors=len(press.sensors))
+    dn, (page_mm, _) = scan.read(), JobSource(path=job, dpi=press.dpi).open().page_size_mm(1)
+    x = press.geometry.centres_x_mm(page_mm)
+    y = press.geometry.centres_y_mm(dn.shape[1])
+    stamp = ((y > 12) & (y < 17))[:, None] & (x > 11) & (x < 17)  # within the ignored zone
+    dn[:, stamp] = np.uint16(dn.min())
+    stamped.mkdir()
+    write_scan(stamped / "p0001.tif", dn, facts={})
+    run = ["watch", job, *on_press, "--source", f"replay:{stamped}", "--keep", "all", "--json"]
+    found = []
+    for number, with_zones in enumerate(([], ["--zones", zones])):
+        journal = small / f"run{number}.sqlite"
+        capsys.readouterr()
+        prooflight(monkeypatch, *run, *with_zones, "--journal", journal)
+        with Journal.open(str(journal), read_only=True) as opened:
+            last = opened.last_run()
+            (page,) = opened.pages(last.id)
+            found.append(
+                (page.verdict.verdict, last.facts.settings.get("zones"), opened.page(last.id, 0).evidence)
+            )
+    digest = JobZones.read(zones, JobSource(path=job, dpi=press.dpi).open().page_sizes_mm).digest
+    assert [(verdict, told) for verdict, told, _ in found] == [("misprint", None), ("good", digest)]
+    assert "careful" in (found[1][2] or {})
+    assert "careful" not in (found[0][2] or {})
+    changed = small / "changed.zones.json"
+    document = json.loads(zones.read_text())
+    document["zones"][1]["rectangle_mm"][0] += 1
+    changed.write_text(json.dumps(document))
+    journal = small / "refused.sqlite"
+    assert prooflight(monkeypatch, *run, "--zones", changed, "--journal", journal) == 2
+    assert "changed after they had been priced" in " ".join(capsys.readouterr().err.split())
+    assert not journal.exists(), "no run began"
+
+
+WITHIN = Range(low=0.1, high=10.0)
+
+
+def test_what_is_caught_at_99_percent_is_found_from_trials() -> None:
+    """Prints are caught by a normal law about 1 with a spread of 0.3 in the logarithm: 99 % from exp(0.3 x 2.33) = 2.0.
+
+    200 trials at strengths chosen on the way tell it to a few per cent; a tenth of what the range spans is allowed.
+    """
+    rng = np.random.default_rng(3)
+    trials: list[Trial] = []
+    for _ in range(200):
+        strength = next_strength(trials, WITHIN, rng, false_alarms=0.01)
+        assert WITHIN.low <= strength <= WITHIN.high
+        trials.append(Trial(strength=strength, caught=bool(np.log(strength) > 0.3 * rng.standard_normal())))
+    found = caught(trials, WITHIN, false_alarms=0.01)
+    assert found.low <= 2.0 <= found.high
+    assert found.least == pytest.approx(2.0, rel=0.35)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_what_is_always_or_never_caught(seen: bool) -> None:
+    rng = np.random.default_rng(4)
+    trials: list[Trial] = []
+    for _ in range(30):
+        trials.append(Trial(strength=next_strength(trials, WITHIN, rng, false_alarms=0.01), caught=seen))
+    found = caught(trials, WITHIN, false_alarms=0.01)
+    assert found.ever == seen
+    assert (found.least < 1.0) if seen else np.isinf(found.high)
+
+
+@pytest.mark.parametrize("sort", [sort.name for sort in SORTS])
+def test_a_defect_lies_in_its_area_alone(
+    sort: str, trained_press: Press, make_page: Callable[..., Page]
+) -> None:
+    page = trained_press.geometry.lay(make_page(2, number=1))
+    dn = simulate(page, trained_press, seed=2).dn
+    zones = PageZones(zones=(Zone.rectangle("face", "careful", (10, 10, 12, 12)),), careful_share=0.2)
+    face, rest = areas_of(zones)
+    assert (face.kind, rest.kind) == ("careful", "rest")
+    spoilt = with_defect(
+        dn, sort, 2.0 if sort == "spot" else 80.0, face,
+        page=page, press=trained_press, shift_mm=(0.0, 0.0), rng=np.random.default_rng(1),
+    )  # fmt: skip
+    assert spoilt is not None
+    x, y = (
+        trained_press.geometry.centres_x_mm(page.width_mm),
+        trained_press.geometry.centres_y_mm(dn.shape[1]),
+    )
+    changed = np.argwhere(spoilt[0] != dn[0])
+    assert len(changed) > 50
+    reach = 1.5  # half a spot and the lens
+    assert y[changed[:, 0]].min() > 10 - reach
+    assert y[changed[:, 0]].max() < 22 + reach
+    assert x[changed[:, 1]].min() > 10 - reach
+    assert x[changed[:, 1]].max() < 22 + reach

@@ -1,0 +1,170 @@
+"""Glyphs weighed: the log likelihood ratio in closed form, its mean under good prints, and what a scan says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
+
+from prooflight.detectors.matched_filter.fit.modes import pixel_map
+from prooflight.detectors.matched_filter.glyphs.weighing import (
+    GOOD,
+    NONE,
+    PageGlyphs,
+    WeighedPage,
+    nuisances,
+    prepare_glyphs,
+    weighed,
+    without_nuisances,
+)
+from prooflight.pages.raster import Page
+from prooflight.prediction.predict import predict
+from prooflight.press.artefact import Press
+from prooflight.scans.placement import IN_PLACE
+
+DIGITS = {
+    "0": ".###. #...# #...# #...# #...# #...# .###.",
+    "1": "..#.. .##.. ..#.. ..#.. ..#.. ..#.. .###.",
+    "3": "####. ....# ....# .###. ....# ....# ####.",
+    "7": "##### ....# ...#. ...#. ..#.. ..#.. ..#..",
+    "8": ".###. #...# #...# .###. #...# #...# .###.",
+}
+
+
+def sheet(rows: list[str], dpi: float) -> Page:
+    """Rows of digits, 1.5 mm high, on a page of 36 x 30 mm."""
+    cmyk = np.zeros((round(30 * dpi / 25.4), round(36 * dpi / 25.4), 4), np.uint8)
+    dot = round(1.5 * dpi / 25.4 / 7)
+    for line, text in enumerate(rows):
+        for place, digit in enumerate(text):
+            mask = np.array([[one == "#" for one in row] for row in DIGITS[digit].split()])
+            mask = np.kron(mask, np.ones((dot, dot), bool))
+            top, left = (4 + 3 * line) * 7 * dot, (4 + 2 * place) * 6 * dot // 2
+            cmyk[top : top + mask.shape[0], left : left + mask.shape[1], 3][mask] = 255
+    return Page(cmyk=cmyk, dpi=dpi, name="p0001", number=1)
+
+
+ROWS = ["0137801378", "8731087310", "1111333388"]
+
+
+def test_the_ratio_is_that_of_two_gaussians() -> None:
+    rng = np.random.default_rng(11)
+    basis, differences = rng.normal(size=(len(GOOD), 40)), rng.normal(size=(3, 40))
+    sure, residual = rng.uniform(0.5, 2, 40), rng.normal(size=40)
+    push, power = without_nuisances(differences, basis, sure, sure * residual)
+    covariance = np.diag(1 / sure) + basis.T @ np.diag(np.square(GOOD)) @ basis
+    none = stats.multivariate_normal(np.zeros(40), covariance)
+    for index, difference in enumerate(differences):
+        there = stats.multivariate_normal(difference, covariance)
+        ratio = there.logpdf(residual) - none.logpdf(residual)
+        assert push[index] - power[index] / 2 == pytest.approx(ratio, rel=1e-9)
+
+
+def test_the_ratio_has_the_mean_1_on_good_prints() -> None:
+    """20,000 draws of seed 12, of which the mean is known to 1.3 %: four times that."""
+    rng = np.random.default_rng(12)
+    basis = rng.normal(size=(len(GOOD), 12))
+    difference = 0.3 * rng.normal(size=(1, 12))
+    amounts = rng.normal(size=(20_000, len(GOOD))) * GOOD
+    prints = amounts @ basis + rng.normal(size=(20_000, 12))
+    ratios = []
+    for residual in prints:
+        push, power = without_nuisances(difference, basis, np.ones(12), residual)
+        ratios.append(push[0] - power[0] / 2)
+    assert np.exp(ratios).mean() == pytest.approx(1, abs=0.05)
+
+
+@given(seed=st.integers(0, 1000))
+def test_ratios_do_not_change_with_units(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    basis, difference = rng.normal(size=(len(GOOD), 30)), rng.normal(size=(2, 30))
+    sure, residual = rng.uniform(0.5, 2, 30), rng.normal(size=30)
+    push, power = without_nuisances(difference, basis, sure, sure * residual)
+    again = without_nuisances(difference[::-1], basis, sure, sure * residual)
+    np.testing.assert_allclose(again[0][::-1], push)
+    assert (power >= 0).all()
+
+
+def test_what_a_good_print_does_with_a_glyph_costs_no_more_than_it_is_likely() -> None:
+    seen = np.random.default_rng(3).random((9, 8))
+    for basis in nuisances(seen, seen[::-1]):
+        push, power = without_nuisances(basis[None], nuisances(seen, seen[::-1]), np.full(72, 1e8), 0 * basis)
+        assert push[0] == 0
+        assert power[0] <= 1 / min(GOOD) ** 2
+
+
+@pytest.fixture(scope="module")
+def page(press: Press) -> Page:
+    return sheet(ROWS, press.dpi)
+
+
+@pytest.fixture(scope="module")
+def glyphs(press: Press, page: Page) -> PageGlyphs:
+    return prepare_glyphs(page, sensors=press.sensors, geometry=press.geometry)
+
+
+def residual(press: Press, page: Page, printed: Page) -> NDArray[np.float32]:
+    """What a noiseless print in its place leaves."""
+    of = [predict(one, sensors=press.sensors, geometry=press.geometry).expected_dn for one in (printed, page)]
+    return of[0] - of[1]
+
+
+def asked(press: Press, page: Page, glyphs: PageGlyphs, left: NDArray[np.float32]) -> WeighedPage:
+    where = pixel_map(page, press.geometry, IN_PLACE)
+    light = predict(page, sensors=press.sensors, geometry=press.geometry).expected_dn
+    return weighed(glyphs, left, np.full_like(left, 1 / 60**2), light, where)
+
+
+def test_each_digit_is_a_glyph_and_each_outline_a_letter(glyphs: PageGlyphs) -> None:
+    assert glyphs.count == sum(map(len, ROWS))
+    assert len(glyphs.letters.leader) == len(DIGITS)
+    assert sorted(set(glyphs.line.tolist())) == [1, 2, 3]
+    for outline in glyphs.letters.leader:
+        assert outline not in glyphs.letters.rivals(int(outline))
+
+
+def test_a_patch_is_what_prediction_says_of_its_glyph(press: Press, page: Page, glyphs: PageGlyphs) -> None:
+    """Without a glyph the camera sees its patch less; the lens's far light, left out of patches, is 2 % of it."""
+    gone = page.cmyk.copy()
+    x, y, width, height = (glyphs.box_mm[0] / page.pixel_mm).round().astype(int)
+    gone[y : y + height, x : x + width] = 0
+    left = residual(press, page, replace(page, cmyk=gone))[0] / glyphs.placed.contrast[0, 0]
+    assert left.min() < -0.3
+    said = asked(press, page, glyphs, residual(press, page, replace(page, cmyk=gone)))
+    assert said.found[0].glyph == 0
+    assert said.found[0].missing
+
+
+def test_a_good_print_says_nothing(press: Press, page: Page, glyphs: PageGlyphs) -> None:
+    noise = 60 * np.random.default_rng(5).standard_normal(residual(press, page, page).shape, np.float32)
+    assert asked(press, page, glyphs, noise).score < 0
+    assert asked(press, page, glyphs, 0 * noise).score == NONE
+
+
+@pytest.mark.parametrize(("place", "digit"), [(2, "8"), (4, "3"), (9, "0"), (0, "8"), (3, "1")])
+def test_another_digit_is_found_where_it_stands(
+    press: Press, page: Page, glyphs: PageGlyphs, place: int, digit: str
+) -> None:
+    rows = [ROWS[0][:place] + digit + ROWS[0][place + 1 :], *ROWS[1:]]
+    left = residual(press, page, sheet(rows, press.dpi))
+    said = asked(press, page, glyphs, left)
+    assert said.score > 20
+    worst = said.found[0]
+    assert not worst.missing
+    x = glyphs.box_mm[worst.glyph, 0] + glyphs.box_mm[worst.glyph, 2] / 2
+    dot = round(1.5 * press.dpi / 25.4 / 7)
+    assert x == pytest.approx(((4 + 2 * place) * 3 + 2.5) * dot * page.pixel_mm, abs=0.5)
+    assert glyphs.line[worst.glyph] == 1
+
+
+def test_a_page_without_glyphs_is_asked_nothing(press: Press, page: Page) -> None:
+    empty = replace(page, cmyk=np.zeros_like(page.cmyk))
+    glyphs = prepare_glyphs(empty, sensors=press.sensors, geometry=press.geometry)
+    assert glyphs.count == 0
+    left = np.ones((1, press.geometry.lines(page.height_mm), press.geometry.pixels), np.float32)
+    assert asked(press, empty, glyphs, left).score == NONE

@@ -1,0 +1,177 @@
+"""Pictures of every screen of the console: ``python -m tests.server.browser.pictures FOLDER [X.press]``.
+
+Of made-up runs; a press artefact, where one is given, is taken for theirs. Needs Chromium and Playwright.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+from tests.server.browser.conftest import CHROMIUM, FLAGS
+from tests.server.browser.runs import write_runs
+from tests.server.browser.serving import Serving
+from tests.server.zone_prices import entry, quick
+
+from prooflight.journal.journal import Journal
+from prooflight.pages.job import JobSource
+from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.press.artefact import Press
+from prooflight.server.access import COOKIE
+from prooflight.server.accounts.roles import Role, Scope, Who
+from prooflight.server.zones.prices import Prices
+from prooflight.server.zones.pricing import PriceRequest
+from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+PEOPLE: Final = {
+    "Petra Sommer": Role.ADMIN,
+    "Jan Kowalski": Role.OPERATOR,
+    "Mei Lin": Role.ENGINEER,
+    "Tom Reeve": Role.VIEWER,
+}
+SCREENS: Final = {
+    "sign-in": ("/sign-in", "form"),
+    "now": ("/", ".band"),
+    "incident": ("/runs/3/incidents/4", "#viewers[data-ready]"),
+    "sheet": ("/runs/3/sheets/256", "#viewers[data-ready]"),
+    "reprint": ("/runs/3/reprint", "table"),
+    "runs": ("/report", "table"),
+    "report": ("/report/1", ".heat"),
+    "search": ("/search", "table"),
+    "press": ("/press?run=2", "#charts[data-ready]"),
+    "compare": ("/press?run=2&against=1", "#charts[data-ready]"),
+    "setup": ("/setup", ".camera"),
+    "zones": ("/setup/zones/1", "#desk[data-ready='1']"),
+    "users": ("/setup/users", "table"),
+    "tokens": ("/setup/tokens", "table"),
+    "audit": ("/setup/audit", "table"),
+}
+"""Address, and what is there when it is whole."""
+SIZES: Final[dict[str, dict[str, Any]]] = {
+    "desktop": {"viewport": {"width": 1440, "height": 900}, "color_scheme": "light"},
+    "tablet": {"viewport": {"width": 1024, "height": 768}, "color_scheme": "light", "has_touch": True},
+    "dark": {"viewport": {"width": 1440, "height": 900}, "color_scheme": "dark"},
+}
+SHOWN: Final = """async () => {
+  const seen = [...document.images].filter((one) => one.getBoundingClientRect().top < innerHeight);
+  await Promise.all([document.fonts.ready, ...seen.map((one) => one.decode().catch(() => null))]);
+}"""
+"""Until fonts and pictures are there."""
+WHOLE: Final = ("report", "press", "compare", "incident", "zones")
+SMALL_PX: Final = 1080
+"""Width of the copies for the docs."""
+COLOURS: Final = 256
+RARE_TOO: Final = Image.Quantize.MAXCOVERAGE
+"""Colours of small areas stay what they are: they are what the picture is about."""
+
+
+def main(folder: Path, press: Path | None) -> None:
+    """Take them all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as made, sync_playwright() as playwright:
+        journal = Path(made) / "press-2.sqlite"
+        told = {} if press is None else {"press_digest": Press.load(press).digest}
+        write_runs(journal, **told)
+        going = Journal.open(str(journal))  # whoever holds it watches the press
+        settings = {} if press is None else {"presses": (press,), "jobs": (_job(Path(made)),)}
+        serving = Serving(journal, settings=settings, prices=Prices(quick))
+        serving.start()
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+        try:
+            session = _said(serving)
+            for size, options in SIZES.items():
+                _taken(browser, serving, session, folder, size, options)
+        finally:
+            browser.close()
+            serving.stop()
+            going.close()
+
+
+def _job(folder: Path) -> Path:
+    """The sample job with zones, whose price is made up as the runs are."""
+    job = folder / "sample-job.pdf"
+    make_sample_job(job, seed=1)
+    with JobSource(path=job, dpi=72).open() as opened:
+        sizes = opened.page_sizes_mm
+    entries = [
+        ZoneEntry(name="picture", kind="careful", pages="4", rectangle_mm=(20, 60, 80, 70)),
+        ZoneEntry(name="numbering", kind="ignore", pages="all", rectangle_mm=(150, 278, 50, 12)),
+    ]
+    zones = JobZones.made(entries, sizes)
+    asked = PriceRequest(job=job, press=job, zones=zones, prints=90, trials=24)
+    zones.priced(entry(asked)).save(folder / "sample-job.zones.json")
+    return job
+
+
+def _said(serving: Serving) -> str:
+    """People, what they said, tokens; returns a session of the admin."""
+    accounts, console = serving.accounts, serving.console
+    for name, role in PEOPLE.items():
+        serving.person(role, name)
+    known = {
+        person.name: Who(id=person.id, name=person.name, role=person.role) for person in accounts.people()
+    }
+    first = console.reading.run(1)
+    for name, incident, word, note in (
+        ("Jan Kowalski", 1, "misprint", ""),
+        ("Jan Kowalski", 2, "false-alarm", "picture box was swapped on purpose"),
+        ("Jan Kowalski", 3, "false-alarm", ""),
+        ("Mei Lin", 3, "misprint", "no: the spot is on the plate"),
+        ("Jan Kowalski", 4, "misprint", "scraper replaced"),
+    ):
+        console.say(known[name], word, first, incident=incident, note=note)
+    accounts.new_token("Mei Lin", "planning-report", [Scope.READ], by="Mei Lin")
+    accounts.add("Ada Novak", Role.OPERATOR, by="Petra Sommer")
+    accounts.change("Tom Reeve", by="Petra Sommer", locked=True)
+    return accounts.begin("Petra Sommer")
+
+
+def _taken(
+    browser: Browser, serving: Serving, session: str, folder: Path, size: str, options: dict[str, Any]
+) -> None:
+    context = browser.new_context(locale="en-GB", reduced_motion="reduce", **options)
+    for name, (path, ready) in SCREENS.items():
+        if name == "zones" and not serving.settings.get("jobs"):
+            continue
+        if name != "sign-in":
+            context.add_cookies([{"name": COOKIE, "value": session, "url": serving.address}])
+        page = context.new_page()
+        page.goto(serving.address + path)
+        page.wait_for_selector(ready)
+        page.wait_for_load_state("networkidle") if name not in ("now",) else page.wait_for_load_state()
+        page.evaluate(SHOWN)
+        if name == "zones":
+            page.select_option("#page", "4")
+            for there in ("#desk[data-ready='4']", "#proposals[data-ready='4']"):
+                page.wait_for_selector(there, state="attached")
+            page.wait_for_load_state("networkidle")
+            page.click(".zone-list button >> nth=0")
+        taken = folder / f"console-{name}-{size}.png"
+        page.screenshot(path=taken, full_page=name in WHOLE)
+        if name == "report" and size == "desktop":
+            page.pdf(path=folder / "console-report.pdf", format="A4", print_background=True)
+        page.close()
+        picture = Image.open(taken).convert("RGB")
+        picture.quantize(COLOURS, RARE_TOO, dither=Image.Dither.NONE).save(taken, optimize=True)
+        if size == "desktop":
+            _small(picture).save(folder / f"console-{name}.png", optimize=True)
+        sys.stdout.write(f"{taken.name}\n")
+    context.close()
+
+
+def _small(picture: Image.Image) -> Image.Image:
+    """For the docs: of a long page what is on top."""
+    cut = picture.crop((0, 0, picture.width, min(picture.height, picture.width)))
+    height = SMALL_PX * cut.height // cut.width
+    return cut.resize((SMALL_PX, height), Image.Resampling.LANCZOS).quantize(COLOURS, RARE_TOO)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None)

@@ -1,0 +1,78 @@
+"""Fit for everybody, for gloves, and for slow lines: axe-core finds nothing, buttons are large, pages are small."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.server.browser.conftest import Visitor
+    from tests.server.browser.serving import Serving
+
+PAGES: Final = {
+    "/sign-in": "main",
+    "/": ".band",
+    "/runs/3/incidents/4": "#viewers[data-ready]",
+    "/runs/1/sheets/5": "main",
+    "/runs/1/reprint": "table",
+    "/report": "table",
+    "/report/1": ".heat",
+    "/search": "table",
+    "/press?run=2&against=1": "#charts[data-ready]",
+    "/setup": ".camera",
+    "/setup/users": "table",
+    "/setup/tokens": "form",
+    "/setup/audit": "table",
+    "/nowhere": ".code",
+}
+"""Every page, and what is there when it is whole."""
+LEAST_PX: Final = 44
+"""WCAG 2.2, target size (enhanced)."""
+TOO_SMALL: Final = """least => {
+    const touched = "button, .button, select, summary, .tabs a, input:not([type=checkbox]):not([type=hidden])";
+    return [...document.querySelectorAll(touched)]
+        .filter((one) => one.offsetParent && one.getBoundingClientRect().height < least)
+        .map((one) => one.outerHTML.slice(0, 120));
+}"""
+MOST_BYTES: Final = 300_000
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_page_is_fit_for_everybody_and_for_gloves(
+    standing: Serving, visit: Callable[..., Visitor], path: str
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+    visitor = visit(standing).signed_in("admin")
+    if path == "/nowhere":
+        visitor.expected.append("404")
+    page = visitor.goto(path)
+    page.wait_for_selector(PAGES[path])
+    for theme, width in (("light", 1440), ("dark", 1024)):
+        page.set_viewport_size({"width": width, "height": 768})
+        page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
+        found = axe.Axe().run(page)
+        assert found.violations_count == 0, f"{path}, {theme}: {found.generate_report()}"
+        assert page.evaluate(TOO_SMALL, LEAST_PX) == []
+        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert over <= 0, f"{path} is {over} px wider than the screen"
+
+
+@pytest.mark.parametrize("path", ["/", "/runs/3/incidents/4", "/press?run=2&against=1"])
+def test_a_first_load_is_small(standing: Serving, visit: Callable[..., Visitor], path: str) -> None:
+    visitor = visit(standing).signed_in("admin")
+    network = visitor.context.new_cdp_session(visitor.page)
+    network.send("Network.enable")
+    kinds: dict[str, str] = {}
+    got: dict[str, int] = {}
+    network.on("Network.responseReceived", lambda told: kinds.update({told["requestId"]: told["type"]}))
+    network.on(
+        "Network.loadingFinished",
+        lambda told: got.update({told["requestId"]: int(told["encodedDataLength"])}),
+    )
+    visitor.goto(path).wait_for_selector(PAGES[path])
+    visitor.page.evaluate("document.fonts.ready.then(() => true)")
+    total = sum(length for request, length in got.items() if kinds.get(request) != "Image")
+    assert 20_000 < total < MOST_BYTES, f"{path} loads {total:,} bytes"

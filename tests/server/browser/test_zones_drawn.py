@@ -1,0 +1,163 @@
+"""Zones drawn in a browser: by mouse, by touch, by keyboard and by fields; priced, cancelled, saved."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.server.test_zones import job_of
+from tests.server.zone_prices import endless, quick
+
+from prooflight.server.accounts.roles import Role
+from prooflight.server.zones.prices import Prices
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from playwright.sync_api import Page
+    from tests.server.browser.conftest import Visitor
+    from tests.server.browser.serving import Serving
+
+    from prooflight.press.artefact import Press
+
+
+@pytest.fixture
+def drawing(
+    serve: Callable[..., Serving],
+    journal: Path,
+    visit: Callable[..., Visitor],
+    tmp_path: Path,
+    trained_press: Press,
+) -> Callable[..., Page]:
+    """Opens the page on which zones of a letter are drawn, as an engineer."""
+    job, artefact = job_of(tmp_path), tmp_path / "my.press"
+    trained_press.save(artefact)
+
+    def opened(work: Any = quick, **window: Any) -> Page:
+        console = serve(journal, prices=Prices(work), jobs=(job,), presses=(artefact,))
+        console.person(Role.ENGINEER)
+        page = visit(console, **window).signed_in("engineer").goto("/setup/zones/1")
+        page.wait_for_selector("#desk[data-ready='1']")
+        page.wait_for_selector("#proposals[data-ready='1']", state="attached")
+        return page
+
+    return opened
+
+
+def at(page: Page, x_mm: float, y_mm: float) -> tuple[float, float]:
+    """Where on the screen a place of the page lies."""
+    found = page.evaluate(
+        """([x, y]) => {
+            const frame = one("zones").getBoundingClientRect(), view = one("zones").viewBox.baseVal;
+            return [frame.left + ((x - view.x) / view.width) * frame.width,
+                    frame.top + ((y - view.y) / view.height) * frame.height];
+        }""",
+        [x_mm, y_mm],
+    )
+    return found[0], found[1]
+
+
+def drag(page: Page, first: tuple[float, float], last: tuple[float, float]) -> None:
+    page.mouse.move(*at(page, *first))
+    page.mouse.down()
+    page.mouse.move(*at(page, *last), steps=4)
+    page.mouse.up()
+
+
+def boxes(page: Page) -> dict[str, list[float]]:
+    drawn = json.loads(page.evaluate("Draft.text()"))
+    return {one["name"]: one["rectangle_mm"] for one in drawn}
+
+
+def test_zones_are_drawn_moved_resized_priced_and_saved(drawing: Callable[..., Page], tmp_path: Path) -> None:
+    page = drawing()
+    page.click("[data-tool=careful]")
+    drag(page, (10, 12), (40, 42))
+    assert boxes(page)["careful 1"] == pytest.approx([10, 12, 30, 30], abs=0.4)
+    drag(page, (25, 27), (30, 32))
+    assert boxes(page)["careful 1"] == pytest.approx([15, 17, 30, 30], abs=0.5)
+    page.click("[data-tool=look]")
+    drag(page, (45, 47), (50, 57))  # its lower right corner
+    assert boxes(page)["careful 1"] == pytest.approx([15, 17, 35, 40], abs=0.6)
+
+    page.click("#ask-price")
+    page.wait_for_selector("body[data-price=done]")
+    assert "The rest of the page" in page.inner_text("#price")
+    assert "one good page in 100" in page.inner_text("#price")
+    page.fill("#chosen [name=width]", "20")  # another state: the price is of the one before
+    page.keyboard.press("Tab")
+    assert page.is_disabled("#save")
+    page.click("#undo")
+    assert page.is_enabled("#save")
+    page.click("#save")
+    page.wait_for_selector("body[data-saved]")
+    kept = json.loads((tmp_path / "letter.zones.json").read_text())
+    assert kept["price"]["prints"] == 90
+    assert kept["zones"][0]["rectangle_mm"] == boxes(page)["careful 1"]
+
+    page.click(".zone-list button")
+    page.click("#delete")
+    assert page.inner_text("#save") == "Take all zones away"
+    page.click("#save")
+    page.wait_for_selector("body[data-saved]")
+    assert not (tmp_path / "letter.zones.json").exists()
+
+
+def test_zones_are_drawn_with_the_keyboard_alone(drawing: Callable[..., Page]) -> None:
+    page = drawing()
+    page.focus("#add")
+    page.keyboard.press("Enter")
+    page.keyboard.type("price tag")
+    for value in ("Tab", "Tab", "Tab"):  # kind, pages, from left
+        page.keyboard.press(value)
+    page.keyboard.type("12.5")
+    page.keyboard.press("Tab")
+    x, y, width, height = boxes(page)["price tag"]
+    assert x == 12.5
+    page.focus(".zone")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Control+ArrowDown")
+    page.keyboard.press("Shift+ArrowRight")
+    assert boxes(page)["price tag"] == pytest.approx([13.5, y + 0.1, width + 1, height])
+    page.keyboard.press("Delete")
+    assert boxes(page) == {}
+    page.keyboard.press("Control+z")
+    assert list(boxes(page)) == ["price tag"]
+    page.reload()  # what was drawn is not lost
+    page.wait_for_selector("#desk[data-ready='1']")
+    assert boxes(page)["price tag"] == pytest.approx([13.5, y + 0.1, width + 1, height])
+
+
+def test_zones_are_drawn_with_a_finger(drawing: Callable[..., Page]) -> None:
+    page = drawing(has_touch=True, viewport={"width": 1024, "height": 768})
+    page.tap("[data-tool=ignore]")
+    touches = page.context.new_cdp_session(page)
+    for kind, place in (("touchStart", (20, 30)), ("touchMove", (30, 40)), ("touchMove", (45, 60))):
+        x, y = at(page, *place)
+        touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y}]})
+    touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    page.wait_for_selector(".zone.ignore")
+    assert boxes(page)["ignored 1"] == pytest.approx([20, 30, 25, 30], abs=0.6)
+
+
+def test_a_price_is_cancelled_and_the_page_is_fit_for_everybody(drawing: Callable[..., Page]) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+    from tests.server.browser.test_fit_for_use import LEAST_PX, TOO_SMALL
+
+    page = drawing(endless)
+    page.click("#add")
+    page.click("#ask-price")
+    page.wait_for_selector("#bar-text:has-text('Good prints: 3 of 90')")
+    for theme, width in (("light", 1440), ("dark", 1024)):
+        page.set_viewport_size({"width": width, "height": 768})
+        page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
+        found = axe.Axe().run(page)
+        assert found.violations_count == 0, found.generate_report()
+        assert page.evaluate(TOO_SMALL, LEAST_PX) == []
+        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert over <= 0
+    page.click("#cancel")
+    page.wait_for_selector("body[data-price=cancelled]")
+    assert page.is_disabled("#save")

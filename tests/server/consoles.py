@@ -1,0 +1,154 @@
+"""Consoles for tests: a journal with a run of misprints, people of every role, and a clock that is set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from argon2 import PasswordHasher
+from starlette.testclient import TestClient
+
+from prooflight.detectors.verdict import Region, Verdict
+from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord, RunFacts
+from prooflight.server.accounts.passwords import Passwords
+from prooflight.server.accounts.roles import Role
+from prooflight.server.app import console_app
+from prooflight.server.settings import ConsoleSettings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fastapi import FastAPI
+
+    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.console import Console
+
+QUICK = Passwords(PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
+"""The same argon2, cheap: what it costs is no subject of these tests."""
+PASSWORD = "correct horse battery"
+ADDRESS = "http://testserver"
+CUT_MM = (100.0, 50.0, 12.0, 12.0)
+
+
+@dataclass
+class Clock:
+    """Seconds, set by tests."""
+
+    now_s: float = 1_000_000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def facts(**changes: Any) -> RunFacts:
+    told = RunFacts(
+        job="catalogue",
+        job_digest="",
+        press="rig",
+        press_digest="p" * 64,
+        detector="ours",
+        source="drum:5",
+        started_s=1000.0,
+        sheets=40,
+    )
+    return replace(told, **changes)
+
+
+def good(sheet: int, **changes: Any) -> PageRecord:
+    verdict = Verdict(
+        page=f"p{sheet + 1:04}", verdict="good", action="accept", score=-1.0, threshold=1.0, milliseconds=80.0
+    )
+    nuisance = {"gain-black": 0.001 * sheet, "shift-x": 0.1, "light-black": 0.002}
+    told = PageRecord(
+        sheet=sheet,
+        job_page=sheet,
+        verdict=verdict,
+        late=False,
+        first_line=3000 * sheet,
+        time_s=0.2 * sheet,
+        nuisance=nuisance,
+    )
+    return replace(told, **changes)
+
+
+def misprint(sheet: int, *, kind: str = "spots-voids", kept: bool = True, **changes: Any) -> PageRecord:
+    region = Region(x_mm=104.0, y_mm=54.0, width_mm=3.0, height_mm=3.0, score=9.0, kind=kind)
+    verdict = Verdict(
+        page=f"p{sheet + 1:04}",
+        verdict="misprint",
+        action="stop",
+        kind=kind,
+        regions=(region,),
+        score=8.0,
+        threshold=1.0,
+        probability=0.97,
+        milliseconds=110.0,
+        detector="ours",
+    )
+    cut = np.full((1, 120, 120), 3000, np.uint16)
+    cut[:, 40:70, 40:70] = 400
+    evidence = {"cut0": cut, "cut0_mm": np.array(CUT_MM), "wrong_page": np.array(False)}
+    return good(sheet, verdict=verdict, evidence=evidence if kept else None, **changes)
+
+
+def write_run(path: Path, *, sheets: int = 30, bad: tuple[int, ...] = (10, 11, 12), **changes: Any) -> int:
+    """A run of a journal, with no end."""
+    with Journal.open(str(path)) as journal:
+        run = journal.begin_run(facts(**changes))
+        for sheet in range(sheets):
+            journal.record(run, misprint(sheet) if sheet in bad else good(sheet))
+        journal.commit()
+        return run
+
+
+@dataclass
+class Served:
+    """A console and whoever asks it."""
+
+    app: FastAPI
+    clock: Clock
+    journal: Path
+    clients: list[TestClient] = field(default_factory=list)
+
+    @property
+    def console(self) -> Console:
+        held: Console = self.app.state.console
+        return held
+
+    @property
+    def accounts(self) -> Accounts:
+        return self.console.accounts
+
+    def client(self, role: Role | None = None) -> TestClient:
+        """Somebody of that role who signed in, with the CSRF token in every request; None: nobody."""
+        made = TestClient(self.app, base_url=ADDRESS, raise_server_exceptions=False)
+        self.clients.append(made)
+        if role is None:
+            return made
+        name = role.value
+        if name not in {person.name for person in self.accounts.people()}:
+            self.accounts.choose(self.accounts.add(name, role, by="test"), PASSWORD)
+        answer = made.post("/api/v1/session", json={"name": name, "password": PASSWORD})
+        assert answer.status_code == 200, answer.text
+        made.headers["X-CSRF-Token"] = answer.json()["csrf"]
+        return made
+
+    def close(self) -> None:
+        for client in self.clients:
+            client.close()
+        self.console.pictures.close()
+        self.console.reading.close()
+        self.accounts.close()
+
+
+def served(folder: Path, *, run: bool = True, **settings: Any) -> Served:
+    """A console on a new journal."""
+    journal, clock = folder / "journal.sqlite", Clock()
+    if run:
+        write_run(journal)
+    made = ConsoleSettings.of(journal, **settings)
+    return Served(
+        app=console_app(made, clock=clock, ticking=clock, passwords=QUICK), clock=clock, journal=journal
+    )

@@ -125,7 +125,9 @@ class Inks:
         """Ink amounts 0..1 (colours, 4) of colours of ``space``; None if only MuPDF can convert them."""
         amounts = np.asarray(colours, dtype=np.float64)
         if mupdf.ll_fz_colorspace_is_device_gray(space):
-            return np.pad(1.0 - amounts, ((0, 0), (3, 0)))
+            inks = np.zeros((len(amounts), 4))  # not np.pad: pages of many drawn lines ask ten thousand times
+            inks[:, 3:] = 1.0 - amounts
+            return inks
         if self.is_native(space):
             return amounts
         link = self.link(space, parameters)

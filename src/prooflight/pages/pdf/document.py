@@ -134,9 +134,13 @@ class PdfFile:
             self._refuse_oversize(number, dpi, rows, columns, drawn=drawn)
             cmyk = raster((rows, columns, 4), drawn)
             troubles = dict[str, None]()
+            drawn_on = None if finer == 1 else np.empty((finer * band_rows, finer * columns, 4), np.uint8)
             for top in range(0, rows, band_rows):
                 band = cmyk[top : top + band_rows]
-                fine = band if finer == 1 else np.zeros((finer * len(band), finer * columns, 4), np.uint8)
+                fine = band
+                if drawn_on is not None:
+                    fine = drawn_on[: finer * len(band)]
+                    fine.fill(0)
                 by = finer * scale
                 ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - finer * top)
                 try:

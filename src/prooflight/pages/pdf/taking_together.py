@@ -32,13 +32,17 @@ def taken_together(fine: NDArray[np.uint8], out: NDArray[np.uint8], light: InkLi
     if light is None:
         return
     apart = cv2.absdiff(out, np.ascontiguousarray(fine[::n, ::n])).view(np.uint32)[..., 0]
-    y, x = np.nonzero(apart & FLAT)
-    blocks = fine.reshape(rows, n, columns, n, 4)
-    inks = blocks[y, :, x]
+    at = np.flatnonzero(apart & FLAT)
+    y, x = np.divmod(at, columns)
+    pixels, first = fine.view(np.uint32).ravel(), n * (y * n * columns + x)
+    inks = np.stack([pixels[first + row * n * columns + column] for row in range(n) for column in range(n)])
+    inks = inks.view(np.uint8).reshape(n * n, -1, 4)
+    together = np.empty((at.size, 4), np.uint8)
     for ink, curve in enumerate(light):
         takes, needs = _tables(curve)
-        mean = takes[inks[..., ink]].mean(axis=(1, 2))
-        out[y, x, ink] = needs[np.rint(mean * STEPS).astype(np.intp)]
+        mean = takes[inks[..., ink]].mean(axis=0)
+        together[:, ink] = needs[np.rint(mean * STEPS).astype(np.intp)]
+    out[y, x] = together
 
 
 def _tables(curve: Sequence[float]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -9,6 +9,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from playwright.sync_api import Page
     from tests.server.browser.conftest import Visitor
     from tests.server.browser.serving import Serving
 
@@ -40,24 +41,29 @@ TOO_SMALL: Final = """least => {
 MOST_BYTES: Final = 300_000
 
 
+def fit_for_everybody(page: Page) -> None:
+    """axe-core finds nothing wrong with a page, nothing on it is too small or too wide; in light and in the dark."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+    for theme, width in (("light", 1440), ("dark", 1024)):
+        page.set_viewport_size({"width": width, "height": 768})
+        page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
+        found = axe.Axe().run(page)
+        assert found.violations_count == 0, f"{page.url}, {theme}: {found.generate_report()}"
+        assert page.evaluate(TOO_SMALL, LEAST_PX) == []
+        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert over <= 0, f"{page.url} is {over} px wider than the screen"
+
+
 @pytest.mark.parametrize("path", PAGES)
 def test_a_page_is_fit_for_everybody_and_for_gloves(
     standing: Serving, visit: Callable[..., Visitor], path: str
 ) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
     visitor = visit(standing).signed_in("admin")
     if path == "/nowhere":
         visitor.expected.append("404")
     page = visitor.goto(path)
     page.wait_for_selector(PAGES[path])
-    for theme, width in (("light", 1440), ("dark", 1024)):
-        page.set_viewport_size({"width": width, "height": 768})
-        page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
-        found = axe.Axe().run(page)
-        assert found.violations_count == 0, f"{path}, {theme}: {found.generate_report()}"
-        assert page.evaluate(TOO_SMALL, LEAST_PX) == []
-        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-        assert over <= 0, f"{path} is {over} px wider than the screen"
+    fit_for_everybody(page)
 
 
 @pytest.mark.parametrize("path", ["/", "/runs/3/incidents/4", "/press?run=2&against=1"])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from playwright.sync_api import Page
+    from playwright.sync_api import Page, Route
     from tests.server.browser.conftest import Visitor
     from tests.server.browser.serving import Serving
 
@@ -104,6 +104,32 @@ def test_a_drawn_sheet_opens_whole_and_is_told_by_one_tap(
         (1, None, None),
         (2, None, None),
     ]
+
+
+def test_pictures_that_come_disturb_no_note_and_are_told_where_they_do_not(
+    sampled: Serving, visit: Callable[..., Visitor]
+) -> None:
+    visitor = visit(sampled).signed_in("Jan")
+    page = visitor.page
+    held: list[Route] = []
+    page.route("**/sheets/0/pictures", lambda asked: held.append(asked))
+    with page.expect_request("**/sheets/0/pictures"):
+        visitor.goto("/runs/1/sheets/0").wait_for_selector("#coming-note")
+    fit_for_everybody(page)
+    page.fill("#note", "as it should be")
+    held[0].fulfill(status=503)
+    visitor.expected.append("503")
+    page.wait_for_selector("#coming-not")
+    assert not page.is_visible("#coming-note")
+    with page.expect_request("**/sheets/0/pictures"):
+        visitor.goto("/runs/1/sheets/0").wait_for_selector("#coming-note")
+    page.fill("#note", "as it should be")
+    held[1].continue_()
+    opened(page)
+    assert page.input_value("#note") == "as it should be"
+    page.keyboard.press("Tab")
+    page.keyboard.press("g")
+    page.wait_for_selector(".words q:has-text('as it should be')")
 
 
 def test_a_drawn_sheet_is_fit_for_everybody(sampled: Serving, visit: Callable[..., Visitor]) -> None:

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Final
 
 import pytest
 
+from prooflight.server.accounts.roles import Role
+
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from playwright.sync_api import Page
     from tests.server.browser.conftest import Visitor
@@ -82,3 +85,25 @@ def test_a_first_load_is_small(standing: Serving, visit: Callable[..., Visitor],
     visitor.page.evaluate("document.fonts.ready.then(() => true)")
     total = sum(length for request, length in got.items() if kinds.get(request) != "Image")
     assert 20_000 < total < MOST_BYTES, f"{path} loads {total:,} bytes"
+
+
+EMPTY: Final = {
+    "/": ".band.no-run",
+    "/report": ".empty",
+    "/search": ".empty",
+    "/press": ".empty",
+    "/setup": "main",
+}
+
+
+@pytest.mark.parametrize("path", EMPTY)
+def test_a_page_before_any_run_says_so(
+    emptied: Path, serve: Callable[..., Serving], visit: Callable[..., Visitor], path: str
+) -> None:
+    console = serve(emptied)
+    page = visit(console).signed_in(console.person(Role.ADMIN)).goto(path)
+    page.wait_for_selector(EMPTY[path])
+    fit_for_everybody(page)
+    told = page.inner_text("main")
+    assert ("No run was recorded yet." in told) == (path != "/setup")
+    assert "No open incident" not in told, "nobody has looked"

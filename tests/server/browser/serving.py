@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from fastapi import FastAPI
+
     from prooflight.server.accounts.book import Accounts
     from prooflight.server.console import Console
     from prooflight.server.zones.prices import Prices

@@ -241,6 +241,26 @@ def test_latencies_are_counted_each_once(viewer: TestClient) -> None:
     assert (told["median_ms"], told["greatest_ms"]) == (80.0, 110.0)
 
 
+def test_two_runs_are_compared_by_the_numbers_of_the_page(console: Served, viewer: TestClient) -> None:
+    write_run(console.journal, sheets=20, bad=(3,), job="second")
+    with Journal.open(str(console.journal)) as journal:
+        journal.record(2, good(20, late=True, faults=("lost-lines",)))
+        journal.end_run(2, RunEnd(ended_s=2000.0, ending="finished", counts={"elapsed_s": 7.0, "stages": {}}))
+    told = viewer.get(f"{API}/runs/1/compared", params={"against": "last"}).json()
+    for part, run in (("run", 1), ("against", 2)):
+        page = viewer.get(f"/press/{run}/course").json()
+        assert told[part]["run"] == viewer.get(f"{API}/runs").json()["items"][2 - run]
+        assert {name: told[part][name] for name in ("charts", "troubles", "latency", "sheets")} == {
+            name: page[name] for name in ("charts", "troubles", "latency", "sheets")
+        }
+    figures = told["against"]["figures"]
+    names = ("pages", "misprints", "late", "lost_lines", "sheets_per_s", "inspection_median_ms")
+    assert [figures[name] for name in names] == [21, 1, 1, 1, 3.0, 80.0]
+    assert (told["run"]["figures"]["pages"], told["run"]["figures"]["sheets_per_s"]) == (30, None)
+    assert viewer.get(f"{API}/runs/1/compared").status_code == 422
+    assert viewer.get(f"{API}/runs/1/compared", params={"against": "9"}).status_code == 404
+
+
 def test_the_schema_is_openapi_3_1_of_the_api_alone(viewer: TestClient) -> None:
     told = viewer.get(f"{API}/openapi.json").json()
     assert told["openapi"].startswith("3.1")

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import textwrap
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from tests.server.consoles import CUT_MM, facts, good, misprint, served
+from tests.server.consoles import CUT_MM, facts, misprint, served
+from tests.server.drawn_sheets import MIDDLE, write_drawn
 
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import kept_evidence
@@ -278,29 +278,7 @@ def test_a_sheet_that_passed_and_was_drawn_is_shown_whole(
     tmp_path: Path, press: Press, make_page: Callable[..., Page]
 ) -> None:
     """It lies on its page although the paper had moved and stretched, and differs where something is wrong alone."""
-    page, job, artefact = make_page(7), tmp_path / "job.tif", tmp_path / "rig.press"
-    write_tiff(page, job)
-    press.save(artefact)
-    inspector = Inspector.of(press, "chi-square")
-    seen = inspector.planned(page).expected.expected_dn
-    moved = np.float32([[1.002, 0, 1.4], [0, 1.001, -2.3]])
-    size = seen.shape[2], seen.shape[1]
-    scan = np.rint(cv2.warpAffine(seen[0], moved, size, borderMode=cv2.BORDER_REPLICATE))[None].astype(
-        np.uint16
-    )
-    lines, columns = press.geometry.on_page(page.width_mm, page.height_mm)
-    scan[0, lines.start + 100 : lines.start + 112, columns.start + 60 : columns.start + 72] = int(
-        press.sensors[0].white_dn
-    )
-    inspection = inspector.inspect(page, scan)
-    kept = kept_evidence(inspection, page, press, whole=True)
-    passed = replace(inspection.verdict, verdict="good", regions=(), kind=None)
-    console = served(tmp_path, run=False, presses=(artefact,), jobs=(job,))
-    with Journal.open(str(console.journal)) as journal:
-        told = facts(job_digest=content_digest(job), press_digest=press.digest, detector="chi-square")
-        run = journal.begin_run(told)
-        kept = {name: array for name, array in kept.items() if not name.startswith("cut")}
-        journal.record(run, good(0, verdict=passed, evidence=kept, asked=0.1))
+    console = served(tmp_path, run=False, **write_drawn(tmp_path, make_page(7), press))
     client = console.client(Role.OPERATOR)
     first = client.get("/runs/1/sheets/0").text
     assert 'id="coming"' in first, "nobody waits for what takes seconds"
@@ -315,8 +293,8 @@ def test_a_sheet_that_passed_and_was_drawn_is_shown_whole(
     assert np.abs(tiles["scan"] - tiles["expected"]).mean() < 6
     blue = tiles["difference"][..., 2] - tiles["difference"][..., 0]
     row, column = np.unravel_index(int(np.argmax(cv2.blur(blue.astype(np.float32), (9, 9)))), blue.shape)
-    assert abs(row - 106) < 8
-    assert abs(column - 66) < 8
+    assert abs(row - MIDDLE[0]) < 8
+    assert abs(column - MIDDLE[1]) < 8
     assert client.get("/runs/1/sheets/0/thumbnail").headers["content-type"] == "image/webp"
     console.close()
 

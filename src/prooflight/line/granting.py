@@ -50,6 +50,11 @@ def with_zone(known: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, ...]
     return (*before, entry)
 
 
+def is_tolerance(entry: ZoneEntry) -> bool:
+    """Whether it came to the zones as a tolerance: told by its name, since zones know nothing else of it."""
+    return entry.kind == "ignore" and entry.name.startswith(f"{NAME}: ")
+
+
 def without_zone(known: JobZones, name: str) -> tuple[ZoneEntry, ...]:
     """Zones of a file but those of this name; RequestError: there is none."""
     left = tuple(one for one in known.document.zones if one.name != name)

@@ -24,6 +24,7 @@ from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
 from prooflight.server.pages.shell import problem_page
 from prooflight.server.pictures.pictures import Pictures
 from prooflight.server.reading.course import Courses
+from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
 from prooflight.server.reading.runs import Reading
@@ -31,6 +32,7 @@ from prooflight.server.reading.stations import Stations
 from prooflight.server.zones.desk import ZonesDesk
 from prooflight.server.zones.prices import Prices
 from prooflight.server.zones.rasters import Rasters
+from prooflight.server.zones.tolerances import Tolerances
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -61,6 +63,9 @@ def console_app(
     incidents = RunIncidents(reading, words)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
+    zones = ZonesDesk(
+        jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
+    )
     console = Console(
         settings=settings,
         accounts=accounts,
@@ -69,12 +74,12 @@ def console_app(
         reading=reading,
         incidents=incidents,
         courses=Courses(reading),
+        gates=Gates(reading),
         live=Live(reading, incidents, words, clock=ticking, ahead=pictures.ahead),
         stations=stations,
         pictures=pictures,
-        zones=ZonesDesk(
-            jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
-        ),
+        zones=zones,
+        tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.roles import Who
     from prooflight.server.pictures.pictures import Pictures
     from prooflight.server.reading.course import Courses
+    from prooflight.server.reading.gate import Gates
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.live import Live
     from prooflight.server.reading.runs import Reading
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from prooflight.server.settings import ConsoleSettings
     from prooflight.server.zones.desk import ZonesDesk
     from prooflight.server.zones.rasters import Rasters
+    from prooflight.server.zones.tolerances import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,9 +40,11 @@ class Console:
     incidents: RunIncidents
     live: Live
     courses: Courses
+    gates: Gates
     stations: Stations
     pictures: Pictures
     zones: ZonesDesk
+    tolerances: Tolerances
     rasters: Rasters
     began_s: float
     """Unix time. [s]"""

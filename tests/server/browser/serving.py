@@ -18,6 +18,8 @@ from prooflight.server.settings import ConsoleSettings
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from fastapi import FastAPI
+
     from prooflight.server.accounts.book import Accounts
     from prooflight.server.console import Console
     from prooflight.server.zones.prices import Prices
@@ -43,9 +45,14 @@ class Serving:
         return f"http://{LOOPBACK}:{self.port}"
 
     @property
-    def console(self) -> Console:
+    def app(self) -> FastAPI:
         assert self._server is not None
-        held: Console = self._server.config.app.state.console
+        made: FastAPI = self._server.config.app
+        return made
+
+    @property
+    def console(self) -> Console:
+        held: Console = self.app.state.console
         return held
 
     @property

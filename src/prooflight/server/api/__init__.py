@@ -1,8 +1,20 @@
 """The interface for programs, under /api/v1."""
 
-from prooflight.server.api import audit, events, incidents, people, press, runs, session, sheets, zones
+from prooflight.server.api import (
+    audit,
+    events,
+    gate,
+    incidents,
+    people,
+    press,
+    runs,
+    session,
+    sheets,
+    tolerances,
+    zones,
+)
 
 ROUTERS = (
-    *(session.router, runs.router, sheets.router, incidents.router, press.router),
-    *(events.router, people.router, audit.router, zones.router),
+    *(session.router, runs.router, sheets.router, incidents.router, press.router, gate.router),
+    *(events.router, people.router, audit.router, zones.router, tolerances.router),
 )

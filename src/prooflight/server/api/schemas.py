@@ -200,6 +200,55 @@ class HistogramAnswer(Answer):
     late: int
 
 
+class FiguresAnswer(Answer):
+    """What runs are compared by; null: it is not known."""
+
+    pages: int
+    misprints: int
+    not_inspected: int
+    late: int
+    lost_lines: int
+    sheets_per_s: float | None
+    inspection_median_ms: float | None
+    inspection_p99_ms: float | None
+    verdict_median_ms: float | None = Field(description="From a sheet's last line to its verdict.")
+    verdict_p99_ms: float | None
+    verdict_p999_ms: float | None
+    busy: float | None = Field(description="Inspectors that were at work, on average.")
+
+
+class ChannelAnswer(Answer):
+    """A number of good prints over a run, in its bins; null: no sheet of the bin has it."""
+
+    name: str
+    what: str
+    unit: str
+    tolerance: float | None = Field(description="Beyond it, either way, a page is a misprint.")
+    mean: list[float | None]
+    least: list[float | None]
+    greatest: list[float | None]
+
+
+class ComparedRun(Answer):
+    """A run as it is laid beside another."""
+
+    run: RunAnswer
+    figures: FiguresAnswer
+    sheets: list[int] = Field(description="With which each bin begins.")
+    charts: dict[str, list[ChannelAnswer]]
+    troubles: dict[str, list[int]] = Field(
+        description="Sheets of each bin that lost lines, were late, or were not inspected."
+    )
+    latency: HistogramAnswer
+
+
+class CompareAnswer(Answer):
+    """Two runs side by side."""
+
+    run: ComparedRun
+    against: ComparedRun
+
+
 class ReportAnswer(Answer):
     """A run in figures, for whoever answers for its quality."""
 

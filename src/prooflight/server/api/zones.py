@@ -85,11 +85,15 @@ class ZonesBody(BaseModel):
     )
 
 
-class PriceBody(ZonesBody):
-    """Zones that are to be priced."""
+class PriceSize(BaseModel):
+    """How much is printed for a price."""
 
     prints: int = Field(90, ge=12, le=2000, description="Good prints that calibrate them.")
     trials: int = Field(24, ge=0, le=500, description="Prints with a defect, of each sort in each zone.")
+
+
+class PriceBody(ZonesBody, PriceSize):
+    """Zones that are to be priced."""
 
 
 class JobAnswer(Answer):
@@ -216,7 +220,7 @@ def save(
     desk = console(request).zones
     of = desk.job(job)
     drawn = desk.drawn(of, [one.entry() for one in given.zones], given.careful_share)
-    saved = desk.save(of, drawn, desk.press(given.press), tag=_meant(if_match), who=who)
+    saved = desk.save(of, drawn, desk.press(given.press), tag=meant(if_match), who=who)
     response.headers["ETag"] = saved.tag
     return zones_answer(of, saved)
 
@@ -227,7 +231,7 @@ def save(
 def remove(request: Request, who: ZonesEngineer, job: JobNumber, if_match: IfMatch = None) -> Response:
     """Take all zones of a job away; the press's own promise needs no price."""
     desk = console(request).zones
-    desk.remove(desk.job(job), tag=_meant(if_match), who=who)
+    desk.remove(desk.job(job), tag=meant(if_match), who=who)
     return Response(status_code=204)
 
 
@@ -376,13 +380,14 @@ def zone_body(entry: ZoneEntry) -> ZoneBody:
     )
 
 
+def meant(if_match: str | None) -> str:
+    """The state that somebody has read; ``Problem`` 428: they do not say which."""
+    if if_match is None:
+        raise Problem(428, "if-match", "send If-Match with the ETag of the zones that were read")
+    return if_match.strip().removeprefix("W/")
+
+
 def _size(job: GivenJob, page: int) -> tuple[float, float]:
     if page > len(job.sizes_mm):
         raise not_found(f"{job.path.name} has no page {page}")
     return job.sizes_mm[page - 1]
-
-
-def _meant(if_match: str | None) -> str:
-    if if_match is None:
-        raise Problem(428, "if-match", "send If-Match with the ETag of the zones that were read")
-    return if_match.strip().removeprefix("W/")

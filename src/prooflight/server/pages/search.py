@@ -68,6 +68,7 @@ def search_page(
     values: dict[str, Any] = {"found": _with_runs(held, rows), "behind": behind, "damaged": damaged.count}
     if request.headers.get("HX-Request") and before is not None:
         return page(request, who, "search/rows", **values)
+    values["any_run"] = bool(held.reading.heads().run)
     return page(request, who, "search/search", asked=query, verdicts=VERDICTS, **values)
 
 

@@ -15,6 +15,8 @@ from prooflight.line.tolerances import Proposal, proposals
 from prooflight.server.problems import not_found
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from prooflight.journal.records import RunRow
     from prooflight.journal.words import Word, Words
     from prooflight.server.reading.runs import Reading
@@ -104,10 +106,10 @@ class RunIncidents:
         records = follower.asked_pages(run.id, damaged=lambda _: None)
         return asked_sheets(records, self._words.of_run(run_key(run)), of_sheet)
 
-    def proposals(self, run: RunRow) -> list[Proposal]:
-        """Tolerances that its false alarms propose."""
+    def proposals(self, runs: Sequence[RunRow]) -> list[Proposal]:
+        """Tolerances that false alarms of these runs together propose."""
         follower = self._reading.follower
-        return [] if follower is None else proposals(follower, self._words, [run])
+        return [] if follower is None else proposals(follower, self._words, runs)
 
     def said_of(self, run: RunRow, sheet: int) -> list[Word]:
         """What people said of one sheet itself, in order."""

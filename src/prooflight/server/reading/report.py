@@ -71,7 +71,7 @@ def report(reading: Reading, incidents: RunIncidents, stations: Stations, run: R
         "promised": _promised(stations, run),
         "realised_per_good_sheet": false_alarms / good if good else None,
         "sample": sample_of(incidents, run),
-        "tolerances": [asdict(one) for one in incidents.proposals(run)],
+        "tolerances": [asdict(one) for one in incidents.proposals([run])],
         "heat": heat_map(boxes),
         "words_by": {name: dict(words) for name, words in by.items()},
     }

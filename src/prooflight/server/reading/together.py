@@ -10,14 +10,14 @@ from prooflight.inspection.sheets import ToLookAt, to_look_at
 from prooflight.journal.following import Asked
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan, facts_plan
-from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path
+from prooflight.plant.gate.log import KeptDecisions, PlantError
 from prooflight.plant.gate.reconciling import reconciled
 from prooflight.plant.reprinting import NO_END, Reprint, by_trays, by_verdicts
-from prooflight.server.reading.report import AT_ONCE, looked_at
+from prooflight.server.problems import Problem
+from prooflight.server.reading.gate import all_pages, log_of
+from prooflight.server.reading.report import looked_at
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.runs import Reading
@@ -66,12 +66,12 @@ def reprint(reading: Reading, incidents: RunIncidents, run: RunRow) -> dict[str,
     def said_good(sheet: int) -> bool:
         return incidents.of_sheet(run, sheet) in cleared
 
-    kept = _gate_log(reading, run)
+    kept = _kept(reading, run)
     plan = facts_plan(run.facts.settings) or SheetPlan(
         layout=Layout(), sides=run.facts.sheets or NO_END, sheets=NO_END
     )
     if kept is not None:
-        listed = by_trays(reconciled(_all(reading, run), kept, None).sheets, kept)
+        listed = by_trays(reconciled(all_pages(reading, run), kept, None).sheets, kept)
         shown = SheetPlan.of(kept.began.get("layout"))
         plan = plan if shown is None else shown
     else:
@@ -105,20 +105,12 @@ def _together(reading: Reading, run: RunRow, plan: SheetPlan, rows: list[PageRec
     return Together(plan=plan, passed=passed, found=found)
 
 
-def _gate_log(reading: Reading, run: RunRow) -> KeptDecisions | None:
+def _kept(reading: Reading, run: RunRow) -> KeptDecisions | None:
     """None: the run had no gate, or what was kept of it is damaged."""
     try:
-        path = log_path(reading.path, run.id)
-        return KeptDecisions.read(path) if path.is_file() else None
-    except (PlantError, OSError):
+        return KeptDecisions.read(log_of(reading, run))
+    except (Problem, PlantError, OSError):
         return None
-
-
-def _all(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
-    after, asked = -1, Asked(run_id=run.id)
-    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None):
-        yield from (row.page for row in rows)
-        after = rows[-1].page.sheet
 
 
 def _worst_by_sheet(plan: SheetPlan, rows: list[PageRecord]) -> dict[int, PageRecord]:

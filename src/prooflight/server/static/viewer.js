@@ -1,17 +1,9 @@
 // Seen, expected and difference with one zoom: side by side, wiped, or blinking. Keys: W, B, S; + and - zoom, 0 shows the page.
 "use strict";
 
-const coming = document.getElementById("coming");
-if (coming) {
-  // The answer comes when all is made; whoever is writing a note meanwhile is not disturbed.
-  fetch(coming.dataset.pictures).then((answer) => {
-    const note = document.getElementById("note");
-    if (answer.ok && !(note && note.value)) location.reload();
-  }).catch(() => {});
-}
-
-const viewers = document.getElementById("viewers");
-if (viewers) {
+const look = () => {
+  const viewers = document.getElementById("viewers");
+  if (!viewers) return;
   // OpenSeadragon adds a style element of its own unless there is one, which the content security policy forbids.
   const mark = document.createElementNS("urn:prooflight", "style");
   mark.setAttribute("data-openseadragon-mobile-css", "true");
@@ -126,7 +118,24 @@ if (viewers) {
     else if (key === "0") zoom("page");
     else if (key === "1") zoom("place");
   });
-}
+};
+look();
+
+// --- pictures that come: the answer comes when all is made, and whoever writes a note meanwhile is not disturbed ---
+
+const coming = document.getElementById("coming");
+const arrived = async () => {
+  const made = await fetch(coming.dataset.pictures);
+  const whole = made.ok && (await fetch(location.href));
+  const box = whole?.ok && new DOMParser().parseFromString(await whole.text(), "text/html").querySelector(".viewer-box");
+  if (!box || box.querySelector("#coming")) throw new Error(coming.dataset.pictures);
+  coming.closest(".viewer-box").replaceWith(box);
+  look();
+};
+if (coming) arrived().catch(() => {
+  document.getElementById("coming-note").hidden = true;
+  document.getElementById("coming-not").hidden = false;
+});
 
 // --- one tap, one key ---
 

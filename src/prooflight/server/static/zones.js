@@ -8,6 +8,8 @@ const KINDS = ["ignore", "normal", "careful"];
 const LEAST_MM = 1;
 const STEP_MM = 1;
 const FINE_MM = 0.1;
+const NAME_PX = 13;
+const NAME_LETTERS = 32;
 const HANDLE_PX = 8;
 const REACH_PX = 22; // a finger's
 const DRAFT = `zones:${told.job}`;
@@ -254,17 +256,42 @@ const draw = () => {
       "aria-label": `${zone.name}, ${words["kind." + zone.kind]}, ${place(zone)}`,
     });
     part.append(drawn("polygon", { points: corners(zone).join(" "), class: "halo" }), drawn("polygon", { points: corners(zone).join(" ") }));
-    const [x, y, width, height] = box(zone);
-    if (width > 34 * px && height > 20 * px) {
-      const label = drawn("text", { x: x + 6 * px, y: y + 17 * px, "font-size": 13 * px, "stroke-width": 4 * px });
-      const letters = Math.max(Math.floor(width / (7.4 * px)) - 1, 3);
-      label.textContent = zone.name.length > letters ? zone.name.slice(0, letters - 1) + "…" : zone.name;
-      part.append(label);
-    }
     svg.append(part);
   }
+  name_all(zones, px);
   if (chosen && zones.includes(chosen)) svg.append(...handles(chosen, px));
   if (focused !== null) svg.querySelector(`[data-at="${focused}"]`)?.focus();
+};
+// Of two boxes: the area that they share.
+const shared = ([x, y, width, height], [left, top, wide, high]) =>
+  Math.max(Math.min(x + width, left + wide) - Math.max(x, left), 0) * Math.max(Math.min(y + height, top + high) - Math.max(y, top), 0);
+// Each name lies in its zone, or beside it where it does not fit: where it hides least of other zones and names.
+const name_all = (zones, px) => {
+  const names = drawn("g", { class: "names", "aria-hidden": "true" });
+  svg.append(names);
+  const { x: left, y: top, width, height } = svg.viewBox.baseVal;
+  const view = [left, top, width, height];
+  const taken = [];
+  for (const zone of zones) {
+    const own = box(zone);
+    if (!shared(own, view)) continue;
+    const label = drawn("text", { "font-size": NAME_PX * px, "stroke-width": 4 * px });
+    label.textContent = zone.name.length > NAME_LETTERS ? zone.name.slice(0, NAME_LETTERS - 1) + "…" : zone.name;
+    names.append(label);
+    const others = zones.filter((other) => other !== zone).map(box);
+    const size = [label.getComputedTextLength(), 1.3 * NAME_PX * px];
+    const hidden = (place) => [...others, ...taken].reduce((sum, other) => sum + shared(place, other), size[0] * size[1] - shared(place, view));
+    const best = name_places(own, size, (zone === chosen ? HANDLE_PX + 4 : 5) * px).reduce((one, other) => (hidden(other) < hidden(one) ? other : one));
+    label.setAttribute("x", best[0]);
+    label.setAttribute("y", best[1] + NAME_PX * px);
+    taken.push(best);
+  }
+};
+const name_places = ([x, y, width, height], [wide, high], gap) => {
+  const [above, below, at_right] = [y - high - gap, y + height + gap, x + width - wide];
+  const beside = [[x, below], [x, above], [at_right, below], [at_right, above], [x + width + gap, y], [x - wide - gap, y]];
+  const inside = wide + 2 * gap < width && high + 2 * gap < height ? [[x + gap, y + gap]] : [];
+  return [...inside, ...beside].map((place) => [...place, wide, high]);
 };
 const hatching = (px) => {
   const pattern = drawn("pattern", { id: "hatch", width: 9 * px, height: 9 * px, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import JobError, ProoflightError
@@ -29,6 +31,7 @@ DPI: Final = 72.0
 """Where only the sizes of pages are asked."""
 TOLD: Final = 200
 """Zones that a row of the audit names."""
+NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,8 +152,18 @@ class ZonesDesk:
             asked, job=job.number, job_digest=job.digest, press_digest=press.digest, by=by
         )
 
-    def save(self, job: GivenJob, zones: JobZones, press: GivenPress, *, tag: str, who: Who) -> ZonesAsSaved:
-        """Put zones in force, with the price that was made of exactly these.
+    def save(
+        self,
+        job: GivenJob,
+        zones: JobZones,
+        press: GivenPress,
+        *,
+        tag: str,
+        who: Who,
+        what: str = "zones.save",
+        about: Mapping[str, Any] = NOTHING,
+    ) -> ZonesAsSaved:
+        """Put zones in force, with the price that was made of exactly these. what, about: for the audit.
 
         ``Problem`` 409: there is none; 412: the file is not what it was; 503: it cannot be written.
         """
@@ -160,24 +173,39 @@ class ZonesDesk:
         if made is None or made.priced is None:
             raise Problem(409, "unpriced", "these zones have no price on this press: ask for it first")
         priced = zones.priced(made.priced.entry)
-        return self._written(job, priced, tag=tag, who=who)
+        return self._written(job, priced, tag=tag, who=who, what=what, about=about)
 
-    def remove(self, job: GivenJob, *, tag: str, who: Who) -> None:
+    def remove(
+        self,
+        job: GivenJob,
+        *,
+        tag: str,
+        who: Who,
+        what: str = "zones.remove",
+        about: Mapping[str, Any] = NOTHING,
+    ) -> ZonesAsSaved:
         """Take all zones away: the press's promise needs no price. ``Problem`` as ``save``."""
-        self._written(job, None, tag=tag, who=who)
+        return self._written(job, None, tag=tag, who=who, what=what, about=about)
 
-    def _written(self, job: GivenJob, zones: JobZones | None, *, tag: str, who: Who) -> ZonesAsSaved:
+    def _written(
+        self,
+        job: GivenJob,
+        zones: JobZones | None,
+        *,
+        tag: str,
+        who: Who,
+        what: str,
+        about: Mapping[str, Any],
+    ) -> ZonesAsSaved:
         with self._saving:
             before = self.saved(job)
             if tag != before.tag:
                 raise Problem(
                     412, "changed", "somebody has saved zones of this job meanwhile: read them first"
                 )
-            what = "zones.remove" if zones is None else "zones.save"
             # In the audit first: nothing is ever in force of which it does not know.
-            self._accounts.note(
-                who.name, what, job.zones.name, before=_told(before.zones), after=_told(zones)
-            )
+            after = {**about, **_told(zones)}
+            self._accounts.note(who.name, what, job.zones.name, before=_told(before.zones), after=after)
             try:
                 if zones is None:
                     job.zones.unlink(missing_ok=True)

@@ -1,0 +1,99 @@
+"""What a run's gate was told and did: every sheet accounted for, and the lines of the gate's log."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from pydantic import Field
+
+from prooflight.plant.gate.reconciling import Account
+from prooflight.server.api.common import PREFIX, Limit, RunId, Viewer, console
+from prooflight.server.api.schemas import Answer, Cursor
+from prooflight.server.problems import responses
+from prooflight.server.reading.gate import gate_facts, sheet_facts
+
+router = APIRouter(prefix=PREFIX, tags=["gate"])
+
+ONE = responses(401, 403, 404, 409, 422, 503)
+
+
+class GatedSheet(Answer):
+    """A sheet, and what became of it."""
+
+    sheet: int
+    account: Account
+    job_page: int | None
+    page: str
+    set: int | None = Field(description="From 0; null: nothing was decided of it.")
+    verdict: str = Field(description="Of all its sides; empty: nobody judged it.")
+    in_journal: bool
+    decision: str = Field(description="accept, divert, stop; empty: none.")
+    tray: str = Field(description="good, reject; empty: the controller did not say.")
+    why: str
+    tag: int | None = Field(description="By which the controller knows it; null: it was not told of it.")
+    position: int | None = Field(description="Encoder's count at which it was to reach the gate.")
+    written: bool = Field(description="Whether the controller acknowledged the decision.")
+
+
+class GateAnswer(Answer):
+    """What became of the sheets of a run, by what the controller said over the wire."""
+
+    run: int
+    sessions: list[int]
+    settings: dict[str, Any] = Field(description="[gate] of the press file, as the run began.")
+    counts: dict[str, int] = Field(description="Of all sheets of the run, by `account`.")
+    lost_by: dict[str, int] = Field(description="Good sheets that were rejected, by why.")
+    not_in_the_journal: int
+    items: list[GatedSheet]
+    next: Cursor
+
+
+class GateLine(Answer):
+    """A line of the gate's log, with what its kind has beside."""
+
+    line: int
+    kind: str
+
+
+class GateLogAnswer(Answer):
+    """Lines of the gate's log, in the order in which they were written."""
+
+    items: list[GateLine]
+    next: Cursor
+
+
+@router.get("/runs/{run}/gate", responses=ONE)
+def gate(
+    request: Request,
+    _who: Viewer,
+    run: RunId,
+    after: Annotated[int, Query(ge=-1, lt=2**63, description="`next` of the answer before.")] = -1,
+    limit: Limit = 100,
+    account: Account | None = None,
+) -> GateAnswer:
+    """Every sheet of a run accounted for, as `prooflight run reconcile`; `wrong` lies in the good tray against its
+    decision. Of a run without a gate there is none.
+    """
+    held = console(request)
+    found = held.reading.run_named(run)
+    gated = held.gates.of(found)
+    sheets = gated.sheets(after=after, limit=limit + 1, account=account)
+    items = [GatedSheet(**sheet_facts(gated, one)) for one in sheets[:limit]]
+    cursor = items[-1].sheet if len(sheets) > limit else None
+    return GateAnswer(**gate_facts(found, gated), items=items, next=cursor)
+
+
+@router.get("/runs/{run}/gate/log", responses=ONE)
+def gate_log(
+    request: Request,
+    _who: Viewer,
+    run: RunId,
+    after: Annotated[int, Query(ge=0, lt=2**53, description="`next` of the answer before.")] = 0,
+    limit: Limit = 100,
+) -> GateLogAnswer:
+    """The gate's log line by line: `decision`, `written`, `unsent`, `tray` and what else happened at the gate."""
+    held = console(request)
+    rows = held.gates.lines(held.reading.run_named(run), after=after, limit=limit + 1)
+    items = [GateLine(**row) for row in rows[:limit]]
+    return GateLogAnswer(items=items, next=items[-1].line if len(rows) > limit else None)

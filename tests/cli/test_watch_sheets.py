@@ -143,10 +143,67 @@ def test_a_side_that_does_not_come_leaves_sheet_and_set_open(
     assert any(not one["complete"] for one in sets)
 
 
+@pytest.fixture(scope="module")
+def five_pages(job: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first five of the eight: of the second sheet half the front and the whole back stay blank."""
+    folder = tmp_path_factory.mktemp("five")
+    for number in range(1, 6):
+        (folder / f"p{number:04d}.tif").symlink_to(job / f"p{number:04d}.tif")
+    return folder
+
+
+@pytest.mark.parametrize("backs", ["upright", "turned"])
+def test_what_the_pages_leave_of_the_last_sheet_is_expected_to_be_blank(
+    backs: str,
+    press_file: Path,
+    five_pages: Path,
+    job: Path,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    scans, told = tmp_path / "scans", ("--press", press_file, "--layout", f"{LAYOUT},backs={backs}")
+    code, _, said = called(capsys, "simulate", five_pages, *told, "-o", scans, "--json")
+    assert code == 0
+    assert "the last of the job's 2 sheets has 4 places, of which 3 must stay blank" in said
+    code, rows, _ = called(capsys, "inspect", five_pages, scans, *told, "--json")
+    assert code == 0
+    sheets = [row["sheet_verdict"] for row in rows if "sheet_verdict" in row]
+    assert [sheet["verdict"] for sheet in sheets] == ["good", "good"]
+    assert [[page["page"] for page in side["pages"]] for side in sheets[1]["sides"]] == [[5], []]
+    assert [row["set_verdict"]["verdict"] for row in rows if "set_verdict" in row] == ["good"]
+    # A sheet that shows three pages more is none of this job.
+    full = tmp_path / "full"
+    called(capsys, "simulate", job, *told, "-o", full, "--json")
+    code, rows, _ = called(capsys, "inspect", five_pages, full, *told, "--json")
+    assert code != 0
+    sheets = [row["sheet_verdict"] for row in rows if "sheet_verdict" in row]
+    assert [sheet["verdict"] == "good" for sheet in sheets] == [True, False]
+    assert all(side["verdict"] != "good" for side in sheets[1]["sides"])
+
+
+def test_a_blank_back_passes_in_a_run_and_ink_on_it_spoils_the_sheet_and_no_page(
+    press_file: Path, five_pages: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Three copies of two sheets; every fourth side, the blank back, has scum."""
+    told = ("--sheets", 6, "--seed", 2, "--journal", tmp_path / "runs.sqlite")
+    code, rows, _ = watched(capsys, press_file, five_pages, LAYOUT, *told)
+    sheets = [row["sheet_verdict"] for row in rows if "sheet_verdict" in row]
+    assert code == 0
+    assert [sheet["verdict"] for sheet in sheets] == ["good"] * 6
+    assert sum("set_verdict" in row for row in rows) == 3
+    code, rows, _ = watched(
+        capsys, press_file, five_pages, LAYOUT, *told, "--misprint", "scum:1", "--every", 4
+    )
+    assert code == 1
+    sheets = [row["sheet_verdict"] for row in rows if "sheet_verdict" in row]
+    assert [sheet["verdict"] for sheet in sheets] == ["good", "misprint"] * 3
+    assert [sheet["bad_pages"] for sheet in sheets] == [[]] * 6
+
+
 @pytest.mark.parametrize(
     ("layout", "said"),
     [
-        ("sides=2,n-up=3x1", "the job has 8 pages, and a sheet takes 6; add 4 blank pages to the job"),
+        ("sides=2,pages-a-set=6", "the 8 pages of the job lie on 4 sheets, and a set takes 3 sheets"),
         ("sides=2,n-up=2x1,sheet=30x40", "2 x 1 pages need 34.0 x 30.0 mm, and the sheet has 30 x 40 mm"),
         ("sides=2,n-up=2x1,pages-a-set=6", "a set takes 6 pages, and a sheet 4"),
         ("duplex", "'duplex' is none of sides, order"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from prooflight.cli import show
+from prooflight.cli import faults, show
 from prooflight.errors import RequestError, visible
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def laid_out(
 ) -> tuple[JobSource, SheetPlan | None]:
     """The job as sides, and how they lie on its sheets; None: no layout was said, and pages are printed as they are.
 
-    sheets: of the run; None: the job once. Errors as ``planned``.
+    sheets: of the run; None: the job once. Places that stay blank are told. Errors as ``planned``.
     """
     if words is None:
         return job, None
@@ -38,6 +38,11 @@ def laid_out(
     said = Layout.parse(words)
     with job.open() as opened:
         plan = planned(opened, said, geometry, sheets=sheets)
+    if blank := plan.layout.blank_places:
+        faults.told(
+            f"the last of the job's {plan.sheets_a_job:,} sheets has {plan.layout.pages_a_sheet} places, "
+            f"of which {blank} must stay blank"
+        )
     return replace(job, layout=plan.layout), plan
 
 

@@ -196,8 +196,12 @@ def why_of(verdict: Verdict) -> str:
     return "" if verdict.verdict == "good" else verdict.reason or verdict.kind or verdict.verdict
 
 
-def page_verdicts(verdict: Verdict, pages: Sequence[int], places: Sequence[Place]) -> tuple[PageVerdict, ...]:
-    """Of the pages of one side. pages: their numbers by place; places: in mm of the side; empty: nobody knows."""
+def page_verdicts(
+    verdict: Verdict, pages: Sequence[int | None], places: Sequence[Place]
+) -> tuple[PageVerdict, ...]:
+    """Of the pages of one side. pages: their numbers by place, None where it stays blank, and what lies there alone
+    spoils no page; places: in mm of the side; empty: nobody knows.
+    """
     word, why = verdict.verdict, why_of(verdict)
     if word == "misprint" and len(pages) > 1 and len(places) == len(pages):
         boxes = [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.regions]
@@ -209,9 +213,16 @@ def page_verdicts(verdict: Verdict, pages: Sequence[int], places: Sequence[Place
                     page=page, place=at, verdict="misprint" if bad else "good", why=why if bad else ""
                 )
                 for at, (page, bad) in enumerate(zip(pages, hit, strict=True), start=1)
+                if page is not None
             )
+    return _all_alike(pages, word, why)
+
+
+def _all_alike(pages: Sequence[int | None], word: Word, why: str = "") -> tuple[PageVerdict, ...]:
     return tuple(
-        PageVerdict(page=page, place=at, verdict=word, why=why) for at, page in enumerate(pages, start=1)
+        PageVerdict(page=page, place=at, verdict=word, why=why)
+        for at, page in enumerate(pages, start=1)
+        if page is not None
     )
 
 
@@ -227,16 +238,10 @@ def side_verdict(
     places = plan.places(back=bool(back)) if len(pages) > 1 else []
     side: SideName = "" if plan.layout.sides == 1 else "back" if back else "front"
     if passed and not records:
-        good = [PageVerdict(page=page, place=at, verdict="good") for at, page in enumerate(pages, start=1)]
-        return SideVerdict(side=side, name=name, verdict="good", pages=tuple(good))
+        return SideVerdict(side=side, name=name, verdict="good", pages=_all_alike(pages, "good"))
     if not shown:
-        never = [
-            PageVerdict(page=page, place=at, verdict="not-inspected", why=NEVER)
-            for at, page in enumerate(pages, start=1)
-        ]
-        return SideVerdict(
-            side=side, name=name, verdict="not-inspected", why=NEVER, came=False, pages=tuple(never)
-        )
+        never = _all_alike(pages, "not-inspected", NEVER)
+        return SideVerdict(side=side, name=name, verdict="not-inspected", why=NEVER, came=False, pages=never)
     told = min(shown, key=lambda record: WORST_FIRST.index(record.verdict.verdict))
     return SideVerdict(
         side=side,

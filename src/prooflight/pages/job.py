@@ -8,6 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
+import numpy as np
+
 from prooflight.errors import JobError, RequestError
 from prooflight.files.given import shortly
 from prooflight.pages import files
@@ -59,7 +61,6 @@ class Job:
     def __init__(self, source: JobSource) -> None:
         """Errors as ``open_job``."""
         files.check_dpi(source.path, source.dpi)
-        self.source = source
         self._pdfs: dict[Path, PdfJob] = {}
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
         for path in _files_of(source.path):
@@ -69,8 +70,9 @@ class Job:
             else:
                 count = files.page_count(path)
             self._places += [(path, number) for number in range(1, count + 1)]
-        layout = source.layout
-        self._sides = None if layout is None else layout.sides_of(len(self._places))
+        count, layout = len(self._places), source.layout
+        self._sides = None if layout is None else layout.sides_of(count)
+        self.source = source if layout is None else replace(source, layout=layout.of(count))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Job, (self.source,)  # opened again on the other side: MuPDF's handles do not travel
@@ -112,7 +114,7 @@ class Job:
         if layout is None:
             return tuple(sizes)
         return tuple(
-            side_size(sizes[layout.pages_on(number)[0] - 1], layout) for number in range(1, len(self) + 1)
+            side_size(sizes[_sizing_page(layout, number) - 1], layout) for number in range(1, len(self) + 1)
         )
 
     def flaws(self) -> dict[int, JobError]:
@@ -129,7 +131,7 @@ class Job:
         return {
             number: found[page]
             for number in range(1, len(self) + 1)
-            for page in layout.pages_on(number)
+            for page in (_sizing_page(layout, number), *layout.pages_on(number))
             if page in found
         }
 
@@ -137,7 +139,7 @@ class Job:
         """Of one page; errors as ``page``. [mm]"""
         layout = self.source.layout
         if layout is not None:
-            return side_size(self._own_size_mm(layout.pages_on(number)[0]), layout)
+            return side_size(self._own_size_mm(_sizing_page(layout, number)), layout)
         return self._own_size_mm(number)
 
     def _own_size_mm(self, number: int) -> tuple[float, float]:
@@ -166,8 +168,13 @@ class Job:
         if layout is None:
             return self._own_page(number)
         shown = layout.pages_on(number)
-        own = {page: self._own_page(page) for page in dict.fromkeys(shown)}
-        return imposed([own[page] for page in shown], layout, number)
+        own = {page: self._own_page(page) for page in dict.fromkeys(shown) if page is not None}
+        if None in shown:
+            like = _sizing_page(layout, number)
+            sized = own[like] if like in own else self._own_page(like)
+            blank = replace(sized, cmyk=np.zeros_like(sized.cmyk))
+            return imposed([blank if page is None else own[page] for page in shown], layout, number)
+        return imposed([own[page] for page in shown if page is not None], layout, number)
 
     def _own_page(self, number: int) -> Page:
         """As it stands in its file."""
@@ -186,6 +193,11 @@ def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:
     JobError: a file cannot be used, or a folder holds none. ProfileError: the profile cannot be used.
     """
     return JobSource(path=Path(path), dpi=dpi, profile=None if profile is None else Path(profile)).open()
+
+
+def _sizing_page(layout: Layout, number: int) -> int:
+    """The page, from 1, that a side is sized by: the first on it, or of one that stays blank the first on its sheet."""
+    return next((page for page in layout.pages_on(number) if page is not None), layout.first_page(number))
 
 
 def opened(source: JobSource) -> Job:

@@ -20,11 +20,11 @@ def planned(job: Job, layout: Layout, geometry: ScanGeometry, *, sheets: int | N
     """How the pages of a job lie on the sheets of one press. job: opened without a layout. sheets: of the run; None:
     the job once.
 
-    In the plan's layout a back is upright or turned, whichever way it was said. RequestError: the pages fill no whole
-    sheets, need more than a sheet has, or are wider than the press sees. JobError: pages of one sheet are not
-    of one size.
+    In the plan's layout a back is upright or turned, whichever way it was said. RequestError: the sheets fill no whole
+    sets, or the pages need more than a sheet has, or are wider than the press sees. JobError: pages of one sheet are
+    not of one size.
     """
-    sides = layout.sides_of(len(job))
+    layout, sides = layout.of(len(job)), layout.sides_of(len(job))
     flaws, sizes = job.flaws(), dict[int, tuple[float, float]]()
     for number in range(1, len(job) + 1):
         if number not in flaws:

@@ -87,14 +87,40 @@ def test_the_orders_in_which_one_camera_sees_both_sides(words: str, passing: str
     assert " ".join(f"{'fb'[back]}{sheet}" for sheet, back in seen) == passing
 
 
-@given(layouts(), st.integers(1, 4))
-def test_every_page_of_the_job_lies_on_one_side(layout: Layout, sheets: int) -> None:
-    pages = sheets * layout.pages_a_sheet
-    layout = replace(layout, pages_a_set=None)
+@given(layouts(), st.integers(1, 60))
+def test_every_page_of_the_job_lies_on_one_side_and_only_the_last_sheet_has_blank_places(
+    layout: Layout, pages: int
+) -> None:
+    layout = replace(layout, pages_a_set=None).of(pages)
     sides = layout.sides_of(pages)
     shown = [page for side in range(1, sides + 1) for page in dict.fromkeys(layout.pages_on(side))]
-    assert sorted(shown) == list(range(1, pages + 1))
+    assert sorted(page for page in shown if page is not None) == list(range(1, pages + 1))
     assert all(len(layout.pages_on(side)) == layout.places_a_side for side in range(1, sides + 1))
+    blank = {(side - 1) // layout.sides for side in range(1, sides + 1) if None in layout.pages_on(side)}
+    assert blank == ({sides // layout.sides - 1} if layout.blank_places else set())
+    assert layout.blank_places < layout.pages_a_sheet
+    names = [layout.side_name(side) for side in range(1, sides + 1)]
+    assert len(set(names)) == sides
+
+
+@pytest.mark.parametrize(
+    ("words", "pages", "last"),
+    [
+        ("sides=2,n-up=2x1", 5, [("s0002-front", (5, None)), ("s0002-back", (None, None))]),
+        ("sides=2,n-up=2x1", 7, [("s0002-front", (5, 6)), ("s0002-back", (7, None))]),
+        ("sides=2,n-up=2x1,places=4-1-2-3", 6, [("s0002-front", (None, 5)), ("s0002-back", (6, None))]),
+        ("sides=2", 5, [("p0005", (5,)), ("s0003-back", (None,))]),
+        ("sides=2,places=2-1", 5, [("s0003-front", (None,)), ("p0005", (5,))]),
+        ("sides=2,n-up=2x1,repeat=yes", 3, [("p0003", (3, 3)), ("s0002-back", (None, None))]),
+        ("n-up=2x2", 1, [("s0001", (1, None, None, None))]),
+    ],
+)
+def test_what_the_pages_leave_of_the_last_sheet_stays_blank(
+    words: str, pages: int, last: list[tuple[str, tuple[int | None, ...]]]
+) -> None:
+    layout = Layout.parse(words).of(pages)
+    sides = range(layout.sides_of(pages) - len(last) + 1, layout.sides_of(pages) + 1)
+    assert [(layout.side_name(side), layout.pages_on(side)) for side in sides] == last
 
 
 @given(layouts(), st.integers(4, 12), st.integers(4, 12), st.data())
@@ -191,11 +217,11 @@ def test_words_that_are_none_are_refused_in_one_line(words: str, said: str) -> N
     assert "\n" not in str(error.value)
 
 
-def test_odd_pages_and_too_large_pages_are_refused() -> None:
-    with pytest.raises(RequestError, match="has 5 pages, and a sheet takes 2; add 1 blank page"):
-        Layout.parse("sides=2").sides_of(5)
-    with pytest.raises(RequestError, match="6 pages, and a set takes 4"):
-        Layout.parse("sides=2,pages-a-set=4").sides_of(6)
+def test_sets_that_do_not_fit_and_too_large_pages_are_refused() -> None:
+    with pytest.raises(
+        RequestError, match="the 5 pages of the job lie on 3 sheets, and a set takes 2 sheets"
+    ):
+        Layout.parse("sides=2,pages-a-set=4").of(5)
     with pytest.raises(RequestError, match=r"need 420.0 x 297.0 mm, and the sheet has 320 x 450 mm"):
         side_size((210, 297), Layout.parse("n-up=2x1,sheet=320x450"))
     with pytest.raises(JobError, match="on the same sheet"):
@@ -205,6 +231,10 @@ def test_odd_pages_and_too_large_pages_are_refused() -> None:
 def test_a_plan_travels_as_json() -> None:
     plan = SheetPlan(layout=Layout.parse("sides=2,n-up=2x1"), sides=4, sheets=6, page_mm=(210.0, 297.0))
     assert SheetPlan.of(plan.facts) == plan
+    filled_in_part = replace(plan, layout=plan.layout.of(5))
+    assert SheetPlan.of(filled_in_part.facts) == filled_in_part
+    earlier = {name: value for name, value in plan.facts.items() if name != "job_pages"}
+    assert SheetPlan.of(earlier) == plan
     for damaged in (None, [], {}, plan.facts | {"words": "sides=9"}, plan.facts | {"sides": 0}):
         assert SheetPlan.of(damaged) is None
 

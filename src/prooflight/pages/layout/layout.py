@@ -7,7 +7,7 @@ before the back; ``side`` counts them through the run, from 0, and ``position`` 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from prooflight.errors import RequestError
@@ -58,6 +58,8 @@ class Layout:
     """By how many degrees pages are turned on the sheet, clockwise: 0, 90, 180 or 270."""
     pages_a_set: int | None = None
     """Pages that belong together; None: nobody said."""
+    job_pages: int | None = None
+    """Pages of the job (``of``): places on its last sheet that are left stay blank; None: its pages fill all places."""
 
     @classmethod
     def parse(cls, text: str) -> Layout:
@@ -119,29 +121,44 @@ class Layout:
         """Sheets that belong together; None: nobody said."""
         return None if self.pages_a_set is None else self.pages_a_set // self.pages_a_sheet
 
-    def sides_of(self, pages: int) -> int:
-        """Sides of a job of so many pages; RequestError: they fill no whole sheets, or sets."""
-        lacking = -pages % self.pages_a_sheet
-        if lacking:
-            what = f"the job has {_count(pages, 'page')}, and a sheet takes {self.pages_a_sheet}"
-            raise RequestError(WHERE, what, remedy=f"add {_count(lacking, 'blank page')} to the job")
-        of_set = self.pages_a_set
-        if of_set is not None and pages % of_set and of_set % pages:
-            what = f"the job has {_count(pages, 'page')}, and a set takes {of_set}"
-            raise RequestError(WHERE, what, remedy="give pages-a-set that divides the job")
-        return pages // self.pages_a_sheet * self.sides
+    def of(self, pages: int) -> Layout:
+        """The layout of a job of so many pages; RequestError: their sheets fill no whole sets."""
+        sheets, of_set = -(-pages // self.pages_a_sheet), self.sheets_a_set
+        if of_set is not None and sheets % of_set and of_set % sheets:
+            has, takes = _count(sheets, "sheet"), _count(of_set, "sheet")
+            what = f"the {_count(pages, 'page')} of the job lie on {has}, and a set takes {takes}"
+            raise RequestError(WHERE, what, remedy="give pages-a-set whose sheets divide those of the job")
+        return replace(self, job_pages=pages)
 
-    def pages_on(self, number: int) -> tuple[int, ...]:
+    def sides_of(self, pages: int) -> int:
+        """Sides of a job of so many pages, with those of its last sheet that stay blank."""
+        return -(-pages // self.pages_a_sheet) * self.sides
+
+    @property
+    def blank_places(self) -> int:
+        """Places on the last sheet of the job that stay blank."""
+        return 0 if self.job_pages is None else -self.job_pages % self.pages_a_sheet
+
+    def pages_on(self, number: int) -> tuple[int | None, ...]:
         """Numbers of the pages, from 1, that side ``number`` of the job, from 1, shows at its places, row by row.
+
+        None: the place stays blank.
 
         >>> Layout.parse("sides=2,n-up=2x1").pages_on(4)
         (7, 8)
+        >>> Layout.parse("sides=2,n-up=2x1").of(5).pages_on(3)
+        (5, None)
         """
-        sheet, back = divmod(number - 1, self.sides)
-        first, of_side = sheet * self.pages_a_sheet, self.pages_a_side
+        first, of_side = self.first_page(number), self.pages_a_side
+        back = (number - 1) % self.sides
         own = range(back * of_side, (back + 1) * of_side)
-        shown = [self.places[at] - 1 if self.places else at for at in own]
-        return tuple(first + at + 1 for at in shown) * (self.places_a_side if self.repeat else 1)
+        shown = [first + (self.places[at] - 1 if self.places else at) for at in own]
+        pages = [page if self.job_pages is None or page <= self.job_pages else None for page in shown]
+        return tuple(pages) * (self.places_a_side if self.repeat else 1)
+
+    def first_page(self, number: int) -> int:
+        """Number of the first page on the sheet of side ``number``, both from 1: every sheet has one."""
+        return (number - 1) // self.sides * self.pages_a_sheet + 1
 
     def side_name(self, number: int) -> str:
         """Of side ``number`` of the job, from 1: of its page where it has one, else of its sheet.
@@ -149,14 +166,15 @@ class Layout:
         >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4)
         ('p0004', 's0002-back')
         """
-        if self.pages_a_side == 1:
-            return page_name(self.pages_on(number)[0])
+        page = self.pages_on(number)[0]
+        if self.pages_a_side == 1 and page is not None:
+            return page_name(page)
         sheet, back = divmod(number - 1, self.sides)
         return self.sheet_name(sheet + 1) + (("-front", "-back")[back] if self.sides > 1 else "")
 
     def sheet_name(self, number: int) -> str:
         """Of sheet ``number`` of the job, from 1: of its page where it has one."""
-        return page_name(self.pages_on(number)[0]) if self.pages_a_sheet == 1 else f"s{number:04d}"
+        return page_name(number) if self.pages_a_sheet == 1 else f"s{number:04d}"
 
     def side_at(self, position: int, sheets: int) -> int:
         """Which side of the run passes at a position. sheets: of the run, of which the last may leave a gap.

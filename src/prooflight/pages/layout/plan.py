@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from prooflight.pages.layout.imposing import Place, places_on, side_size
@@ -32,9 +32,9 @@ class SheetPlan:
         if not isinstance(facts, dict):
             return None
         try:
-            size = facts["page_mm"]
+            size, pages = facts["page_mm"], facts.get("job_pages")
             found = cls(
-                layout=Layout.parse(facts["words"]),
+                layout=replace(Layout.parse(facts["words"]), job_pages=None if pages is None else int(pages)),
                 sides=int(facts["sides"]),
                 sheets=int(facts["sheets"]),
                 page_mm=None if size is None else (float(size[0]), float(size[1])),
@@ -49,6 +49,7 @@ class SheetPlan:
         """What JSON can hold; for a run's settings and its gate's log."""
         return {
             "words": self.layout.words,
+            "job_pages": self.layout.job_pages,
             "sides": self.sides,
             "sheets": self.sheets,
             "page_mm": self.page_mm,
@@ -90,7 +91,7 @@ class SheetPlan:
         """Numbers of the job's pages on a sheet, from 1, each once."""
         sides, first = self.layout.sides, sheet % self.sheets_a_job * self.layout.sides
         found = [page for side in range(sides) for page in self.layout.pages_on(first + side + 1)]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(page for page in found if page is not None))
 
     def set_of(self, sheet: int) -> int | None:
         """Set of a sheet; None: the job has none."""

@@ -47,6 +47,9 @@ TORN_LINES: Final = 40
 UNSEEN_EDGE_LINES: Final = 4
 """A sheet that begins so near to where lines begin, or ends so near to where they end, may go on where nobody saw it;
 an edge is found to two lines. A press that leaves less than twice as much before its sheets asks for half of that."""
+PIECES_WITHIN: Final = 2
+"""Behind lines that were lost, nobody knows how many, as many of the longest sheets may be seen in pieces: the one torn,
+and the next, which may be any page."""
 TRIGGER_REACH_MM: Final = 12.0
 """A sheet further from its trigger is cut at its edge: registration looks no further."""
 
@@ -178,16 +181,16 @@ class Pager:
             self._following.readings.blind = self._untriggered = True
         if self._is_torn(sheet, page):
             return self._torn(sheet, page)
-        if self._untriggered:
-            self._trigger_anew(sheet)
         skipped = self._room_before(sheet)
         found = self._identified(sheet, page, skipped)
         shown = found.match.fit
         if shown is not None and page is not None and shown.page.height_mm != page.height_mm:
             found = self._identified(sheet, shown.page, skipped)
         sheet, match = found.sheet, found.match
-        if behind_break and match.job_page is None and match.taken_for is None and not match.blank:
-            return self._torn(sheet, page)  # as likely a piece of a sheet as one of no page
+        if self._is_piece(sheet, match, page):
+            return self._torn(sheet, page)
+        if self._untriggered and match.job_page is not None:
+            self._trigger_anew(sheet)
         count = self._store.count_at(sheet.start)
         faults = self._faults_until(sheet.end + self._lead_out)
         off_lines = self._late(sheet)
@@ -236,10 +239,13 @@ class Pager:
         return [*gone, seen]
 
     def _trigger_anew(self, sheet: Sheet) -> None:
-        """Triggers are counted on from a sheet's edge: the count that they were told by has been lost."""
+        """Triggers are counted on from the edge of a sheet that shows a page: their count has been lost.
+
+        The edge of a piece, or of a stranger, is not where a sheet's trigger is, and all that follow would be cut there.
+        """
         self._untriggered = False
         if isinstance(self._start, TriggerCount):
-            first = self._store.count_at(sheet.start - self._lead_in)
+            first = self._store.count_at(sheet.start) - self._lead_in  # lines were lost between them
             self._start = replace(self._start, first_line=first)
 
     def _broken_before(self, sheet: Sheet) -> bool:
@@ -254,9 +260,31 @@ class Pager:
             return True
         if not self._store.broken(sheet.start - TORN_LINES, sheet.end + TORN_LINES):
             return False
-        length = sheet.end - sheet.start
+        return not self._is_whole(sheet, page)
+
+    def _is_piece(self, sheet: Sheet, match: Match, page: Thumbnail | None) -> bool:
+        """Whether a sheet may be a part of one near lines that were lost, nobody knows how many.
+
+        Its other parts need not lie beside it: a band across a page that looks like backing parts a sheet where nobody
+        knows which page to expect, nor where on it the lines begin. A whole sheet is what it shows.
+        """
+        lost = self._store.broken_until
+        if lost is None or not self._following.readings.blind or match.taken_for is not None:
+            return False
+        near = sheet.start < lost + PIECES_WITHIN * self._longest
+        if match.fit is not None:
+            return near and not self._is_whole(sheet, match.fit.page)
+        return near and not (sheet.free and self._is_whole(sheet, page))
+
+    def _is_whole(self, sheet: Sheet, page: Thumbnail | None) -> bool:
+        """Whether a sheet's edges lie as far apart as those of a page."""
         lines = 0.0 if page is None else page.height_mm / self._geometry.line_pitch_mm
-        return abs(length - lines) > STRETCH * lines + EDGE_LINES
+        return abs(sheet.end - sheet.start - lines) <= STRETCH * lines + EDGE_LINES
+
+    @property
+    def _by_edge(self) -> bool:
+        """Whether a sheet is cut where the image shows its edge: no trigger says where, or its count has been lost."""
+        return self._untriggered or isinstance(self._start, SheetEdge)
 
     def _begins_unseen(self, sheet: Sheet) -> bool:
         """Whether a run's first sheet begins where its lines do; triggers that are counted say where it begins."""
@@ -291,7 +319,7 @@ class Pager:
         longer = self._longer(sheet, page) / SHRINK
         match = self._following.identify(light, longer=longer, skipped=skipped)
         fit, hidden = match.fit, False
-        if fit is not None and fit.drop.size and np.ptp(fit.drop) < 1 and isinstance(self._start, SheetEdge):
+        if fit is not None and fit.drop.size and np.ptp(fit.drop) < 1 and self._by_edge:
             late = -round(float(fit.drop.mean()) * SHRINK)
             # A print that lies beside its sheet is a misprint; a sheet whose dark end looks like backing is not.
             hidden = abs(late) > SHRINK and (not sheet.free or abs(late + longer * SHRINK) <= SHRINK)
@@ -310,8 +338,8 @@ class Pager:
             (sheet.end - sheet.start) * self._geometry.line_pitch_mm if page is None else page.height_mm
         )
         first = sheet.start - self._lead_in
-        if isinstance(self._start, TriggerCount):
-            count = self._store.count_at(first)
+        if isinstance(self._start, TriggerCount) and not self._untriggered:
+            count = self._store.count_at(sheet.start) - self._lead_in
             off = self._start.nearest(count) - count
             if abs(off) * self._geometry.line_pitch_mm <= TRIGGER_REACH_MM:
                 first += off
@@ -344,8 +372,8 @@ class Pager:
 
     def _late(self, sheet: Sheet) -> float:
         """How many lines late a sheet came; 0: in time, or nobody can tell."""
-        if isinstance(self._start, TriggerCount):
-            count = self._store.count_at(sheet.start - self._lead_in)
+        if isinstance(self._start, TriggerCount) and not self._untriggered:
+            count = self._store.count_at(sheet.start) - self._lead_in
             off = float(count - self._start.nearest(count))
             return off if abs(off) * self._geometry.line_pitch_mm > SLIP_MM else 0.0
         gap = self._gap_before(sheet)

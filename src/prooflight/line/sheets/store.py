@@ -62,6 +62,8 @@ class LineStore:
         self._counts: list[tuple[int, int]] = []  # from this position on, the camera's count is so much more
         self._unseen = deque[Unseen]()  # by position
         self._breaks = deque[tuple[int, int]]()  # the same, where nobody knows how many
+        self.broken_until: int | None = None
+        """Position of the first line behind those that were lost, nobody knows how many; None: none were."""
         self._named_until = 0  # behind the last line of which the source itself has said what befell it
         self._backing = deque[int]()  # columns at the backing's light in every row from ``first_row`` on
         self.first_row = 0
@@ -93,7 +95,7 @@ class LineStore:
             self._breaks.append(gap)
             self._keep(np.repeat(self.backing_dn[:, None], self._gap_lines, axis=1), block.time_s)
             self._counts.append((self.end, block.first_line - self.end))
-            self._named_until = block.first_line
+            self._named_until, self.broken_until = block.first_line, self.end
         elif ahead > 0:
             if due >= self._named_until:
                 what = f"lines {due} to {block.first_line - 1} were not delivered"

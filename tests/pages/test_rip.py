@@ -63,15 +63,39 @@ def test_a_page_drawn_finer_is_the_mean_of_its_pixels(write_pdf: WritePdf, dpi: 
     font = "/Font<</F<</Type/Font/Subtype/Type1/BaseFont/Helvetica>>>>"
     text = "0 0 0 1 k BT /F 40 Tf 5 20 Td (Rag) Tj ET 1 0 .5 0 k 3 90 m 97 70 l 50 50 l f"
     with PdfJob(write_pdf(text, resources=font)) as job:
-        coarse, fine = job.page(1, dpi, finer=2).cmyk, job.page(1, 2 * dpi).cmyk
+        coarse, fine = job.page(1, dpi, drawn_dpi=2 * dpi).cmyk, job.page(1, 2 * dpi).cmyk
     rows, columns = coarse.shape[:2]
     mean = fine[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 4).mean(axis=(1, 3))
     np.testing.assert_allclose(coarse, mean, atol=0.5)  # a byte is rounded
 
 
+@pytest.mark.parametrize("dpi", [100, 900])
+def test_a_page_is_drawn_at_the_resolution_of_its_press(write_pdf: WritePdf, dpi: int) -> None:
+    """Whose pixels are no whole number in one of the raster's; 900: in several bands."""
+    text, step = "0 0 0 1 k 3 90 m 97 70 l 50 50 l f 10 10 30 20 re f", 2.49
+    with PdfJob(write_pdf(text)) as job:
+        coarse, fine = job.page(1, dpi, drawn_dpi=step * dpi).cmyk, job.page(1, step * dpi).cmyk
+    rows, columns = coarse.shape[:2]
+    summed = np.pad(np.pad(fine[..., 3].astype(np.float64), ((0, 3), (0, 3)), "edge").cumsum(0).cumsum(1), 1)
+
+    def up_to(edges: NDArray[np.float64], along: int) -> NDArray[np.float64]:
+        """Sums up to edges, between those of whole pixels."""
+        whole, part = np.floor(edges).astype(int), edges % 1
+        low, high = sums.take(whole, along), sums.take(whole + 1, along)
+        shape = (-1, 1) if along == 0 else (1, -1)
+        return low + part.reshape(shape) * (high - low)
+
+    sums = summed
+    sums = up_to(step * np.arange(rows + 1), 0)
+    sums = up_to(step * np.arange(columns + 1), 1)
+    mean = np.diff(np.diff(sums, axis=0), axis=1) / step**2
+    inside = slice(0, -2)  # beyond the finer raster nothing is known
+    np.testing.assert_allclose(coarse[inside, inside, 3], mean[inside, inside], atol=0.51)
+
+
 def test_a_page_drawn_finer_has_the_shape_of_its_resolution(write_pdf: WritePdf) -> None:
     with PdfJob(write_pdf("0 0 0 1 k 0 0 49.5 100 re f")) as job:
-        page = job.page(1, 72, finer=2)
+        page = job.page(1, 72, drawn_dpi=144)
     assert page.cmyk.shape == (100, 100, 4)
     assert page.cmyk[50, [48, 49, 50], 3].tolist() == [255, 128, 0]
 

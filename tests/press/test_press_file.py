@@ -106,6 +106,17 @@ def test_the_contracts_example_reads(tmp_path: Path) -> None:
     assert camera.sensors[0].quantum_efficiency[2] == pytest.approx(0.05 + 0.32 / 16)  # straight in between
 
 
+def test_the_rips_resolution_is_of_the_press(tmp_path: Path) -> None:
+    assert PressFile(Path("press.toml"), CONTRACT).rip_dpi is None
+    press_file = PressFile(Path("press.toml"), CONTRACT + "[rip]\ndpi = 1200\n")
+    assert press_file.rip_dpi == 1200
+
+
+@pytest.mark.parametrize("dpi", ["0", "-600", "99", "1e9", "nan", "true", '"600 dpi"', "[600, 600]"])
+def test_resolutions_that_no_press_has_are_refused(dpi: str) -> None:
+    assert "rip.dpi: " in refused(f"{CONTRACT}[rip]\ndpi = {dpi}\n")
+
+
 def test_every_block_after_the_sensor_is_optional() -> None:
     press_file = PressFile(Path("press.toml"), CONTRACT[: CONTRACT.index("[transport]")])
     camera = press_file.camera()

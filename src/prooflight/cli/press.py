@@ -280,6 +280,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "lead_out_mm": geometry.lead_out_mm,
         "supersampling": press.supersampling,
         "raster_dpi": round(press.dpi, 2),
+        "rip_dpi": press.rip_dpi,
         "good_pages_per_false_alarm": press.good_pages_per_false_alarm,
         "misprint_rate": press.costs.misprint_rate,
         "false_alarm_cents": press.costs.false_alarm_cents,

@@ -48,8 +48,8 @@ UNSEEN_EDGE_LINES: Final = 4
 """A sheet that begins so near to where lines begin, or ends so near to where they end, may go on where nobody saw it;
 an edge is found to two lines. A press that leaves less than twice as much before its sheets asks for half of that."""
 PIECES_WITHIN: Final = 2
-"""Behind lines that were lost, nobody knows how many, as many of the longest sheets may be seen in pieces: the one torn,
-and the next, which may be any page."""
+"""Behind lines that were lost, nobody knows how many, as many of the longest sheets may be seen in pieces: the one
+torn, and the next, which may be any page."""
 TRIGGER_REACH_MM: Final = 12.0
 """A sheet further from its trigger is cut at its edge: registration looks no further."""
 
@@ -241,7 +241,7 @@ class Pager:
     def _trigger_anew(self, sheet: Sheet) -> None:
         """Triggers are counted on from the edge of a sheet that shows a page: their count has been lost.
 
-        The edge of a piece, or of a stranger, is not where a sheet's trigger is, and all that follow would be cut there.
+        The edge of a piece, or of a stranger, is not where a sheet's trigger is: all that follow would be cut there.
         """
         self._untriggered = False
         if isinstance(self._start, TriggerCount):

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 FINER: Final = 2
-"""A PDF is drawn at so many times the resolution of its raster: presses print at resolutions of their own (`prooflight
-study resolution`). Three times as finely called no fewer good prints misprints."""
+"""A PDF of which nobody says at what resolution its press prints it is drawn at so many times that of its raster
+(`prooflight study resolution`). Three times as finely called no fewer good prints misprints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +37,8 @@ class JobSource:
     path: Path
     dpi: float
     """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
+    drawn_dpi: float | None = None
+    """Resolution at which the press rips PDFs, at which they are drawn; None: unknown, and they are drawn ``FINER``."""
     light: InkLight | None = None
     """How a press's inks take its camera's light, by which pixels of finely drawn PDFs are taken together; None: any
     press's, and inks are averaged."""
@@ -183,7 +185,9 @@ class Job:
         if pdf is None:
             page = files.read_page(path, place)
         else:
-            page = pdf.page(place, self.source.dpi, finer=FINER, light=self.source.light)
+            source = self.source
+            drawn_dpi = source.drawn_dpi or FINER * source.dpi
+            page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light)
         return replace(page, name=files.page_name(number), number=number)
 
 

@@ -7,7 +7,7 @@ What it may hold, ``press_schema`` says; nothing else is written or read. Schema
 4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
 5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
 6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
-presses of before did, so that their digests stay: ``fringes``, and in our detector ``prior``.
+presses of before did, so that their digests stay: ``fringes``, ``rip_dpi``, and in our detector ``prior``.
 7: our detector is a ranking that was learned once, made fit for the press by its own good pages (``ours.values``,
 ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 8: those of other presses by how many pages made a ranking fit (``ours.reference``, ``ours.reference_pages``).
@@ -99,6 +99,8 @@ class Press(Shown):
     """How much good prints of this press vary, as far as it is known: what JSON can hold."""
     fringes: bool = False
     """Whether our detector predicts planes that share edges where their fringes show them; it is taught with it."""
+    rip_dpi: float | None = None
+    """Resolution at which the press itself rips PDFs; None: nobody said. [pixels/inch]"""
     ours: CalibratedDetector | None = None
     """Our detector, taught for this press; None: not yet."""
     bayes: BayesDetector | None = None
@@ -204,6 +206,8 @@ class Press(Shown):
         }
         if self.fringes:  # a press that does without is what it was before there was this
             document["fringes"] = True
+        if self.rip_dpi is not None:
+            document["rip_dpi"] = self.rip_dpi
         return arrays, json.dumps(document, sort_keys=True)
 
     @classmethod
@@ -239,6 +243,7 @@ class Press(Shown):
             clipped=tuple(ClippedShare(**share) for share in document["clipped"]),
             variation=document["variation"],
             fringes=document.get("fringes", False),
+            rip_dpi=document.get("rip_dpi"),
             **detectors,
         )
 

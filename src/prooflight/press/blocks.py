@@ -37,6 +37,8 @@ Range = tuple[
     Annotated[float, Field(strict=True, ge=1e-3, le=1000)], Annotated[float, Field(strict=True, le=1000)]
 ]
 
+LEAST_RIP_DPI, MOST_RIP_DPI = 100, 5080
+"""Of what rips for a press: fax to film."""
 Lead = Annotated[float, Field(strict=True, ge=0, le=10_000)]
 _DEEPEST = 8
 """Tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
@@ -123,6 +125,13 @@ class TransportBlock(_Block):
     lead_out_mm: Lead = 2.0
     backing_reflectance: Share = 0.05
     """assumed: a black anodised or rubber drum."""
+
+
+class RipBlock(_Block):
+    """``[rip]``: how the press makes pixels of a PDF."""
+
+    dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
+    """None: nobody knows."""
 
 
 class InksBlock(_Block):
@@ -294,6 +303,7 @@ class Document(_Block):
         BeforeValidator(lambda given: [given] if isinstance(given, dict) else given),
         Field(max_length=16),
     ] = ()
+    rip: RipBlock = RipBlock()
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()

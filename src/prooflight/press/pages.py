@@ -33,8 +33,15 @@ class PressJob(Job):
 def job_source(
     path: Path, press: Press, *, profile: Path | None = None, layout: Layout | None = None
 ) -> JobSource:
-    """A job as this press wants it: PDFs at its resolution, and pixels taken together by its inks."""
-    return JobSource(path=path, dpi=press.dpi, light=press.ink_light, profile=profile, layout=layout)
+    """A job as this press wants it: PDFs drawn at its RIP's resolution, and pixels taken together by its inks."""
+    return JobSource(
+        path=path,
+        dpi=press.dpi,
+        drawn_dpi=press.rip_dpi,
+        light=press.ink_light,
+        profile=profile,
+        layout=layout,
+    )
 
 
 def open_job(path: str | Path, press: Press, *, profile: str | Path | None = None) -> PressJob:

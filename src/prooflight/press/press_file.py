@@ -106,6 +106,11 @@ class PressFile:
         return self._document.inspection.fringes
 
     @property
+    def rip_dpi(self) -> float | None:
+        """``[rip]``: at what resolution the press rips PDFs; None: the file does not say. [pixels/inch]"""
+        return self._document.rip.dpi
+
+    @property
     def backing_reflectance(self) -> float:
         """Reflectance of what lies beyond the page, the same at every wavelength. [-]"""
         return self._document.transport.backing_reflectance

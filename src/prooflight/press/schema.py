@@ -30,6 +30,7 @@ from prooflight.files.schema import (
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.pages.raster import MM_PER_INCH
+from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -114,6 +115,7 @@ class PressFacts(Block):
     variation: dict[Name, Any]
     detectors: DetectorFacts
     fringes: Annotated[bool, Field(strict=True)] = False
+    rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

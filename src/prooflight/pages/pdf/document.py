@@ -7,6 +7,7 @@ memory. It needs PyMuPDF at import.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -116,40 +117,45 @@ class PdfFile:
         dpi: float,
         raster: Callable[[tuple[int, int, int], int], NDArray[np.uint8]],
         *,
-        finer: int = 1,
+        drawn_dpi: float | None = None,
         light: InkLight | None = None,
     ) -> NDArray[np.uint8]:
         """Draw page ``number`` into the empty array that ``raster`` gives for its shape, (rows, columns, 4).
 
-        raster: is also told how many pixels are drawn at once. finer: drawn at so many times the resolution, and
-        ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be ripped;
-        MemoryError: not within its limit.
+        raster: is also told how many pixels are drawn at once. drawn_dpi: drawn at another resolution than its
+        raster's, and ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be
+        ripped; MemoryError: not within its limit.
         """
         with self._listening(f"page {number} is damaged"):
             page = self._load(number)
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
-            band_rows = rows if finer == 1 else max(min(BAND_PIXELS // (finer * finer * columns), rows), 1)
-            drawn = finer * finer * band_rows * columns
+            step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
+            wide = columns if drawn_dpi is None else math.ceil(columns * step)
+            band_rows = rows if drawn_dpi is None else max(min(int(BAND_PIXELS / step / wide), rows), 1)
+            fine_rows = math.ceil(band_rows * step) + 1
+            drawn = fine_rows * wide
             self._refuse_oversize(number, dpi, rows, columns, drawn=drawn)
             cmyk = raster((rows, columns, 4), drawn)
             troubles = dict[str, None]()
-            drawn_on = None if finer == 1 else np.empty((finer * band_rows, finer * columns, 4), np.uint8)
+            drawn_on = None if drawn_dpi is None else np.empty((fine_rows, wide, 4), np.uint8)
             for top in range(0, rows, band_rows):
                 band = cmyk[top : top + band_rows]
+                above = math.floor(top * step)
+                high = math.ceil((top + len(band)) * step) - above
                 fine = band
                 if drawn_on is not None:
-                    fine = drawn_on[: finer * len(band)]
+                    fine = drawn_on[:high]
                     fine.fill(0)
-                by = finer * scale
-                ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - finer * top)
+                by = step * scale
+                ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - above)
                 try:
                     troubles |= dict.fromkeys(plates.draw(page, ctm, fine, self._profile))
                 except plates.PlateError as error:
                     what = f"page {number}: {error}"
                     raise JobError(self._shown, what, remedy="correct and export it again") from None
-                if finer > 1:
-                    taken_together(fine, band, light)
+                if drawn_dpi is not None:
+                    taken_together(fine, band, light, step=step, first=top * step - above)
             self._said += [f"page {number}: {trouble}" for trouble in troubles]
         return cmyk
 

@@ -4,7 +4,8 @@ What is printed is the TrimBox where the page has one, else the CropBox, else th
 scaled by /UserUnit; annotations and layers as for printing. Its top-left corner is the corner of pixel (0, 0), and
 the raster has round(size * dpi / 72) columns and rows. Nothing is anti-aliased: where a page is drawn at the raster's
 own resolution, a pixel is ink or paper. Then letters and lines lie up to half a pixel from where a press of another,
-finer resolution prints them. Drawn ``finer`` and taken together, they lie up to half of one of those pixels from it.
+finer resolution prints them. Drawn at a finer ``drawn_dpi`` and taken together, they lie up to half of one of those
+pixels from it; drawn at the press's own, where it puts them.
 
 Colour: DeviceCMYK and DeviceGray (to K alone) are printed as they stand; RGB, ICC-based and Lab colours are
 converted to the given profile, else to the output intent of the page or document, else to MuPDF's built-in CMYK
@@ -97,16 +98,19 @@ class PdfJob:
         sizes = self._asked("measuring its pages", do="sizes")["sizes"]
         return tuple((width * scale, height * scale) for width, height in sizes)
 
-    def page(self, number: int, dpi: float, *, finer: int = 1, light: InkLight | None = None) -> Page:
+    def page(
+        self, number: int, dpi: float, *, drawn_dpi: float | None = None, light: InkLight | None = None
+    ) -> Page:
         """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped.
 
-        finer: see the top of this file. light: by which pixels are then taken together.
+        drawn_dpi: see the top of this file; None: as ``dpi``. light: by which pixels are then taken together.
         """
-        check_dpi(self.path, dpi)
+        for one in (dpi, drawn_dpi or dpi):
+            check_dpi(self.path, one)
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
-        asked = {"do": "page", "number": number, "dpi": float(dpi), "finer": finer, "light": light}
+        asked = {"do": "page", "number": number, "dpi": float(dpi), "drawn_dpi": drawn_dpi, "light": light}
         cmyk = self._asked(f"page {number}", **asked)["cmyk"]
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
 

@@ -26,6 +26,7 @@ from prooflight.errors import InputError, JobError
 from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
+from prooflight.pages.pdf.taking_together import taken_together
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -94,8 +95,10 @@ class Worker:
             _limit_memory(request["room_bytes"] + BYTES_PER_PIXEL * max(drawn_pixels, shape[0] * shape[1]))
             return self._raster(shape)
 
-        number, dpi, finer, light = (request[name] for name in ("number", "dpi", "finer", "light"))
-        shape = file.draw(number, dpi, raster, finer=finer, light=light).shape
+        light = request["light"] and tuple(map(tuple, request["light"]))
+        shape = file.draw(
+            request["number"], request["dpi"], raster, drawn_dpi=request["drawn_dpi"], light=light
+        ).shape
         return {"shape": shape, "said": file.said()}
 
     def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -144,12 +147,18 @@ def _end_with(lifeline: int) -> None:
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
 
 
+def _load() -> None:
+    """Compile what takes pixels together, or load it, before memory and time are limited."""
+    taken_together(np.zeros((2, 2, 4), np.uint8), np.zeros((1, 1, 4), np.uint8), None, step=2.0)
+
+
 def main() -> None:
     """Answer until nobody asks."""
     connection, lifeline, memory = (int(text) for text in sys.argv[1:])
     _end_with(lifeline)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     keep_memory()
+    _load()
     asked, worker = Connection(connection), Worker(SharedRaster(memory))
     with contextlib.suppress(EOFError, ConnectionError):
         asked.send_bytes(b"{}")  # ready

@@ -343,21 +343,24 @@ def test_pages_of_different_sizes_share_a_job(job: Job, make_page: Callable[...,
     assert {fault.kind for fault in faults_of(found)} == {"missing"}
 
 
-def test_a_sheet_whose_top_looks_like_backing_is_cut_at_its_edge(job: Job) -> None:
-    """A band of the one tint that the camera cannot tell from the backing, from edge to edge."""
+def banded(job: Job, page: Page, rows: slice) -> tuple[Page, Thumbnail]:
+    """A page with a band of the one tint that the camera cannot tell from the backing, from edge to edge."""
     sensor = job.press.sensors[0]
     grey = int(np.argmin(np.abs(sensor.mean_dn[0, 0, 0] - sensor.backing_dn))) * 8
     exact = np.interp(
         sensor.backing_dn, sensor.mean_dn[0, 0, 0][::-1], np.arange(32, -1, -1, dtype=np.float64) * 8
     )
     assert abs(exact - grey) < 8
-    cmyk = job.pages[2].cmyk.copy()
-    cmyk[:110] = 0
-    cmyk[:110, :, 3] = round(float(exact))
-    dark = replace(job.pages[2], cmyk=cmyk)
-    thumbnail = thumbnail_of(
-        dark, predict(dark, sensors=job.press.sensors, geometry=job.press.geometry, threads=1), job.press
-    )
+    cmyk = page.cmyk.copy()
+    cmyk[rows] = 0
+    cmyk[rows, :, 3] = round(float(exact))
+    dark = replace(page, cmyk=cmyk)
+    expected = predict(dark, sensors=job.press.sensors, geometry=job.press.geometry, threads=1)
+    return dark, thumbnail_of(dark, expected, job.press)
+
+
+def test_a_sheet_whose_top_looks_like_backing_is_cut_at_its_edge(job: Job) -> None:
+    dark, thumbnail = banded(job, job.pages[2], slice(0, 110))
     scans = (*job.scans[:2], job.scan(dark, 42), *job.scans[3:])
     usual = job.play({}, sheets=PAGES)[3]
     thumbnails = (*job.thumbnails[:2], thumbnail, *job.thumbnails[3:])
@@ -598,7 +601,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
 
 def away(job: Job, first: float, last: float, *, restart: int = 0) -> list[LineBlock]:
     """The job's lines where the camera gave none between two places, in sheets; it then counts on by about as many."""
-    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {})).blocks())
+    blocks = list(Drum(job.scans, press=job.press, passing=turns(PAGES, {}), block_lines=8).blocks())
     page_lines = job.scans[0].shape[1]
     kept = [block for block in blocks if not first * page_lines < block.first_line < last * page_lines]
     back = next(n for n, block in enumerate(kept) if block.first_line >= last * page_lines)
@@ -633,19 +636,62 @@ def test_sheets_that_pass_while_the_camera_is_away_are_named_and_no_other(job: J
     assert all(page.unseen == () for page in came if not page.torn)
 
 
-def test_behind_an_absence_triggers_are_counted_from_a_sheets_edge(job: Job) -> None:
-    """The camera's count is 60 lines off when it is back, and with it the triggers: 6 mm, which are not the sheets'."""
+@pytest.mark.parametrize("last", [5.0, 5.3])
+def test_behind_an_absence_triggers_are_counted_from_a_sheets_edge(job: Job, last: float) -> None:
+    """The camera's count is 60 lines off when it is back, and with it the triggers: 6 mm, which are not the sheets'.
+
+    It comes back within a sheet, or so near before one that the lines above that one's edge are lost.
+    """
     start = TriggerCount(lines=job.scans[0].shape[1])
-    usual = {page.job_page: page for page in job.paged(away(job, 2.4, 5.3), start=start)}
+    usual = {page.job_page: page for page in job.play({}, sheets=PAGES, start=start)}
     found = [
-        page for page in job.paged(away(job, 2.4, 5.3, restart=60), start=start) if page.job_page in (6, 7)
+        page for page in job.paged(away(job, 2.4, last, restart=60), start=start) if page.job_page in (6, 7)
     ]
     assert len(found) == 2
     for page in found:
         other = usual[page.job_page]
         assert isinstance(page, SeenPage)
         assert isinstance(other, SeenPage)
+        assert page.faults == ()
         assert abs(page.first_line - 60 - other.first_line) <= SLIP_MM / job.press.geometry.line_pitch_mm
+
+
+@pytest.mark.parametrize("triggered", [False, True])
+@pytest.mark.parametrize("last", [5.12, 4.96])
+def test_pieces_of_a_sheet_behind_an_absence_are_torn_and_no_strangers(
+    job: Job, last: float, triggered: bool
+) -> None:
+    """A band that looks like backing parts a sheet where nobody knows which page to expect.
+
+    The camera is back within that sheet, above the band, or at the end of the one before, so that all of it is seen.
+    """
+    dark, thumbnail = banded(job, job.pages[5], slice(350, 450))
+    scans = (*job.scans[:5], job.scan(dark, 44), *job.scans[6:])
+    thumbnails = (*job.thumbnails[:5], thumbnail, *job.thumbnails[6:])
+    parted = replace(job, scans=scans, thumbnails=thumbnails)
+    start = TriggerCount(lines=job.scans[0].shape[1]) if triggered else None
+    found = [
+        page for page in parted.paged(away(parted, 1.4, last), start=start) if isinstance(page, SeenPage)
+    ]
+    assert pages_of(list(found)) == [0, None, None, None, 6, 7]
+    assert [page.torn for page in found] == [False, True, True, True, False, False]
+    assert [page.taken_for for page in found] == [None, 1, None, None, None, None]
+    assert found[4].faults == found[5].faults == ()
+
+
+@pytest.mark.parametrize("triggered", [False, True])
+def test_a_whole_stranger_behind_an_absence_is_no_piece(job: Job, triggered: bool) -> None:
+    """Neither is it where triggers are counted from."""
+    scans = (*job.scans[:5], job.foreign, *job.scans[6:])
+    start = TriggerCount(lines=job.scans[0].shape[1]) if triggered else None
+    strange = replace(job, scans=scans)
+    found = [
+        page for page in strange.paged(away(strange, 1.4, 5.0), start=start) if isinstance(page, SeenPage)
+    ]
+    assert pages_of(list(found)) == [0, None, None, 6, 7]
+    assert [page.torn for page in found] == [False, True, False, False, False]
+    assert {fault.kind for fault in found[2].faults} >= {"unknown"}
+    assert found[3].faults == found[4].faults == ()
 
 
 def test_a_camera_that_is_away_between_sheets_tears_none(job: Job) -> None:

@@ -209,7 +209,7 @@ class Pager:
         self._before = sheet
         seen = SeenPage(
             scan=found.scan,
-            first_line=self._store.count_at(found.first),
+            first_line=count - (sheet.start - found.first),  # lines were lost between them
             last_line_time_s=self._store.time_at(min(found.first + found.scan.shape[1], self._store.end) - 1),
             job_page=match.job_page,
             faults=tuple(faults),
@@ -241,7 +241,7 @@ class Pager:
     def _trigger_anew(self, sheet: Sheet) -> None:
         """Triggers are counted on from the edge of a sheet that shows a page: their count has been lost.
 
-        The edge of a piece, or of a stranger, is not where a sheet's trigger is: all that follow would be cut there.
+        The edge of a piece, or of a stranger, is no trigger's place: all sheets that follow would be cut beside theirs.
         """
         self._untriggered = False
         if isinstance(self._start, TriggerCount):
@@ -271,10 +271,12 @@ class Pager:
         lost = self._store.broken_until
         if lost is None or not self._following.readings.blind or match.taken_for is not None:
             return False
-        near = sheet.start < lost + PIECES_WITHIN * self._longest
-        if match.fit is not None:
-            return near and not self._is_whole(sheet, match.fit.page)
-        return near and not (sheet.free and self._is_whole(sheet, page))
+        if sheet.start >= lost + PIECES_WITHIN * self._longest:
+            return False
+        if match.fit is not None:  # where the print says that it begins, another piece may lie
+            begun = max(lost, self._before.end if self._before else 0)
+            return sheet.start < begun or not self._is_whole(sheet, match.fit.page)
+        return not (sheet.free and self._is_whole(sheet, page))
 
     def _is_whole(self, sheet: Sheet, page: Thumbnail | None) -> bool:
         """Whether a sheet's edges lie as far apart as those of a page."""

@@ -3,7 +3,7 @@
 ``python gige_peer.py LINES.npy DESCRIPTION.xml LOST ADDRESS SERIAL`` says ``ready`` and plays until its standard input
 ends. Blocks show the next lines of the file (lines, bytes), over and over. It knows more features than Aravis' own
 description. Its standard input takes, a line each: ``lost SHARE``, of its packets from now on, ``encoder STEPS``, to
-which its encoder has gone, and ``at LINE``, of the file, which comes next.
+which its encoder has gone, ``at LINE``, of the file, which comes next, and ``control 0``: nobody controls it any more.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from prooflight.scans.cameras.aravis_library import (
 ENCODER = 0x3000
 """A register that Aravis' simulated camera has no use for."""
 FILL = ctypes.CFUNCTYPE(None, POINTER, POINTER, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+CONTROL = 0xA00
+"""Who may command it, as GigE Vision has it."""
 WIDTH, HEIGHT = 0x100, 0x104
 LINE_RATE = """
 <Float Name="AcquisitionLineRate"><pValue>LineRateConverter</pValue><Unit>Hz</Unit></Float>
@@ -120,7 +122,8 @@ def main() -> None:
             at = int(value)
         else:
             types = (POINTER, ctypes.c_uint32, ctypes.c_uint32)
-            plainly("arv_fake_camera_write_register", ctypes.c_int, types, camera, ENCODER, int(value))
+            register = CONTROL if what == "control" else ENCODER
+            plainly("arv_fake_camera_write_register", ctypes.c_int, types, camera, register, int(value))
         sys.stdout.write("done\n")
         sys.stdout.flush()
 

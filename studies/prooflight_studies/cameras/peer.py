@@ -41,7 +41,7 @@ class Peer:
         assert self._process.stdout.readline() == "ready\n"
 
     def told(self, what: str, value: float) -> None:
-        """``lost``, ``encoder`` or ``at``; it is so when this returns."""
+        """``lost``, ``encoder``, ``at`` or ``control``; it is so when this returns."""
         assert self._process is not None
         assert self._process.stdin is not None
         assert self._process.stdout is not None

@@ -127,7 +127,12 @@ def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
             if width_mm > press.geometry.field_mm:
                 return None
             light = press.ink_light
-            drawn = {(0, finer): job.page(1, press.dpi, finer=finer, light=light) for finer in FINER}
+            drawn = {
+                (0, finer): job.page(
+                    1, press.dpi, drawn_dpi=None if finer == 1 else finer * press.dpi, light=light
+                )
+                for finer in FINER
+            }
             drawn |= {(dpi, 1): job.page(1, dpi) for dpi in PRINTED_DPI if dpi}
             return {key: press.geometry.lay(page) for key, page in drawn.items()}
     except InputError:

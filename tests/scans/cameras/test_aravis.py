@@ -128,6 +128,25 @@ def test_a_camera_that_dies_is_noticed_and_the_count_goes_on(camera: Peer) -> No
     assert source.health().away == 1
 
 
+def test_a_camera_that_another_program_has_taken_is_opened_again(camera: Peer) -> None:
+    """It takes no command of this program any more, whether its lines stop or not."""
+    said: list[tuple[str, str]] = []
+    source = CameraLines(
+        ready, name=ID, settings=FREE, silent_s=60.0, reopen_s=0.05, tell=lambda *told: said.append(told)
+    )
+    blocks: list[LineBlock] = []
+    for block in source.blocks():
+        blocks.append(block)
+        if len(blocks) == 20:
+            camera.told("control", 0)
+        if len(said) == 2 and block.faults == ():
+            source.close()
+    assert [kind for kind, _ in said] == ["camera-away", "camera-back"]
+    assert "another program has taken control" in said[0][1]
+    assert {fault.kind for fault in faults_of(blocks)} == {"camera-away"}
+    assert_played(blocks)
+
+
 def test_a_camera_is_found_and_describes_itself(camera: Peer) -> None:
     (one,) = found_cameras()
     assert (one.id, one.model, one.serial, one.address, one.backend) == (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import tempfile
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +20,9 @@ from tests.scans.cameras.peers import (
     read,
 )
 
+from prooflight.scans.cameras import viva
 from prooflight.scans.cameras.backends import found_camera, opened, ready
-from prooflight.scans.cameras.setting_up import CameraSettings
+from prooflight.scans.cameras.setting_up import CameraSettings, temperature_c
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.cameras.viva import OVERHEAD, empty_packets
 
@@ -87,6 +89,58 @@ def test_a_packet_that_is_sent_again_is_no_loss() -> None:
         lines = source()
         blocks = read(lines, 5 * 64)
     assert not faults_of(blocks)
+
+
+def test_a_camera_that_another_program_has_taken_is_gone_though_its_lines_go_on() -> None:
+    """Within 100 blocks, which are 2 s."""
+    said, since = list[tuple[str, str]](), 0
+    with viva_camera() as camera:
+        lines = source(tell=lambda *told: said.append(told), reopen_s=0.05)
+        for number, _ in enumerate(lines.blocks()):
+            if number == 10:
+                camera.revoke_control()
+            since += number > 10 and not said
+            if number > 10 and len(said) == 2:
+                lines.close()
+    assert [kind for kind, _ in said] == ["camera-away", "camera-back"]
+    assert "another program has taken control" in said[0][1]
+    assert 0 < since < 100
+
+
+@pytest.mark.parametrize(("trigger", "why"), [("free", "has sent no line"), ("encoder", "does not answer")])
+def test_lines_that_stop_are_noticed_while_the_camera_is_slow_to_answer(
+    trigger: Any, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its temperature takes it 5 s to tell; a camera that waits for an encoder is asked behind that."""
+    answered, said = threading.Event(), list[tuple[str, bool]]()
+
+    def temperature(camera: Camera) -> float | None:
+        try:
+            return temperature_c(camera)
+        finally:
+            answered.set()
+
+    monkeypatch.setattr(viva, "temperature_c", temperature)
+    never_sent = [(block, packet) for block in range(30, 600) for packet in range(30)]
+    slow = {testing.FakeGigeCamera.REGISTERS["DeviceTemperature"]: 5.0}
+    with viva_camera(drop_packets=never_sent, packet_resend=False, delay_ack=slow):
+        lines = CameraLines(
+            lambda: ready(found_camera(f"viva:{ADDRESS}"), CameraSettings(), where="my.toml"),
+            name="cam",
+            settings=CameraSettings(trigger=trigger),
+        )
+
+        def tell(_kind: str, text: str) -> None:
+            said.append((text, answered.is_set()))
+            lines.close()
+
+        lines.tell = tell
+        for number, _ in enumerate(lines.blocks()):
+            if number == 10:
+                lines.health()
+    ((text, was_answered),) = said
+    assert why in text
+    assert not was_answered
 
 
 def test_empty_packets_are_found_by_whole_packets() -> None:

@@ -168,14 +168,12 @@ class AravisCamera:
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         self._give_back()
+        if not self._controlled:  # lines may go on coming all the same
+            raise gone(self.found.id, "is gone: it no longer answers, or another program has taken control")
         buffer = plainly(
             "arv_stream_timeout_pop_buffer", POINTER, (POINTER, UINT64), self._stream, round(1e6 * timeout_s)
         )
         if not buffer:
-            if not self._controlled:
-                raise gone(
-                    self.found.id, "is gone: it no longer answers, or another program has taken control"
-                )
             return None
         self._taken = buffer
         status = plainly("arv_buffer_get_status", ctypes.c_int, (POINTER,), buffer)
@@ -229,7 +227,7 @@ class AravisCamera:
 
     @property
     def _controlled(self) -> bool:
-        """Whether the camera still takes this program's commands; Aravis asks it every second."""
+        """Whether the camera still takes this program's commands: as Aravis knows, which asks it every second."""
         if not self._networked:
             return True
         return bool(plainly("arv_gv_device_is_controller", BOOL, (POINTER,), self._device))

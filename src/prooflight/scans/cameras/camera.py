@@ -129,7 +129,10 @@ class Camera(Protocol):
         ...
 
     def grab(self, timeout_s: float) -> Grab | None:
-        """The next block; None: none came in that time. ScanError: the camera is gone."""
+        """The next block; None: none came in that time. ScanError: the camera is gone, or not this program's any more.
+
+        It must not wait for what else is asked of the camera, which takes seconds where it does not answer.
+        """
         ...
 
     def health(self) -> Health:

@@ -141,8 +141,7 @@ class CameraLines:
                 again = self._again(camera)
                 if again is None:
                     return
-                camera, away, waited_s = again, True, self._clock()
-                asking = self._asked_of(camera)
+                (camera, asking), away, waited_s = again, True, self._clock()
 
     def _grabbed(self, camera: Camera, asking: Asking, waited_s: float) -> tuple[Grab | None, str]:
         """The next block, if one comes soon; and why none will, if that is known."""
@@ -207,22 +206,23 @@ class CameraLines:
             self._rate_before_hz = (last - first) / (end_s - begun_s)
         return self._rate_before_hz
 
-    def _again(self, dead: Camera) -> Camera | None:
+    def _again(self, dead: Camera) -> tuple[Camera, Asking] | None:
         """The camera, opened and started anew by another thread; None: the source was closed meanwhile."""
-        ready: queue.SimpleQueue[Camera] = queue.SimpleQueue()
+        ready: queue.SimpleQueue[tuple[Camera, Asking]] = queue.SimpleQueue()
         threading.Thread(target=self._bring_back, args=(dead, ready), name="reopen", daemon=True).start()
         while not self._closed.is_set():
             with contextlib.suppress(queue.Empty):
                 return ready.get(timeout=GRAB_S)
         return None
 
-    def _bring_back(self, dead: Camera, ready: queue.SimpleQueue[Camera]) -> None:
+    def _bring_back(self, dead: Camera, ready: queue.SimpleQueue[tuple[Camera, Asking]]) -> None:
         with self._asking:  # whoever asks it just now gives up by itself
             self._let_go(dead)
         while not self._closed.is_set():
             camera = None
             try:
                 camera = self._opened()
+                asking = self._asked_of(camera)
                 camera.start()
             except Exception as error:  # whatever it is: a camera that is away must be tried again
                 _log.debug("%s cannot be opened again", self.name, exc_info=error)
@@ -233,7 +233,7 @@ class CameraLines:
                 self._let_go(camera)
                 return
             self._camera = camera
-            ready.put(camera)
+            ready.put((camera, asking))
             return
 
     def _let_go(self, camera: Camera | None) -> None:

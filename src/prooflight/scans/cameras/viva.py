@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import threading
 import time
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 FIND_MS: Final = 800
 """How long cameras may take to answer: GigE Vision asks for 500 ms at most, and the way takes some."""
+CONTROL_S: Final = 0.25
+"""How often it is asked whether this program still controls the camera; the library itself knows after 0.6 s."""
 OVERHEAD: Final = 36
 """Bytes of a packet that are headers: 20 of IP, 8 of UDP, 8 of GVSP."""
 KINDS: Final[Mapping[str, FeatureKind]] = {
@@ -85,6 +88,7 @@ class VivaCamera:
         self._lost = viva_genicam.ControlState.LOST
         self._stream: Any = None
         self._packet_bytes = 0
+        self._taken, self._closed = False, threading.Event()
         try:
             self._camera = viva_genicam.connect_gige(answer)
         except self._error as error:
@@ -124,15 +128,16 @@ class VivaCamera:
             self._stream.__enter__()
         except self._error as error:
             raise gone(self.found.id, f"cannot be started ({error})") from error
+        threading.Thread(target=self._watch_control, name="camera control", daemon=True).start()
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         begun_s = time.monotonic()
+        if self._taken:  # lines may go on coming all the same
+            raise gone(self.found.id, "is gone, or another program has taken control")
         try:
             frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
-        except self._error as error:
-            if self._camera.control_state is self._lost:
-                raise gone(self.found.id, "is gone, or another program has taken control") from error
+        except self._error:
             time.sleep(max(begun_s + timeout_s - time.monotonic(), 0.0))
             return None
         if frame is None:
@@ -163,12 +168,19 @@ class VivaCamera:
 
     def close(self) -> None:
         """See ``Camera``."""
+        self._closed.set()
         stream, self._stream = self._stream, None
         with contextlib.suppress(self._error):
             if stream is not None:
                 stream.__exit__(None, None, None)
         with contextlib.suppress(self._error):
             self._camera.close()
+
+    def _watch_control(self) -> None:
+        """Ask who controls the camera, beside the reading: it waits for whatever else is being asked of it."""
+        with contextlib.suppress(self._error):
+            while not self._taken and not self._closed.wait(CONTROL_S):
+                self._taken = self._camera.control_state is self._lost
 
     def _feature(self, name: str, category: str) -> Feature | None:
         try:

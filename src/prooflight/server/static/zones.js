@@ -281,7 +281,7 @@ const name_all = (zones, px) => {
     const others = zones.filter((other) => other !== zone).map(box);
     const size = [label.getComputedTextLength(), 1.3 * NAME_PX * px];
     const hidden = (place) => [...others, ...taken].reduce((sum, other) => sum + shared(place, other), size[0] * size[1] - shared(place, view));
-    const best = name_places(own, size, (zone === chosen ? HANDLE_PX + 4 : 5) * px).reduce((one, other) => (hidden(other) < hidden(one) ? other : one));
+    const best = name_places(own, size, (zone === chosen ? HANDLE_PX + 4 : 5) * px).reduce((one, other) => (hidden(other) + px * px < hidden(one) ? other : one));
     label.setAttribute("x", best[0]);
     label.setAttribute("y", best[1] + NAME_PX * px);
     taken.push(best);

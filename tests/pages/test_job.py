@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,14 @@ from prooflight.pages import files
 from prooflight.pages.job import JobSource, open_job, parse_pages
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page, turned
+from prooflight.press.pages import job_source
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
 
 pymupdf = pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
@@ -237,3 +241,16 @@ def test_page_lists_that_make_no_sense(text: str, what: str) -> None:
 def test_pages_of_a_pdf_are_drawn_finer_than_their_raster(write_pdf: Callable[..., Path]) -> None:
     with open_job(write_pdf("0 0 0 1 k 0 0 49.5 100 re f"), dpi=72) as job:
         assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 128, 0]
+
+
+def test_pages_of_a_pdf_are_drawn_at_the_resolution_that_their_press_states(
+    write_pdf: Callable[..., Path], press: Press
+) -> None:
+    pdf = write_pdf("0 0 0 1 k 0 0 49.6 100 re f")
+    source = job_source(pdf, replace(press, rip_dpi=600.0))
+    assert source.drawn_dpi == 600
+    assert job_source(pdf, press).drawn_dpi is None
+    with replace(source, dpi=72, drawn_dpi=72, light=None).open() as job:
+        assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 255, 0]
+    with replace(source, dpi=72, drawn_dpi=1440, light=None).open() as job:
+        assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 153, 0]

@@ -93,6 +93,19 @@ def test_following_fringes_travels_and_is_another_press(press: Press, tmp_path: 
     assert replace(press, fringes=False).digest != press.digest
 
 
+def test_the_rips_resolution_travels_and_says_nothing_where_nobody_knows(
+    press: Press, tmp_path: Path
+) -> None:
+    told = replace(press, rip_dpi=1200.0)
+    told.save(tmp_path / "told.press")
+    assert Press.load(tmp_path / "told.press").rip_dpi == 1200
+    assert told.digest != press.digest
+    press.save(tmp_path / "untold.press")
+    assert Press.load(tmp_path / "untold.press").rip_dpi is None
+    with safe_open(tmp_path / "untold.press", framework="numpy") as file:
+        assert "rip_dpi" not in file.metadata()["document"]
+
+
 def test_a_press_without_fringes_is_what_it_was_before_there_were_any(press: Press, tmp_path: Path) -> None:
     """Artefacts of before stay readable, and their digests theirs."""
     path = tmp_path / "plain.press"

@@ -59,3 +59,9 @@ def test_filters_of_the_colour_line_peak_in_their_colours() -> None:
     assert peaks["blue"] < 490 < peaks["green"] < 580 < 600 < peaks["red"]
     together = np.max([sensor.quantum_efficiency for sensor in sensors], axis=0)
     assert together[(WAVE_NM >= 420) & (WAVE_NM <= 680)].min() > 0.02  # no gap in the visible
+
+
+def test_a_press_knows_at_what_resolution_it_rips() -> None:
+    told = PressFile(Path("told.toml"), preset("prototype").text + "\n[rip]\ndpi = 600\n")
+    assert build_press(told, seed=1, pixels=16).rip_dpi == 600
+    assert build_press(preset("prototype"), seed=1, pixels=16).rip_dpi is None

@@ -251,6 +251,6 @@ def test_pages_of_a_pdf_are_drawn_at_the_resolution_that_their_press_states(
     assert source.drawn_dpi == 600
     assert job_source(pdf, press).drawn_dpi is None
     with replace(source, dpi=72, drawn_dpi=72, light=None).open() as job:
-        assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 255, 0]
+        assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 0, 0]
     with replace(source, dpi=72, drawn_dpi=1440, light=None).open() as job:
         assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 153, 0]

@@ -105,8 +105,7 @@ class PdfJob:
 
         drawn_dpi: see the top of this file; None: as ``dpi``. light: by which pixels are then taken together.
         """
-        for one in (dpi, drawn_dpi or dpi):
-            check_dpi(self.path, one)
+        check_dpi(self.path, dpi)
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)

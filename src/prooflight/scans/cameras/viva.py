@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.pixel_formats import pixel_format
 from prooflight.scans.cameras.setting_up import chunk, gone, not_taken, settable, temperature_c
 from prooflight.scans.lines import runs
 
@@ -145,6 +146,11 @@ class VivaCamera:
         if not frame.width:
             return None  # its first packet was lost, which says what the others hold
         data = np.frombuffer(frame.payload(), np.uint8)
+        if not frame.is_complete:  # where its last packets were lost, their bytes are not there at all
+            form = pixel_format(frame.pixel_format, where=self.found.id)
+            bits = form.block_bits(lines=frame.height, pixels=frame.width)
+            short = -(-bits // 8) + frame.height * frame.padding_x - data.size
+            data = np.concatenate([data, np.zeros(max(short, 0), np.uint8)])
         chunks = self._chunks(frame) if frame.chunks else {}
         return Grab(
             block_id=frame.block_id,

@@ -174,8 +174,10 @@ def test_what_the_pages_leave_of_the_last_sheet_is_expected_to_be_blank(
     # A sheet that shows three pages more is none of this job.
     full = tmp_path / "full"
     called(capsys, "simulate", job, *told, "-o", full, "--json")
-    code, rows, _ = called(capsys, "inspect", five_pages, full, *told, "--json")
+    report = tmp_path / "report"
+    code, rows, _ = called(capsys, "inspect", five_pages, full, *told, "--json", "--report", report)
     assert code != 0
+    assert '<tr id="of-sheet1"' in (report / "report.html").read_text(encoding="utf-8")
     sheets = [row["sheet_verdict"] for row in rows if "sheet_verdict" in row]
     assert [sheet["verdict"] == "good" for sheet in sheets] == [True, False]
     assert all(side["verdict"] != "good" for side in sheets[1]["sides"])

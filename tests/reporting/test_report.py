@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
+from prooflight.cli.laid_out import of_job
 from prooflight.inspection.inspector import Inspector
+from prooflight.pages.layout.layout import Layout
+from prooflight.pages.layout.plan import SheetPlan
 from prooflight.reporting.report import (
     PAGE_PICTURE_PX,
     PageEntry,
@@ -180,6 +183,37 @@ def test_every_alarm_has_three_pictures_with_each_place_boxed_on_each(
         assert f"{places[0].x_mm:.1f}" in table.text
         assert entry.truth is not None
         assert f"Printed on purpose: {entry.truth.detail}" in article.text
+
+
+def test_sheets_and_sets_stand_above_their_sides_and_lead_to_them(
+    tmp_path: Path, run: list[PageEntry]
+) -> None:
+    sides = [replace(run[at], number=number) for number, at in enumerate((0, 3, 1, 4), start=1)]
+    layout = Layout.parse("sides=2,pages-a-set=2").of(4)
+    plan = SheetPlan(layout=layout, sides=4, sheets=2)
+    found = of_job(plan, [side.verdict for side in sides])
+    write_report(tmp_path / "report.html", sides, replace(SUMMARY, world=None), sheets=found)
+    report = read(tmp_path / "report.html")
+    rows = report.one("sheets").all("tr")[1:]
+    assert [[row.children[at].text for at in (0, 1, 2, 3, 5)] for row in rows] == [
+        ["0", "s0001", "0", "good", ""],
+        ["1", "s0002", "1", "misprint", "3, 4"],
+    ]
+    assert "p0004 not inspected" in rows[1].children[4].text
+    assert rows[1].children[6].text.startswith("front: ")
+    sets = report.one("sets").all("tr")[1:]
+    assert [[cell.text for cell in row.children[:4]] for row in sets] == [
+        ["0", "1", "may be delivered", "good"],
+        ["1", "1", "not as it is", "misprint"],
+    ]
+    named = {element.attributes["id"] for element in report if "id" in element.attributes}
+    links = [link.attributes["href"] for row in rows for link in row.all("a")]
+    assert links == ["#set0", "#row1", "#row2", "#set1", "#sheet3", "#row4"]
+    assert {link.removeprefix("#") for link in links} <= named
+    assert "1 of 2 sheets are good" in report.text
+    assert "1 of 2 sets may be delivered" in report.text
+    assert "3 sides inspected: 2 passed as good" in report.text
+    assert all(entry.attributes.get("id") != "sheets" for entry in written(tmp_path, run))
 
 
 def test_boxes_lie_around_the_true_place(tmp_path: Path, run: list[PageEntry]) -> None:

@@ -46,21 +46,27 @@ def laid_out(
     return replace(job, layout=plan.layout), plan
 
 
-def of_job(plan: SheetPlan, verdicts: Sequence[Verdict], *, json: bool) -> None:
-    """Tell the sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
+def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | SetVerdict]:
+    """The sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
     from prooflight.inspection.sheets import Assembling
     from prooflight.journal.records import PageRecord
 
-    assembling, found = Assembling(plan), list[Any]()
+    assembling, found = Assembling(plan), list["SheetVerdict | SetVerdict"]()
     for position in range(plan.passings):
         side = plan.side_at(position)
         verdict = verdicts[side]
         found += assembling.add(
             PageRecord(sheet=side, job_page=position, verdict=verdict, late=False, first_line=0, time_s=0.0)
         )
-    found += assembling.end()
+    return found + assembling.end()
+
+
+def of_job_told(found: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
+    """Tell the sheets and sets of a job."""
+    from prooflight.inspection.sheets import Counts
+
     if not json:
-        sheets_told(found, assembling.counts)
+        sheets_told(found, Counts.of(found))
         return
     for one in found:
         show.print_json(sheet_facts(one))

@@ -9,7 +9,7 @@ one.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -305,6 +305,14 @@ class Counts:
     sets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
     spoiled: int = 0
     """Sets that may not be delivered as they are."""
+
+    @classmethod
+    def of(cls, found: Iterable[SheetVerdict | SetVerdict]) -> Self:
+        """Of these sheets and sets."""
+        counts = cls()
+        for one in found:
+            counts.add(one)
+        return counts
 
     def add(self, found: SheetVerdict | SetVerdict) -> None:
         """One more."""

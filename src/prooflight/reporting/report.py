@@ -14,6 +14,8 @@ from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
 from prooflight.inspection.promise import summary_of
+from prooflight.inspection.sheets import Counts as SheetCounts
+from prooflight.inspection.sheets import SetVerdict, SheetVerdict
 from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
 from prooflight.reporting.html import data_uri, template
@@ -224,13 +226,19 @@ def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
 
 
 def write_report(
-    path: Path, entries: Sequence[PageEntry], summary: RunSummary, *, worlds: TwoWorlds | None = None
+    path: Path,
+    entries: Sequence[PageEntry],
+    summary: RunSummary,
+    *,
+    worlds: TwoWorlds | None = None,
+    sheets: Sequence[SheetVerdict | SetVerdict] = (),
 ) -> None:
     """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name.
 
-    worlds: shown first where there is such a picture.
+    worlds: shown first where there is such a picture. sheets: of a job that was laid on sheets, with its sets; the
+    entries then are their sides, in the order in which sheets number them.
     """
-    count = counts(entries)
+    count, unit = counts(entries), "side" if sheets else "page"
     known = summary.world is not None
     numbered = list(enumerate(entries, start=1))
     text = template("report").render(
@@ -238,7 +246,11 @@ def write_report(
         worlds=worlds,
         count=count,
         known=known,
-        sentence=sentence(count),
+        sentence=sentence(count, unit),
+        unit=unit,
+        of_sheets=SheetCounts.of(sheets),
+        sheets=[one for one in sheets if isinstance(one, SheetVerdict)],
+        sets=[one for one in sheets if isinstance(one, SetVerdict)],
         entries=numbered,
         alarms=[(place, entry) for place, entry in numbered if entry.alarmed],
         unseen=[
@@ -257,8 +269,8 @@ def write_report(
         unfinished.write_text(text, encoding="utf-8")
 
 
-def sentence(count: Counts) -> str:
-    """What happened, in one sentence.
+def sentence(count: Counts, unit: str = "page") -> str:
+    """What happened, in one sentence. unit: what was inspected, a page or a side.
 
     >>> sentence(Counts(pages=3, good=2, alarms=1, stopped=1, not_inspected=0, misprints=0, caught=0, missed=0,
     ...                 false_alarms=0))
@@ -267,7 +279,7 @@ def sentence(count: Counts) -> str:
     inspected = count.pages - count.not_inspected
     if not inspected:
         lacked = "could not be inspected" if count.unusable else "had no scan"
-        return f"No page inspected; {wording.count(count.pages, 'page')} {lacked}."
+        return f"No {unit} inspected; {wording.count(count.pages, unit)} {lacked}."
     parts = [f"{count.good} passed as good"]
     as_what = "a misprint" if count.alarms == 1 else "misprints"
     if not count.alarms:
@@ -277,14 +289,14 @@ def sentence(count: Counts) -> str:
     else:
         parts.append(f"{count.alarms} found to be {as_what}, {count.stopped} of them stopped")
     unseen = "".join(
-        f"; {wording.count(pages, 'more page')} {lacked} and passed unseen"
+        f"; {wording.count(pages, f'more {unit}')} {lacked} and passed unseen"
         for pages, lacked in (
             (count.not_inspected - count.unusable, "had no scan"),
             (count.unusable, "could not be inspected"),
         )
         if pages
     )
-    return f"{wording.count(inspected, 'page')} inspected: {', '.join(parts)}{unseen}."
+    return f"{wording.count(inspected, unit)} inspected: {', '.join(parts)}{unseen}."
 
 
 def _screen_pixels(zoom: Zoom) -> int:

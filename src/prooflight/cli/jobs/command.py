@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from prooflight.cli.jobs.inspected import Inspected
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.pages.layout.plan import SheetPlan
     from prooflight.reporting.report import PageEntry
 
 InRun = TypeVar("InRun", "Judged", "PageEntry")
@@ -285,13 +286,13 @@ def inspect(
             json=json,
         )
     else:
-        done = _reported(work, pairs, report, promise, job=name, json=json)
+        done = _reported(work, pairs, report, promise, job=name, plan=plan, json=json)
     if not json:
         show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
     if plan is not None:
-        laid_out.of_job(plan, done.verdicts, json=json)
+        laid_out.of_job_told(laid_out.of_job(plan, done.verdicts), json=json)
     if promise.suspended:
         faults.told(promise.suspended)
     _leave(done)
@@ -311,7 +312,14 @@ def _leave(done: Inspected[Any]) -> None:
 
 
 def _reported(
-    work: InspectPage, pairs: Sequence[Pair], report: Path, promise: PromiseWatch, *, job: str, json: bool
+    work: InspectPage,
+    pairs: Sequence[Pair],
+    report: Path,
+    promise: PromiseWatch,
+    *,
+    job: str,
+    plan: SheetPlan | None,
+    json: bool,
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
@@ -329,7 +337,8 @@ def _reported(
     report.mkdir(parents=True, exist_ok=True)
     pages_per_s = len(pairs) / (time.perf_counter() - started)
     summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s, suspended=promise.suspended)
-    write_report(report / "report.html", done.items, summary)
+    sheets = () if plan is None else laid_out.of_job(plan, done.verdicts)
+    write_report(report / "report.html", done.items, summary, sheets=sheets)
     return done
 
 

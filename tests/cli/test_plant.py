@@ -12,7 +12,7 @@ from tests.cli.word_jobs import write_word_job
 from tests.plant.peers import Receiver
 
 from prooflight.cli import run
-from prooflight.plant.events import StateChanged, parsed
+from prooflight.plant.events import SheetJudged, StateChanged, parsed
 from prooflight.plant.simulator.belt import Belt
 from prooflight.plant.simulator.plc import SimulatedPlc
 from prooflight.plant.simulator.server import PlcServer
@@ -308,11 +308,14 @@ def test_an_outlet_is_told_the_whole_run_and_a_gate_s_states(
         assert run(["plant", "check", str(file), "--json"]) == 0
         assert [one["what"] for one in json.loads(capsys.readouterr().out)] == ["gate (registers)", "outlet"]
         more = ["--source", "drum:1", "--sheets", 3, "--world", "ideal", "--deadline", 1000]
+        more += ["--layout", "pages-a-set=1"]
         run(watch(folder, file, *more, "--journal", tmp_path / "runs.sqlite"))
         told = [parsed(body).body for _, _, body in receiver.taken]
     kinds = [one.event for one in told]
     assert (kinds[0], kinds[-1]) == ("run-started", "run-ended")
     assert kinds.count("sheet-judged") == 3
+    on_sheets = [one.on_sheet for one in told if isinstance(one, SheetJudged)]
+    assert [(one.sheet, one.set) for one in on_sheets if one is not None] == [(0, 0), (1, 1), (2, 2)]
     states = {(one.of, one.state) for one in told if isinstance(one, StateChanged)}
     assert states >= {("gate", "joining"), ("gate", "aligning"), ("gate", "ready"), ("press", "stopped")}
 

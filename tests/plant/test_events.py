@@ -13,6 +13,8 @@ from tests.plant.runs import FACTS, GOOD, MISPRINT, STREAK, Heard, outcome, rand
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.notices import Notice
+from prooflight.pages.layout.layout import Layout
+from prooflight.pages.layout.plan import SheetPlan
 from prooflight.plant import reference
 from prooflight.plant.events import BODIES, KINDS, Event, EventsLost, StateChanged, parsed, schema
 from prooflight.plant.stream import EventStream
@@ -67,6 +69,32 @@ def test_a_run_from_its_start_to_its_end() -> None:
     }
     states = [(event.body.of, event.body.state) for event in events if isinstance(event.body, StateChanged)]
     assert states == [("press", "inspecting"), ("camera", "away"), ("camera", "delivering")]
+
+
+def test_a_side_says_of_which_sheet_and_set_it_is() -> None:
+    """Five pages, two up on both sides: of the second sheet half the front and the back stay blank."""
+    layout = Layout.parse("sides=2,n-up=2x1,order=loop:2,pages-a-set=8").of(5)
+    heard, plan = Heard(), SheetPlan(layout=layout, sides=4, sheets=4)
+    told = EventStream([heard], press="rig", plan=plan, stream="s", clock=lambda: 1e9)
+    for n in range(8):
+        told.told(outcome(n))
+    told.told(outcome(8, job_page=None))
+    *sides, nowhere = heard.all
+    assert nowhere.body.on_sheet is None
+    said = [event.body.on_sheet for event in sides]
+    assert [(one.sheet, one.side, one.last_side) for one in said] == [
+        (0, "front", False), (1, "front", False), (0, "back", True), (2, "front", False),
+        (1, "back", True), (3, "front", False), (2, "back", True), (3, "back", True),
+    ]  # fmt: skip
+    assert [one.pages for one in said] == [(1, 2), (5,), (3, 4), (1, 2), (), (5,), (3, 4), ()]
+    assert (said[4].name, said[4].copy, said[4].set) == ("s0002", 1, 0)
+    assert (said[7].name, said[7].copy, said[7].set) == ("s0002", 2, 1)
+    for event in heard.all:
+        VALID.validate(json.loads(event.json()))
+        assert parsed(event.json()) == event
+        earlier = json.loads(event.json())
+        del earlier["body"]["on_sheet"]
+        assert parsed(json.dumps(earlier)).body == replace(event.body, on_sheet=None)
 
 
 def test_a_sheet_names_the_incident_that_it_belongs_to() -> None:

@@ -15,6 +15,8 @@ from tests.plant.peers import Proxy, Receiver, free_port
 from tests.plant.runs import FACTS, GOOD, LONGEST_S, MISPRINT, Heard, outcome, random_outcome
 
 from prooflight.detectors.verdict import Region, Verdict
+from prooflight.pages.layout.layout import Layout
+from prooflight.pages.layout.plan import SheetPlan
 from prooflight.plant.events import Event, EventsLost, SheetJudged
 from prooflight.plant.outlets import xjmf_messages as xjmf
 from prooflight.plant.outlets.outlet import Outlets, check
@@ -28,9 +30,11 @@ SCHEMA = os.environ.get("PROOFLIGHT_XJMF_SCHEMA", "")
 RANDOM_VERDICTS = 1000
 
 
-def told(*outcomes: Any) -> list[Event]:
+def told(*outcomes: Any, plan: SheetPlan | None = None) -> list[Event]:
     heard = Heard()
-    stream = EventStream([heard], press="rig", size_mm=A4, stream="s", clock=lambda: 1_800_000_000.25)
+    stream = EventStream(
+        [heard], press="rig", size_mm=A4, plan=plan, stream="s", clock=lambda: 1_800_000_000.25
+    )
     stream.started(FACTS)
     for one in outcomes:
         stream.told(one)
@@ -41,8 +45,10 @@ def tree(data: bytes) -> Any:
     return xjmf.read(data)
 
 
-def signal(*outcomes: Any, sheet_mm: tuple[float, float] | None = A4) -> Any:
-    return tree(xjmf.signals(told(*outcomes), device_id="rig", job="a brochure.pdf", sheet_mm=sheet_mm))
+def signal(*outcomes: Any, sheet_mm: tuple[float, float] | None = A4, plan: SheetPlan | None = None) -> Any:
+    return tree(
+        xjmf.signals(told(*outcomes, plan=plan), device_id="rig", job="a brochure.pdf", sheet_mm=sheet_mm)
+    )
 
 
 def test_a_misprint_says_what_where_and_how_bad() -> None:
@@ -75,6 +81,21 @@ def test_a_misprint_says_what_where_and_how_bad() -> None:
     assert black.find("x:Part", NS).attrib == {"SheetName": "p0002", "Separation": "Black"}
     register = black.find("x:QualityControlResult/x:RegistrationQuality", NS)
     assert [float(one) for one in register.get("Offset").split()] == pytest.approx([0.085, 0.057], abs=0.001)
+
+
+def test_a_back_says_so_and_which_sheet_it_is_of() -> None:
+    sides = SheetPlan(layout=Layout.parse("sides=2,pages-a-set=4"), sides=4, sheets=4)
+    back = outcome(5, MISPRINT)
+    part, defect = (signal(back, plan=sides).find(f".//x:{one}", NS) for one in ("Part", "Defect"))
+    assert part.attrib == {"SheetName": "p0002", "Side": "Back"}
+    assert defect.get("Face") == "Back"
+    named = signal(back, plan=sides).find(".//x:Resource", NS).get("DescriptiveName")
+    assert named == "p0002, back of sheet 2 (s0001, copy 2, set 1)"
+    front = signal(outcome(4, MISPRINT), plan=sides)
+    assert (front.find(".//x:Part", NS).get("Side"), front.find(".//x:Defect", NS).get("Face")) == (
+        "Front",
+        "Front",
+    )
 
 
 def test_a_box_is_measured_from_the_lower_left() -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from prooflight.line.incidents import Incident, Trend
     from prooflight.line.notices import Notice
     from prooflight.line.outcomes import Outcome
+    from prooflight.pages.layout.plan import SheetPlan
 
 SCHEMA_ID: Final = "urn:prooflight:events:1"
 """The 1 becomes 2 when a field changes its meaning or goes."""
@@ -153,6 +154,26 @@ class RunEnded(Part):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OnSheet(Part):
+    """Which side of which sheet passed, in a run whose job lies on sheets or has sets."""
+
+    sheet: int
+    """Of the run, front and back together, from 0."""
+    side: Literal["front", "back"] | None
+    """None: its sheets have but one."""
+    name: str
+    """Of the sheet in the job."""
+    copy: int
+    """Of the job, from 1."""
+    set: int | None
+    """In the run, from 0; None: the job has no sets."""
+    pages: tuple[int, ...]
+    """Numbers of the job's pages on this side, from 1; none: it should be blank."""
+    last_side: bool
+    """Whether it is the last of its sheet to pass."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SheetJudged(Part):
     """A sheet has its verdict, or a page did not come."""
 
@@ -202,6 +223,8 @@ class SheetJudged(Part):
     """Whether the run had shown that the promised false-alarm rate does not hold."""
     incident: int | None
     """That it belongs to; None: it is no alarm."""
+    on_sheet: OnSheet | None = None
+    """Of which sheet what passed is a side; None: every page is a sheet of its own, or nobody can place it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,8 +388,8 @@ def run_started(facts: RunFacts, size_mm: tuple[float, float] | None) -> RunStar
     )
 
 
-def sheet_judged(outcome: Outcome, *, incident: int | None) -> SheetJudged:
-    """Of a sheet, or of a page that did not come."""
+def sheet_judged(outcome: Outcome, *, incident: int | None, plan: SheetPlan | None = None) -> SheetJudged:
+    """Of a sheet, or of a page that did not come. plan: of a job that lies on sheets, whose sides these are."""
     record, verdict = outcome.record, outcome.record.verdict
     shift = (None, None) if verdict.shift_mm is None else verdict.shift_mm
     return SheetJudged(
@@ -409,6 +432,24 @@ def sheet_judged(outcome: Outcome, *, incident: int | None) -> SheetJudged:
         notes=record.notes,
         promise_suspended=verdict.promise_suspended,
         incident=incident,
+        on_sheet=None if plan is None else on_sheet(plan, record.job_page),
+    )
+
+
+def on_sheet(plan: SheetPlan, position: int | None) -> OnSheet | None:
+    """Of what passes at a position of the run; None: nobody can place it."""
+    if position is None or not 0 <= position < plan.passings:
+        return None
+    sheet, back = plan.sheet_at(position)
+    shown = dict.fromkeys(plan.layout.pages_on(plan.number_at(position)))
+    return OnSheet(
+        sheet=sheet,
+        side=None if plan.layout.sides == 1 else "back" if back else "front",
+        name=plan.name(sheet),
+        copy=sheet // plan.sheets_a_job + 1,
+        set=plan.set_of(sheet),
+        pages=tuple(page for page in shown if page is not None),
+        last_side=position == max(plan.positions(sheet)),
     )
 
 

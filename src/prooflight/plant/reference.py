@@ -53,7 +53,7 @@ def _page() -> str:
 
     found = schema()
     parts: dict[str, Any] = found["$defs"]
-    shared = {"Place", "Box", "InkFound", "IncidentFacts", "Growth"}
+    shared = {"Place", "Box", "OnSheet", "InkFound", "IncidentFacts", "Growth"}
     text = [INTRODUCTION, _fields(found), NUMBERS]
     for kind, body in zip(KINDS, BODIES, strict=True):
         part = parts[body.__name__]
@@ -79,7 +79,9 @@ def _page() -> str:
     details = [(f"`{kind}`", f"`{name}`") for kind, name in xjmf_messages.DETAILS.items()]
     text += [
         "## XJMF\n",
-        f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. A `Defect` has the `DefectType`"
+        f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. Where the job lies on sheets"
+        " of two sides, `Part` has `Side` and a `Defect` that side as its `Face`, and `DescriptiveName` says sheet,"
+        " copy and set. A `Defect` has the `DefectType`"
         " `ImageDefect` and these `DefectTypeDetails`:\n",
         _table(("kind", "`DefectTypeDetails`"), details),
     ]

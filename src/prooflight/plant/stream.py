@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from prooflight.line.incidents import Direction, IncidentChange
     from prooflight.line.notices import Notice
     from prooflight.line.outcomes import Outcome
+    from prooflight.pages.layout.plan import SheetPlan
 
 CAMERA_STATES: Final = {
     "silent": "silent",
@@ -49,19 +50,21 @@ class EventStream:
         press: str,
         run: int | None = None,
         size_mm: tuple[float, float] | None = None,
+        plan: SheetPlan | None = None,
         stream: str | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
         """listeners: given every event in order, one at a time; they must not wait. run: its number in the journal.
 
-        size_mm: of a sheet, for words. stream: its name; None: one that nobody else has.
+        size_mm: of a sheet, for words. plan: how the job lies on sheets; None: a page a sheet. stream: its
+        name; None: one that nobody else has.
         """
         self._listeners = tuple(listeners)
         self._press, self._run, self._clock = press, run, clock
         self._stream = secrets.token_hex(8) if stream is None else stream
         self._guard = threading.RLock()
         self._number = 0
-        self._incidents, self._size_mm = Incidents(size_mm), size_mm
+        self._incidents, self._size_mm, self._plan = Incidents(size_mm), size_mm, plan
         self._moving: dict[int, Direction] = {}
         """Which way open incidents were last said to go."""
         self._states: dict[str, tuple[str, str]] = {}
@@ -105,7 +108,7 @@ class EventStream:
             if outcome.came:
                 self._counts[record.verdict.verdict] += 1
             self._counts["late"] += record.late
-            self.publish(sheet_judged(outcome, incident=number))
+            self.publish(sheet_judged(outcome, incident=number, plan=self._plan))
             for change in mine:
                 self._changed(change)
 

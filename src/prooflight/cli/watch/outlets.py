@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from prooflight.journal.records import RunFacts
     from prooflight.line.notices import Notice
+    from prooflight.pages.layout.plan import SheetPlan
     from prooflight.plant.outlets.outbox import OutletHealth
     from prooflight.plant.outlets.outlet import Outlet
     from prooflight.plant.stream import EventStream
@@ -43,11 +44,12 @@ def events_told(
     run_id: int | None,
     room: int,
     size_mm: tuple[float, float] | None,
+    plan: SheetPlan | None,
     notice: Callable[[Notice], None],
 ) -> Iterator[EventStream | None]:
     """The run's stream of events while its outlets are served; None: there are no outlets.
 
-    size_mm: of a sheet. notice: told when an outlet is connected or is no longer.
+    size_mm: of a sheet. plan: as of ``EventStream``. notice: told when an outlet is connected or is no longer.
     """
     if not outlets:
         yield None
@@ -63,6 +65,6 @@ def events_told(
             notice(Notice(kind="outlet-away", text=f"{health.name}: {health.detail}; events wait"))
 
     with Outlets(outlets, room=room, changed=changed) as served:
-        stream = EventStream([served.put], press=facts.press, run=run_id, size_mm=size_mm)
+        stream = EventStream([served.put], press=facts.press, run=run_id, size_mm=size_mm, plan=plan)
         stream.started(facts)
         yield stream

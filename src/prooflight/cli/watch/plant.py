@@ -98,6 +98,7 @@ class Plant:
                     run_id=None if recorder is None else recorder.run_id,
                     room=1 if self.file is None else self.file.plant.room,
                     size_mm=self.size_mm,
+                    plan=plan,
                     notice=notice,
                 )
             )

@@ -20,7 +20,7 @@ from prooflight.plant.events import EventsLost, SheetJudged
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from prooflight.plant.events import Box, Event
+    from prooflight.plant.events import Box, Event, OnSheet
 
     _Element = Any
 
@@ -187,13 +187,27 @@ def _sheet(above: _Element, event: Event, sheet: SheetJudged, sheet_mm: tuple[fl
 
 
 def _resource(above: _Element, sheet: SheetJudged, **part: str) -> _Element:
-    resource = _element(
-        above, "Resource", ExternalID=f"sheet-{sheet.sheet}", DescriptiveName=clean(sheet.page)
-    )
+    own = sheet.on_sheet
+    named = sheet.page if own is None else f"{sheet.page}, {_worded(own)}"
+    resource = _element(above, "Resource", ExternalID=f"sheet-{sheet.sheet}", DescriptiveName=clean(named))
     if sheet.reason and not part:
         _element(resource, "Comment").text = clean(sheet.reason)
+    if own is not None and own.side is not None:
+        part = {"Side": _face(sheet), **part}
     _element(resource, "Part", SheetName=name(sheet.page), **part)
     return resource
+
+
+def _worded(own: OnSheet) -> str:
+    """Of which sheet it is a side, for people."""
+    side = f"{own.side} of " if own.side else ""
+    of_set = "" if own.set is None else f", set {own.set}"
+    return f"{side}sheet {own.sheet} ({own.name}, copy {own.copy}{of_set})"
+
+
+def _face(sheet: SheetJudged) -> str:
+    own = sheet.on_sheet
+    return "Back" if own is not None and own.side == "back" else "Front"
 
 
 def _result(resource: _Element, event: Event, sheet: SheetJudged) -> _Element:
@@ -216,7 +230,7 @@ def _defects(inspection: _Element, sheet: SheetJudged, sheet_mm: tuple[float, fl
             "Defect",
             DefectType="ImageDefect",
             DefectTypeDetails=_details(place.kind),
-            Face="Front",
+            Face=_face(sheet),
         )
         if sheet_mm is not None:
             defect.set("Box", box_points(place.box, sheet_mm[1]))
@@ -227,7 +241,7 @@ def _defects(inspection: _Element, sheet: SheetJudged, sheet_mm: tuple[float, fl
         where = f"{box.x_mm:g} mm from the left, {box.y_mm:g} mm from the top, {box.width_mm:g} x {box.height_mm:g} mm"
         _element(defect, "Comment").text = where
     if not sheet.places:
-        defect = _element(inspection, "Defect", DefectType="ImageDefect", Face="Front")
+        defect = _element(inspection, "Defect", DefectType="ImageDefect", Face=_face(sheet))
         defect.set("DefectTypeDetails", _details(sheet.kind or "unknown"))
         defect.set("Severity", str(severity(sheet)))
 

@@ -29,6 +29,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.ruler_layout import RulerLayout
 from prooflight.inks.ruler_print import RASTER_DPI, ruler_raster
+from prooflight.pages.files import write_tiff
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
@@ -60,7 +61,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "feedback": ("my.press", "job.pdf"),
     "gate": ("press.toml", "job.pdf", "my.press"),
     "golden": ("job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
-    "line-cameras": ("job.pdf",),
+    "line-cameras": ("rasters",),
     "console": (),
     "plant": (),
     "index": (),
@@ -144,6 +145,11 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
                 seed = {"scans": 1, "goldens": 2}[name]
                 job, press = made("job.pdf"), made("my.press")
                 prooflight("simulate", job, "--press", press, "-o", path, "--seed", seed)
+            case "rasters":
+                path.mkdir()
+                with PdfJob(made("job.pdf")) as job:
+                    for page in rasters(job):
+                        write_tiff(page, path / f"{page.number}.tif")
             case "flatbed":
                 path.mkdir()
                 write_picture(path / "1.tif", spot=False)
@@ -193,7 +199,7 @@ def plugged_in(request: pytest.FixtureRequest, user: Callable[[str], Path], tmp_
     layout = RulerLayout(width_mm=130.0, height_mm=212.0)
     ruler = Page(cmyk=ruler_raster(layout), dpi=RASTER_DPI, name="ruler", number=1)
     with PdfJob(user("job.pdf")) as job:
-        pages = [press.geometry.lay(job.page(number, dpi=1200.0)) for number in range(1, 4)]
+        pages = [press.geometry.lay(page) for page in rasters(job)]
     scenes = Scenes.of(truth, press, {"ruler": ruler}, reference_us=2000.0)
     prints = [predict(one, sensors=press.sensors, geometry=press.geometry).expected_dn for one in pages]
     scenes.images["job"] = np.concatenate(prints, axis=1)
@@ -272,6 +278,11 @@ def write_job(path: Path, *, pages: int) -> None:
             canvas.drawString(x * mm, y * mm, "".join(rng.choice(list("abcdefghij kmn"), 16)))
         canvas.showPage()
     canvas.save()
+
+
+def rasters(job: PdfJob) -> list[Page]:
+    """The first pages of a job as a press prints them, coarser."""
+    return [job.page(number, dpi=600.0) for number in range(1, 4)]
 
 
 def write_picture(path: Path, *, spot: bool) -> None:

@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 BOUNDS_CACHE := $(CURDIR)/.bounds_cache
+# Each process begins with half of the tests and takes over what the other has left: what a file makes is made once.
+ON_TWO_CORES := -n 2 --dist worksteal
 
 .PHONY: demo console test test-bounds check fuzz bench docs site changelog format lock clean
 .DELETE_ON_ERROR:
@@ -16,13 +18,17 @@ console: $(VENV)/.installed
 	$(BIN)/prooflight serve --demo
 
 test: $(VENV)/.installed-dev
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest $(ON_TWO_CORES)
 
 # Compiled code that looks whether each index lies within its array, which takes several times as long; what is compiled
-# otherwise is kept apart. The tests of what calls kernels; commands, reports and studies call no others.
+# otherwise is kept apart. The tests of what calls kernels: rooms, and of rooms that hardly do the files that do. Commands,
+# reports and studies call no others.
+CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tests/inspection tests/prediction \
+	tests/properties tests/simulation tests/journal/test_damaged.py tests/journal/test_replay.py \
+	tests/line/test_pager.py tests/line/test_runner_parts.py tests/line/test_working_memory.py \
+	tests/pages/test_taking_together.py
 test-bounds: $(VENV)/.installed-dev
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest -n 2 tests/kernels tests/scans \
-		tests/registration tests/detectors tests/inspection tests/line tests/journal tests/pages tests/prediction tests/properties tests/simulation
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest $(ON_TWO_CORES) $(CALL_KERNELS)
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,12 +20,11 @@ from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.commissioning.build import build_press
 from prooflight.pages.raster import Page
+from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from prooflight.press.artefact import Press
 
 # The same examples on every machine; `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("same everywhere", deadline=None, derandomize=True)
@@ -121,12 +122,24 @@ class Made:
 
 
 @pytest.fixture(scope="session")
-def trained_press(press: Press, make_page: Callable[..., Page]) -> Press:
-    """The press with our detector, made fit by 18 of 24 designs, which lets one good page in ten alarm."""
+def trained_press(
+    press: Press, make_page: Callable[..., Page], tmp_path_factory: pytest.TempPathFactory
+) -> Press:
+    """The press with our detector, made fit by 18 of 24 designs, which lets one good page in ten alarm.
+
+    The process that needs it first makes it, and the others of this run read it.
+    """
     from prooflight.commissioning.training.train import trained
 
     often = replace(press, good_pages_per_false_alarm=10.0)
-    return trained(often, Made(make=make_page), designs=24, seed=1, false_alarm_rate=0.1, processes=1)
+    folder = tmp_path_factory.getbasetemp()
+    path = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "trained.press"
+    with path.with_suffix(".lock").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        if not path.exists():
+            designs = Made(make=make_page)
+            trained(often, designs, designs=24, seed=1, false_alarm_rate=0.1, processes=1).save(path)
+    return replace(often, ours=Press.load(path).ours)
 
 
 @pytest.fixture(scope="session")

@@ -55,12 +55,12 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "watch": ("job.pdf", "my.press"),
     "journal": ("job.pdf", "my.press"),
     "sheets-and-sets": ("job.pdf", "my.press"),
-    "codes": ("my.press", "job.pdf", "scans"),
-    "zones": ("my.press", "job.pdf", "scans"),
-    "text": ("my.press", "job.pdf", "scans"),
+    "codes": ("my.press", "short job.pdf", "scans"),
+    "zones": ("my.press", "short job.pdf", "scans"),
+    "text": ("my.press", "short job.pdf", "scans"),
     "feedback": ("my.press", "job.pdf"),
     "gate": ("press.toml", "job.pdf", "my.press"),
-    "golden": ("job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
+    "golden": ("short job.pdf", "my.press", "scans", "goldens", "flatbed", "good.tif"),
     "line-cameras": ("rasters",),
     "console": (),
     "plant": (),
@@ -137,13 +137,15 @@ def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Call
                 prooflight("press", "build", file, "-o", path, "--detector", "none")
             case "job.pdf":
                 write_job(path, pages=8)
+            case "short job.pdf":
+                write_job(path, pages=5)  # a command starts no processes for so few
             case "long job.pdf":
                 write_job(path, pages=24)
             case "prooflight-demo/sample-job.pdf":
                 write_job(path, pages=3)
             case "scans" | "goldens":
                 seed = {"scans": 1, "goldens": 2}[name]
-                job, press = made("job.pdf"), made("my.press")
+                job, press = made("short job.pdf"), made("my.press")
                 prooflight("simulate", job, "--press", press, "-o", path, "--seed", seed)
             case "rasters":
                 path.mkdir()

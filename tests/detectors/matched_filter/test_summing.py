@@ -160,6 +160,21 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
 
 
 @few
+@given(seeds, st.integers(0, 3 * STRETCH - 1), st.floats(-20, 20))
+def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: int, down: float) -> None:
+    rng = np.random.default_rng(seed)
+    images = np.zeros((3, 3 * STRETCH, 40), np.float32)
+    images[1:, line], images[2] = rng.random(40), images[1] + 1
+    across, along = np.full((2, 4, 4), 0.3, np.float32)
+    along[:] = down + rng.normal(0, 0.5, along.shape)
+    found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
+    move_smooth(images, np.arange(3), across, along, found)
+    move_smooth(np.ones_like(ones), np.array([0]), across, along, ones)
+    np.testing.assert_array_equal(found[0], 0)
+    np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
+
+
+@few
 @given(seeds)
 def test_echoes_are_found_where_detail_is_repeated(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -164,7 +164,8 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
 def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: int, down: float) -> None:
     rng = np.random.default_rng(seed)
     images = np.zeros((3, 3 * STRETCH, 40), np.float32)
-    images[1:, line], images[2] = rng.random(40), images[1] + 1
+    images[1, line] = rng.random(40)
+    images[2] = images[1] + 1
     across, along = np.full((2, 4, 4), 0.3, np.float32)
     along[:] = down + rng.normal(0, 0.5, along.shape)
     found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior
+from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
@@ -23,6 +24,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
+from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
@@ -339,3 +341,37 @@ def test_variances_are_what_they_are_said_to_be(seed: int) -> None:
     inner[2:-2, 2:-2] = inside[2:-2, 2:-2]
     np.testing.assert_allclose(sure, asked * inner, rtol=1e-5)
     np.testing.assert_allclose(of_edges, slope / (rest + (0.002 * wide) ** 2) * inner, rtol=1e-5)
+
+
+@few
+@given(seeds, st.integers(2, 24), st.integers(2, 40))
+def test_flat_squares_are_all_that_are_flat(seed: int, lines: int, pixels: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, light = rng.normal(0, [[[9]], [[15]]], (2, lines, pixels)).astype(np.float32)
+    variance, texture = (rng.random((2, lines, pixels)) * [[[200]], [[1e4]]] + 20).astype(np.float32)
+    inside = rng.random((lines, pixels)) < 0.97
+    found = np.empty((2, (lines // 2) * (pixels // 2)), np.float32)
+    count = flat_squares(left, variance, light, texture, inside, 2.0, found)
+
+    rows, columns = lines // 2 * 2, pixels // 2 * 2
+    a, b, c, d = (left[i:rows:2, j:columns:2] for i in (0, 1) for j in (0, 1))
+    first = slice(None, rows, 2), slice(None, columns, 2)
+    steep = np.abs(light[1:rows:2, 1:columns:2] - light[first])
+    flat = ndimage.minimum_filter(inside, 3)[first] & (steep < 2 * np.sqrt(variance[first]))
+    square = (a - b - c + d) ** 2 / (4 * variance[first])
+    np.testing.assert_allclose(found[0, :count], square[flat], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found[1, :count], (texture / variance)[first][flat], rtol=1e-6)
+
+
+@pytest.mark.parametrize("plain", [1.0, 0.3, 0.02])
+def test_noise_is_found_where_paper_is_plain_or_plainest(plain: float) -> None:
+    """Of 1.4 times the variance stated, with halftones over all but so much of the page."""
+    rng = np.random.default_rng(5)
+    shape = (200, 300)
+    squares = rng.random((100, 150)) * 4e4 * (rng.random((100, 150)) >= plain)
+    texture = np.kron(squares, np.ones((2, 2))).astype(np.float32)
+    more = ResidualVariance()
+    left = (rng.normal(size=shape) * np.sqrt(1.4 * 60 + more.contrast * texture)).astype(np.float32)
+    variance, light = np.full(shape, 60, np.float32), np.full(shape, 2000, np.float32)
+    found = noise_factor(left, variance, light, texture, np.ones(shape, bool), more)
+    assert found == pytest.approx(1.4, rel=0.1)

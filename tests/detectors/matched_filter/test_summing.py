@@ -15,10 +15,12 @@ from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
+    LEAST_POWER,
     MODES,
     SIZES,
     Sums,
     assumed_light,
+    spread_of,
     t_statistic,
     without_common,
 )
@@ -27,7 +29,9 @@ from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, bl
 from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
+from prooflight.kernels.statistics.boxes import own_of_cells
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
+from prooflight.kernels.statistics.slants import tiles_known
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
@@ -375,3 +379,26 @@ def test_noise_is_found_where_paper_is_plain_or_plainest(plain: float) -> None:
     variance, light = np.full(shape, 60, np.float32), np.full(shape, 2000, np.float32)
     found = noise_factor(left, variance, light, texture, np.ones(shape, bool), more)
     assert found == pytest.approx(1.4, rel=0.1)
+
+
+@few
+@given(seeds)
+def test_tiles_by_themselves_say_what_boxes_of_one_would(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.normal(0, 5, (4, 3, 9, 14)).astype(np.float32)
+    cells[1], cells[3] = np.abs(cells[1]) + 1, np.abs(cells[3]) / 9
+    gains, level = (rng.normal(0, 0.01, shape).astype(np.float32) for shape in (9, (9, 14)))
+    found, prior = np.empty((3, 9, 14), np.float32), 0.3
+    own_of_cells(cells, gains, level, np.float32(1 / prior**2), 2, found)
+    asked = cells.copy()
+    asked[0] -= asked[2] * (gains[:, None] + level)
+    for one, other in zip(found, without_common(asked, prior), strict=True):
+        np.testing.assert_allclose(one, other[2], rtol=1e-4, atol=1e-5)
+
+    t, known = np.empty((2, 9, 14), np.float32)
+    scatter = np.array([1.2, 3.0, 0.02], np.float32)
+    tiles_known(*found, scatter, np.float32(LEAST_POWER), t, known)
+    spread = spread_of(found[1], found[2], scatter.astype(np.float64))
+    informed = found[1] > LEAST_POWER
+    np.testing.assert_allclose(t, t_statistic(*found, scatter.astype(np.float64)), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(known, np.where(informed, found[1] ** 2 / spread, 0), rtol=1e-4)

@@ -113,8 +113,8 @@ def any_shows(image):  # type: ignore[no-untyped-def]
 def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
     """Some of images (n, lines, pixels) seen at pixel + across, line + along (nodes) of out, bilinear; 0 beyond.
 
-    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand. Lines that see
-    nothing are not moved: most of a page has none of most inks.
+    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand. Lines that
+    see nothing are not moved: most of a page has none of most inks.
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)

@@ -56,6 +56,19 @@ def found(press: pf.Press, page: pf.Page) -> pf.Inspection:
 
 # --- names ---
 
+INSPECTING = """
+import sys
+import prooflight.inspection.inspector
+assert "scipy.special" in sys.modules
+slow = {"scipy.stats", "scipy.optimize", "PIL", "matplotlib", "pymupdf"} & set(sys.modules)
+assert not slow, slow
+"""
+
+
+def test_what_inspects_loads_nothing_that_takes_longer_than_a_page() -> None:
+    subprocess.run([sys.executable, "-c", INSPECTING], check=True, timeout=60)
+
+
 LEAN = """
 import sys
 before = set(sys.modules)

@@ -13,6 +13,7 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
@@ -196,6 +197,24 @@ def test_daemons_and_forks_rip_too(write_pdf: WritePdf, method: str) -> None:
         process.join(60)
         assert int(job.page(1, 72).cmyk.sum()) == wanted
         assert child().pid == first  # the fork left it alone
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/maps").exists(), reason="the system does not say what a process has loaded"
+)
+def test_the_compiler_is_loaded_for_the_first_page_that_is_drawn_finer(
+    write_pdf: WritePdf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And takes none of that page's memory: its limit is less than loading needs."""
+    rip_process._running.clear()  # another one, that has drawn nothing
+    job = PdfJob(write_pdf(SQUARE))
+    once = job.page(1, 72).cmyk
+    maps = Path(f"/proc/{child().pid}/maps")
+    assert "llvmlite" not in maps.read_text()
+    monkeypatch.setenv(rip_process.GIGABYTES, "0.02")
+    finer = job.page(1, 72, drawn_dpi=144).cmyk
+    assert "llvmlite" in maps.read_text()
+    np.testing.assert_array_equal(finer, once)
 
 
 BUSY = """

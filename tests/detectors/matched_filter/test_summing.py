@@ -10,22 +10,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior
+from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
+    LEAST_POWER,
     MODES,
     SIZES,
     Sums,
     assumed_light,
+    spread_of,
     t_statistic,
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
+from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
+from prooflight.kernels.statistics.boxes import own_of_cells
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
+from prooflight.kernels.statistics.slants import tiles_known
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 
@@ -157,6 +163,22 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
     plane = (3 * x - 2 * y).astype(np.float32)
     move_smooth(plane[None], np.array([0]), across, along, found[None])
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
+
+
+@few
+@given(seeds, st.integers(0, 3 * STRETCH - 1), st.floats(-20, 20))
+def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: int, down: float) -> None:
+    rng = np.random.default_rng(seed)
+    images = np.zeros((3, 3 * STRETCH, 40), np.float32)
+    images[1, line] = rng.random(40)
+    images[2] = images[1] + 1
+    across, along = np.full((2, 4, 4), 0.3, np.float32)
+    along[:] = down + rng.normal(0, 0.5, along.shape)
+    found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
+    move_smooth(images, np.arange(3), across, along, found)
+    move_smooth(np.ones_like(ones), np.array([0]), across, along, ones)
+    np.testing.assert_array_equal(found[0], 0)
+    np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
 
 
 @few
@@ -323,3 +345,60 @@ def test_variances_are_what_they_are_said_to_be(seed: int) -> None:
     inner[2:-2, 2:-2] = inside[2:-2, 2:-2]
     np.testing.assert_allclose(sure, asked * inner, rtol=1e-5)
     np.testing.assert_allclose(of_edges, slope / (rest + (0.002 * wide) ** 2) * inner, rtol=1e-5)
+
+
+@few
+@given(seeds, st.integers(2, 24), st.integers(2, 40))
+def test_flat_squares_are_all_that_are_flat(seed: int, lines: int, pixels: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, light = rng.normal(0, [[[9]], [[15]]], (2, lines, pixels)).astype(np.float32)
+    variance, texture = (rng.random((2, lines, pixels)) * [[[200]], [[1e4]]] + 20).astype(np.float32)
+    inside = rng.random((lines, pixels)) < 0.97
+    found = np.empty((2, (lines // 2) * (pixels // 2)), np.float32)
+    count = flat_squares(left, variance, light, texture, inside, 2.0, found)
+
+    rows, columns = lines // 2 * 2, pixels // 2 * 2
+    a, b, c, d = (left[i:rows:2, j:columns:2] for i in (0, 1) for j in (0, 1))
+    first = slice(None, rows, 2), slice(None, columns, 2)
+    steep = np.abs(light[1:rows:2, 1:columns:2] - light[first])
+    flat = ndimage.minimum_filter(inside, 3)[first] & (steep < 2 * np.sqrt(variance[first]))
+    square = (a - b - c + d) ** 2 / (4 * variance[first])
+    np.testing.assert_allclose(found[0, :count], square[flat], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found[1, :count], (texture / variance)[first][flat], rtol=1e-6)
+
+
+@pytest.mark.parametrize("plain", [1.0, 0.3, 0.02])
+def test_noise_is_found_where_paper_is_plain_or_plainest(plain: float) -> None:
+    """Of 1.4 times the variance stated, with halftones over all but so much of the page."""
+    rng = np.random.default_rng(5)
+    shape = (200, 300)
+    squares = rng.random((100, 150)) * 4e4 * (rng.random((100, 150)) >= plain)
+    texture = np.kron(squares, np.ones((2, 2))).astype(np.float32)
+    more = ResidualVariance()
+    left = (rng.normal(size=shape) * np.sqrt(1.4 * 60 + more.contrast * texture)).astype(np.float32)
+    variance, light = np.full(shape, 60, np.float32), np.full(shape, 2000, np.float32)
+    found = noise_factor(left, variance, light, texture, np.ones(shape, bool), more)
+    assert found == pytest.approx(1.4, rel=0.1)
+
+
+@few
+@given(seeds)
+def test_tiles_by_themselves_say_what_boxes_of_one_would(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.normal(0, 5, (4, 3, 9, 14)).astype(np.float32)
+    cells[1], cells[3] = np.abs(cells[1]) + 1, np.abs(cells[3]) / 9
+    gains, level = (rng.normal(0, 0.01, shape).astype(np.float32) for shape in (9, (9, 14)))
+    found, prior = np.empty((3, 9, 14), np.float32), 0.3
+    own_of_cells(cells, gains, level, np.float32(1 / prior**2), 2, found)
+    asked = cells.copy()
+    asked[0] -= asked[2] * (gains[:, None] + level)
+    for one, other in zip(found, without_common(asked, prior), strict=True):
+        np.testing.assert_allclose(one, other[2], rtol=1e-4, atol=1e-5)
+
+    t, known = np.empty((2, 9, 14), np.float32)
+    scatter = np.array([1.2, 3.0, 0.02], np.float32)
+    tiles_known(*found, scatter, np.float32(LEAST_POWER), t, known)
+    spread = spread_of(found[1], found[2], scatter.astype(np.float64))
+    informed = found[1] > LEAST_POWER
+    np.testing.assert_allclose(t, t_statistic(*found, scatter.astype(np.float64)), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(known, np.where(informed, found[1] ** 2 / spread, 0), rtol=1e-4)

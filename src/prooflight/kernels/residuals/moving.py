@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.residuals.fit import shows
 
 STRETCH = 16
 """Pixels from node to node, along lines and across them."""
@@ -96,6 +97,15 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
         start = stop
 
 
+@inner_kernel()
+def any_shows(image):  # type: ignore[no-untyped-def]
+    """Whether anything in an image (lines, pixels) is not 0."""
+    line = 0
+    while line < image.shape[0] and not shows(image[line]):
+        line += 1
+    return line < image.shape[0]
+
+
 @kernel(
     "images (N, L, P), which (_), across (R, C), along (R, C), out (N, L, P)",
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
@@ -103,7 +113,8 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
 def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
     """Some of images (n, lines, pixels) seen at pixel + across, line + along (nodes) of out, bilinear; 0 beyond.
 
-    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand.
+    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand. Lines that
+    see nothing are not moved: most of a page has none of most inks.
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
@@ -115,7 +126,12 @@ def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-d
             node_row(across, first + i, right)
             node_row(along, first + i, down)
             aim_line(right, down, pixels, whole[i], shares[i])
+        top = max(first + whole[:count, 1].min(), 0)
+        stop = min(first + count + whole[:count, 1].max() + 1, lines)
         for n in which:
+            if not any_shows(images[n, top:stop]):
+                out[n, first : first + count] = np.float32(0)
+                continue
             for i in range(count):
                 move_line(images[n], first + i, whole[i], shares[i], out[n, first + i])
 

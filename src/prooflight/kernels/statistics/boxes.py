@@ -61,6 +61,38 @@ def merged(cells, gains, out):  # type: ignore[no-untyped-def]
                     target[i] = line[2 * i] + line[2 * i + 1]
 
 
+@kernel(
+    "cells (4, N, H, W), gains (H), level (H, W), known, mode, out (3, H, W)",
+    where="0 < mode, mode < N",
+    fastmath=True,
+    error_model="numpy",
+)
+def own_of_cells(cells, gains, level, known, mode, out):  # type: ignore[no-untyped-def]
+    """N', D' and the edges' part of D' of one mode's cells, each by itself, into out (3, h, w).
+
+    cells (4, modes, h, w): N, D, C, edges, of modes of which the first is common to all; gains (h,), level (h, w):
+    shares of C taken from N; known: 1 / the common mode's prior variance.
+    """
+    for y in range(out.shape[1]):
+        taken, share = gains[y], level[y]
+        push, power, shared, edges = (
+            cells[0, mode, y],
+            cells[1, mode, y],
+            cells[2, mode, y],
+            cells[3, mode, y],
+        )
+        push0, power0, shared0 = cells[0, 0, y], cells[1, 0, y], cells[2, 0, y]
+        own, rest, of_edges = out[0, y], out[1, y], out[2, y]
+        for x in range(own.size):
+            smooth = taken + share[x]
+            common = (push0[x] - shared0[x] * smooth) / (power0[x] + known)
+            own[x] = push[x] - shared[x] * smooth - shared[x] * common
+        for x in range(rest.size):
+            rest[x] = max(power[x] - shared[x] * shared[x] / (power0[x] + known), np.float32(0))
+        for x in range(of_edges.size):
+            of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
+
+
 @kernel("maps (N, H, W), out (N, H // 2, W // 2)", fastmath=True, error_model="numpy")
 def squares(maps, out):  # type: ignore[no-untyped-def]
     """Sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""

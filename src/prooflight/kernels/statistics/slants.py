@@ -118,3 +118,24 @@ def slanted(push, power, smallest, first, least, most_of_half, values, places): 
                 doubled(n, longer_n)
                 doubled(d, longer_d)
                 n, d = longer_n, longer_d
+
+
+@kernel(
+    "own (H, W), power (H, W), edges (H, W), scatter (3), least, t (H, W), known (H, W)",
+    fastmath=True,
+    error_model="numpy",
+)
+def tiles_known(own, power, edges, scatter, least, t, known):  # type: ignore[no-untyped-def]
+    """T of tiles, and the information on an amount N' / D' that they have, (h, w) each, from N', D' and edges.
+
+    scatter (3,): what N' scatters by: noise, edges, tolerance; tiles of no more D' than ``least`` know nothing.
+    """
+    noise, at_edges, tolerance = scatter[0], scatter[1], scatter[2]
+    zero = np.float32(0)
+    for y in range(own.shape[0]):
+        push, sure, steep, out, of = own[y], power[y], edges[y], t[y], known[y]
+        for x in range(out.size):
+            d, e = max(sure[x], zero), max(steep[x], zero)
+            spread = noise * max(d - e, zero) + at_edges * e + tolerance * d * d + np.float32(1e-6)
+            out[x] = push[x] / np.sqrt(spread) if d > least else zero
+            of[x] = d * d / spread if d > least else zero

@@ -141,9 +141,18 @@ def line_sums(images, most_edges, shift, segment_lines, which, out):  # type: ig
                 mode = void[left:right]
             for n in range(most_edges.size):
                 row = rows[n]
-                weighed = row[0, left:right], row[1, left:right], row[2, left:right], row[3, left:right]
-                own = out[n, :, place, segment, to]
-                add_mode(mode, *weighed, own[0], own[1], own[2], own[3])
+                # Every row by itself is contiguous, as loops in vectors need it; cut out together they are not.
+                add_mode(
+                    mode,
+                    row[0, left:right],
+                    row[1, left:right],
+                    row[2, left:right],
+                    row[3, left:right],
+                    out[n, 0, place, segment, to],
+                    out[n, 1, place, segment, to],
+                    out[n, 2, place, segment, to],
+                    out[n, 3, place, segment, to],
+                )
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -20,7 +20,6 @@ from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import separations as plates
 from prooflight.pages.pdf.boxes import BoxError, printed_box
 from prooflight.pages.pdf.marks import page_marks
-from prooflight.pages.pdf.taking_together import taken_together
 from prooflight.pages.raster import POINTS_PER_INCH
 
 if TYPE_CHECKING:
@@ -155,6 +154,8 @@ class PdfFile:
                     what = f"page {number}: {error}"
                     raise JobError(self._shown, what, remedy="correct and export it again") from None
                 if drawn_dpi is not None:
+                    from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+
                     taken_together(fine, band, light, step=step, first=top * step - above)
             self._said += [f"page {number}: {trouble}" for trouble in troubles]
         return cmyk

@@ -91,7 +91,7 @@ class RipProcess:
         finally:
             theirs.close()
             os.close(lifeline)
-        self._process, self._connection = process, ours
+        self._process, self._connection, self._loaded = process, ours, False
         self.end = weakref.finalize(self, _end, process, ours, (kept, self._memory))
         """End the process and let go of all that was shared with it; also called at the interpreter's exit."""
         self._answer(START_SECONDS, "does not start")
@@ -100,8 +100,11 @@ class RipProcess:
         """The answer; where a page was drawn, its raster is ``cmyk``. InputError: refused; RipFailure: it was lost."""
         limited = {"seconds": limits.seconds, "room_bytes": limits.gigabytes * 1e9}
         try:
-            with contextlib.suppress(OSError):  # it has ended: the answer will say so
-                self._connection.send_bytes(json.dumps(request | limited).encode())
+            if request.get("drawn_dpi") is not None and not self._loaded:
+                self._send({"do": "load", "seconds": START_SECONDS, "room_bytes": None})
+                self._answer(START_SECONDS, "does not start")
+                self._loaded = True
+            self._send(request | limited)
             answer = self._answer(limits.seconds, f"takes longer than {limits.seconds:g} s")
             if "shape" in answer:
                 answer["cmyk"] = self._raster(answer["shape"])
@@ -116,6 +119,10 @@ class RipProcess:
             kind, where, what, remedy = answer["refused"]
             raise getattr(errors, kind)(where, what, remedy=remedy)
         return answer
+
+    def _send(self, request: dict[str, Any]) -> None:
+        with contextlib.suppress(OSError):  # it has ended: the answer will say so
+            self._connection.send_bytes(json.dumps(request).encode())
 
     def _answer(self, seconds: float, late: str) -> dict[str, Any]:
         try:

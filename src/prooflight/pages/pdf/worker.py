@@ -26,7 +26,6 @@ from prooflight.errors import InputError, JobError
 from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
-from prooflight.pages.pdf.taking_together import taken_together
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,6 +79,16 @@ class Worker:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
+    def _load(self, _: dict[str, Any]) -> dict[str, Any]:
+        """Compile what takes pixels together, or load it, before the memory and time of a page are limited.
+
+        It takes as long as all else that this process loads, and is asked for with the first page that needs it.
+        """
+        from prooflight.pages.pdf.taking_together import taken_together
+
+        taken_together(np.zeros((2, 2, 4), np.uint8), np.zeros((1, 1, 4), np.uint8), None, step=2.0)
+        return {}
+
     def _open(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
         return {"pages": file.pages, "said": file.said()}
@@ -131,12 +140,16 @@ def _key(request: dict[str, Any]) -> tuple[Any, ...]:
     return request["path"], *request["stamp"], request["profile"]
 
 
-def _limit_memory(room_bytes: float) -> None:
-    """Let this process take so much more than it has; where the system does not count, time is the only limit."""
+def _limit_memory(room_bytes: float | None) -> None:
+    """Let this process take so much more than it has; where the system does not count, time is the only limit.
+
+    None: as much as it likes.
+    """
     with contextlib.suppress(OSError, ValueError):
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         _, most = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (int(pages * mmap.PAGESIZE + room_bytes), most))
+        allowed = most if room_bytes is None else int(pages * mmap.PAGESIZE + room_bytes)
+        resource.setrlimit(resource.RLIMIT_AS, (allowed, most))
 
 
 def _end_with(lifeline: int) -> None:
@@ -147,18 +160,12 @@ def _end_with(lifeline: int) -> None:
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
 
 
-def _load() -> None:
-    """Compile what takes pixels together, or load it, before memory and time are limited."""
-    taken_together(np.zeros((2, 2, 4), np.uint8), np.zeros((1, 1, 4), np.uint8), None, step=2.0)
-
-
 def main() -> None:
     """Answer until nobody asks."""
     connection, lifeline, memory = (int(text) for text in sys.argv[1:])
     _end_with(lifeline)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     keep_memory()
-    _load()
     asked, worker = Connection(connection), Worker(SharedRaster(memory))
     with contextlib.suppress(EOFError, ConnectionError):
         asked.send_bytes(b"{}")  # ready

@@ -125,7 +125,9 @@ def test_each_digit_is_a_glyph_and_each_outline_a_letter(glyphs: PageGlyphs) -> 
     assert len(glyphs.letters.leader) == len(DIGITS)
     assert sorted(set(glyphs.line.tolist())) == [1, 2, 3]
     for outline in glyphs.letters.leader:
-        assert outline not in glyphs.letters.rivals(int(outline))
+        rivals = glyphs.letters.rivals(int(outline))
+        assert outline not in rivals
+        assert glyphs.letters.rivals(int(outline)) is rivals  # found once a design
 
 
 def test_a_patch_is_what_prediction_says_of_its_glyph(press: Press, page: Page, glyphs: PageGlyphs) -> None:

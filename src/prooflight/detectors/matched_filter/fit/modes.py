@@ -238,10 +238,8 @@ def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margi
 
 def moved(images: NDArray[np.float32], seen: PixelMap, *, threads: int = 1) -> NDArray[np.float32]:
     """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
-    out = unset(images.shape)
-    some = np.array([image[::8].any() for image in images])
-    out[~some] = 0
-    parts = np.array_split(np.flatnonzero(some), threads)
+    out, which = unset(images.shape), np.arange(len(images))
+    parts = [which[first::threads] for first in range(threads)]
     shared_out(
         [partial(move_smooth, images, part, seen.across, seen.along, out) for part in parts], threads=threads
     )

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
+from prooflight.kernels.memory import unset
+from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.residuals import (
     FittedAmounts,
     VarianceShares,
@@ -35,6 +37,11 @@ LOCAL_ROUNDS: Final = 2
 FLAT_SIGMAS: Final = 2.0
 """Neighbours that differ by less are flat."""
 LEAST_FLAT: Final = 500
+"""Squares."""
+PLAIN: Final = 0.02
+"""Variance of a halftone, as a share of the noise's, up to which a square tells of noise ..."""
+LEAST_PLAIN: Final = 0.05
+"""... or so many of all squares, where fewer are so plain. [-]"""
 NOISE_FACTORS: Final = (0.4, 2.6)
 """Bounds of true over stated variance: sigma is wrong by 0.67 to 1.5 (worlds.toml), and a little more."""
 
@@ -150,22 +157,18 @@ def noise_factor(
     inside: NDArray[np.bool_],
     residual_variance: ResidualVariance,
 ) -> float:
-    """True temporal variance over the stated one, from second differences over squares of flat paper.
-
-    r[i, j] - r[i + 1, j] - r[i, j + 1] + r[i + 1, j + 1] holds neither columns' gains nor lines' flicker.
-    """
-    rows, columns = (extent - extent % 2 for extent in left.shape)
-    a, b, c, d = (left[i:rows:2, j:columns:2] for i in (0, 1) for j in (0, 1))
-    crossed = a - b - c + d
-    flat = cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8))[:rows:2, :columns:2] > 0
-    steep = np.abs(light[1:rows:2, 1:columns:2] - light[:rows:2, :columns:2])
-    stated = variance[:rows:2, :columns:2]
-    flat &= steep < FLAT_SIGMAS * np.sqrt(stated)
-    if flat.sum() < LEAST_FLAT:
+    """True temporal variance over the stated one, from second differences over squares of flat paper."""
+    lines, pixels = left.shape
+    found = unset((2, (lines // 2) * (pixels // 2)))
+    count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, found)
+    if count < LEAST_FLAT:
         return 1.0
-    ratio = residual_variance.contrast * texture[:rows:2, :columns:2][flat] / stated[flat]
-    plain = ratio <= max(0.02, float(np.quantile(ratio, 0.05)))
-    if ratio[plain].mean() > 1:
+    square, ratio = found[:, :count]
+    ratio *= np.float32(residual_variance.contrast)
+    plain = ratio <= PLAIN
+    if np.count_nonzero(plain) < LEAST_PLAIN * count:
+        plain = ratio <= float(np.quantile(ratio, LEAST_PLAIN))
+    rest = float(ratio[plain].mean(dtype=np.float64))
+    if rest > 1:
         return 1.0
-    z = crossed[flat][plain] / (2 * np.sqrt(stated[flat][plain]))
-    return float(np.clip((np.median(np.abs(z)) / 0.6745) ** 2 - ratio[plain].mean(), *NOISE_FACTORS))
+    return float(np.clip(np.median(square[plain]) / 0.6745**2 - rest, *NOISE_FACTORS))

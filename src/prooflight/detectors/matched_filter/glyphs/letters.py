@@ -6,7 +6,7 @@ difference when ink as a whole, a shift, and broader or narrower strokes are tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -99,6 +99,8 @@ class Letters:
     """(letters,) the outline that stands for each."""
     letter: NDArray[np.int64]
     """(outlines,) which letter each is; -1: none."""
+    known_rivals: dict[int, NDArray[np.int64]] = field(default_factory=dict)
+    """``rivals`` of outlines that were asked for: sheets of a design ask for the same ones."""
 
     @classmethod
     def of(cls, cells: Sequence[NDArray[np.float32]], often: NDArray[np.int64], optics: Optics) -> Letters:
@@ -149,6 +151,11 @@ class Letters:
 
         One that others before it stand for is left out (``COVERED``).
         """
+        if at not in self.known_rivals:
+            self.known_rivals[at] = self._rivals(at)
+        return self.known_rivals[at]
+
+    def _rivals(self, at: int) -> NDArray[np.int64]:
         can = self.leader[self.like(at)[self.leader]]
         told = self.apart(at, can)
         can, told = can[told >= ALIKE], told[told >= ALIKE]

@@ -19,7 +19,8 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     smooth_level,
     without_common,
 )
-from prooflight.kernels.statistics.boxes import merged, squares
+from prooflight.kernels.memory import unset
+from prooflight.kernels.statistics.boxes import merged, own_of_cells, squares
 from prooflight.kernels.statistics.ghosts import boxed, ghost_parts, t_of_boxes
 
 if TYPE_CHECKING:
@@ -92,10 +93,10 @@ def own_of_tiles(
     cells: Cells, modes: Sequence[int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """N', D' and the edges' part of D' of tiles, (modes, rows, columns) each; cells: the first of ``cells_of``."""
-    maps = cells.sums[:, [0, *modes]]
-    maps[0] -= maps[2] * (cells.gains[:, None] + cells.level)
-    own, power, edges = without_common(maps, cells.common)
-    return own[1:], power[1:], edges[1:]
+    maps = unset((len(modes), 3, *cells.level.shape))
+    for mode, out in zip(modes, maps, strict=True):
+        own_of_cells(cells.sums, cells.gains, cells.level, np.float32(1 / cells.common**2), mode, out)
+    return maps[:, 0], maps[:, 1], maps[:, 2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -102,14 +102,14 @@ class Sums:
     """Those of ``MODES`` that were looked at; light is the first."""
 
     def of_modes(self, names: Sequence[str]) -> Sums:
-        """Of those of its modes alone, light the first, and the energy."""
+        """Of those of its modes alone, light the first, and the energy; contiguous, for kernels run in vectors then."""
         which = [self.modes.index(name) for name in names]
         lines = [index for index in which if index < len(self.line_modes)]
         return replace(
             self,
-            tiles=self.tiles[:, [*which, len(self.modes)]],
-            columns=self.columns[:, lines],
-            flat_columns=self.flat_columns[:, lines],
+            tiles=self.tiles.take([*which, len(self.modes)], axis=1),
+            columns=self.columns.take(lines, axis=1),
+            flat_columns=self.flat_columns.take(lines, axis=1),
             modes=tuple(names),
         )
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, own_of_tiles
-from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER, spread_of
+from prooflight.detectors.matched_filter.statistics.local_evidence import LEAST_POWER
 from prooflight.detectors.matched_filter.statistics.page_scale import own_scatter
 from prooflight.detectors.matched_filter.statistics.statistic import (
     OWN_PAGE,
@@ -22,7 +22,8 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     Statistic,
     mode_and_ink,
 )
-from prooflight.kernels.statistics.slants import slanted
+from prooflight.kernels.memory import unset
+from prooflight.kernels.statistics.slants import slanted, tiles_known
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -98,12 +99,12 @@ def weighed(
     scatter: NDArray[np.float64],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What tiles add to n and d, (rows, columns) each, from their N', D' and the edges' part of D'; scatter (3,)."""
-    spread, known = spread_of(power, edges, scatter), power > LEAST_POWER
-    t, d = np.where(known, own / np.sqrt(spread), 0), np.where(known, power * power / spread, 0)
-    scale = own_scatter(t[::2, ::2], least=LEAST_TILES)
-    t = np.asarray(t / np.float32(scale), np.float32)
-    t = np.clip(t / scatter_about(t, known), -np.float32(MOST), np.float32(MOST))
-    return np.asarray(t * np.sqrt(d), np.float32), np.asarray(d, np.float32)
+    t, d = unset((2, *own.shape))
+    tiles_known(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
+    t /= np.float32(own_scatter(t[::2, ::2], least=LEAST_TILES))
+    most = np.float32(MOST)
+    pushes = np.clip(t / scatter_about(t, d > 0), -most, most) * np.sqrt(d)
+    return np.asarray(pushes, np.float32), d
 
 
 def scatter_about(t: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -140,8 +141,10 @@ def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
 def _laid(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
     """Turned by its diagonal for ways 2 and 3, left for right for 1 and 3; with whole strips of the tallest lines."""
     turned = tiles.T if way >= 2 else tiles
-    turned = turned[:, ::-1] if way % 2 else turned
-    return np.ascontiguousarray(np.pad(turned, [(0, -len(turned) % HEIGHTS[-1]), (0, 0)]))
+    rows, columns = turned.shape
+    laid = np.zeros((rows + -rows % HEIGHTS[-1], columns), np.float32)
+    laid[:rows] = turned[:, ::-1] if way % 2 else turned
+    return laid
 
 
 def _box_mm(sums: Sums, way: int, slope: int, height: int, place: NDArray[np.int64]) -> Box:

@@ -189,7 +189,9 @@ def _refuse_other_scale(run: RunRow) -> None:
     """Runs say of zones what they were without their price since there is one score for all pages (decision 38)."""
     if "zones" in run.facts.settings and "zones_alone" not in run.facts.settings:
         what = "it judged pages with zones by an older Prooflight, whose scores are on another scale"
-        remedy = "calibrate by runs watched since: give --journal of these, or remove older runs with `prooflight run tidy`"
+        remedy = (
+            "calibrate by runs watched since: give --journal of these, or remove older ones with `run tidy`"
+        )
         raise RequestError(f"run {run.id}", what, remedy=remedy)
 
 

@@ -133,7 +133,7 @@ def _priced(asked: PriceRequest, told: Connection) -> Priced | Refused:
         return Refused(
             why=f"a file of the price cannot be read or written ({error.strerror}); see to it, and ask again"
         )
-    except Exception as error:
+    except Exception:
         _log.exception("the price of zones of %s", asked.job.name)
         return Refused(why=FAULT)
     return Priced(

@@ -20,6 +20,8 @@ from tests.server.zone_prices import entry, quick
 from prooflight.journal.journal import Journal
 from prooflight.pages.job import JobSource
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.plant.gate.log import GateLog, log_path
+from prooflight.plant.gate.registers import Code, Result
 from prooflight.press.artefact import Press
 from prooflight.server.access import COOKIE
 from prooflight.server.accounts.roles import Role, Scope, Who
@@ -79,6 +81,7 @@ def main(folder: Path, press: Path | None) -> None:
         journal = Path(made) / "press-2.sqlite"
         told = {} if press is None else {"press_digest": Press.load(press).digest}
         write_runs(journal, **told)
+        _gated(journal)
         going = Journal.open(str(journal))  # whoever holds it watches the press
         settings = {} if press is None else {"presses": (press,), "jobs": (_job(Path(made)),)}
         serving = Serving(journal, settings=settings, prices=Prices(quick))
@@ -92,6 +95,21 @@ def main(folder: Path, press: Path | None) -> None:
             browser.close()
             serving.stop()
             going.close()
+
+
+def _gated(journal: Path) -> None:
+    """The gate of the run that goes on, ready: what passed it, and a sheet rejected without need."""
+    with Journal.open(str(journal), read_only=True) as opened, GateLog(log_path(journal, 3)) as log:
+        log.add("run", run=3, job_pages=24, settings={"policy": "reject"})
+        for state in ("joining", "aligning", "ready"):
+            log.add("state", state=state, why="")
+        for page in opened.pages(3):
+            bad = page.verdict.verdict != "good"
+            result, code = (Result.DIVERT, Code.MISPRINT) if bad else (Result.ACCEPT, Code.GOOD)
+            tag = page.sheet + 1
+            log.add("decision", tag=tag, came=True, result=int(result), code=int(code))
+            if tag < 250:
+                log.add("tray", tag=tag, tray="reject" if bad or tag == 31 else "good", session=1)
 
 
 def _job(folder: Path) -> Path:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from prooflight.cli import exit_codes, laid_out, show
-from prooflight.inspection.pairing import pair_plan, paired
 from prooflight.inspection.sheets import Counts, SheetVerdict
+from prooflight.line.pairing import pair_plan, paired
 
 if TYPE_CHECKING:
     from prooflight.journal.journal import Journal

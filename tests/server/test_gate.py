@@ -144,7 +144,7 @@ def test_the_page_now_shows_what_the_gate_says_as_its_log_grows(
     told = gate_now(gated, viewer)
     assert (told["state"], told["last_reconciled"], told["wrong"]) == ("ready", UNSEEN, 1)
     page = viewer.get("/").text
-    assert "ready<br>30 sheets decided, 3 of them to be rejected<br>trays reconciled up to sheet 29" in page
+    assert "ready<br>30 sheets decided, 3 to be rejected<br>trays reconciled up to sheet 29" in page
     assert "1 sheet in the good tray against the decision; the first is sheet 11" in page
 
 

@@ -108,6 +108,29 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
             told_pages([(run, sheets)], digests={"another"}, replaces=digest, rate=0.02, now_s=1000.0)
 
 
+@pytest.mark.parametrize("judged_by", ["this press", "another press", "nobody asked"])
+def test_a_run_with_zones_from_before_there_was_one_scale_is_refused(tmp_path: Path, judged_by: str) -> None:
+    path, old, new = tmp_path / "j.sqlite", {"zones": "d" * 64}, {"zones": "d" * 64, "zones_alone": "a" * 64}
+    with Journal.open(str(path)) as journal:
+        for settings in ({}, old, new):
+            other = {"press_digest": "q" * 64} if settings is old and judged_by == "another press" else {}
+            run_id = journal.begin_run(facts(settings=settings, **other))
+            for sheet in range(5):
+                sampled = None if settings is old and judged_by == "nobody asked" else SAMPLE
+                journal.record(run_id, asked(sheet, GOOD, sampled))
+        journal.commit()
+        words = Words(path)
+        runs = [(run, asked_of_run(journal, words, run)) for run in journal.runs()]
+    how = {"digests": {facts().press_digest}, "replaces": facts().press_digest, "rate": 0.02, "now_s": 1000.0}
+    if judged_by == "this press":
+        with pytest.raises(
+            RequestError, match=r"^run 2: .*older Prooflight.*; calibrate by runs watched since"
+        ):
+            told_pages(runs, **how)
+    else:
+        assert told_pages(runs, **how).zones == ("", "a" * 64)
+
+
 def test_a_false_alarm_that_comes_again_is_proposed_with_its_price(tmp_path: Path) -> None:
     path = tmp_path / "j.sqlite"
     with Journal.open(str(path)) as journal:

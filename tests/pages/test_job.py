@@ -16,6 +16,7 @@ from tests.stand_ins import write_jpeg
 from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages import files
 from prooflight.pages.job import JobSource, open_job, parse_pages
+from prooflight.pages.layout.layout import Layout
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page, turned
 from prooflight.press.pages import job_source
@@ -254,3 +255,14 @@ def test_pages_of_a_pdf_are_drawn_at_the_resolution_that_their_press_states(
         assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 0, 0]
     with replace(source, dpi=72, drawn_dpi=1440, light=None).open() as job:
         assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 153, 0]
+
+
+def test_what_pages_say_of_places_is_asked_of_pages_and_not_of_sides(write_pdf: Callable[..., Path]) -> None:
+    path = write_pdf("0 0 0 1 k 10 10 20 20 re f")
+    with JobSource(path=path, dpi=100.0).open() as job:
+        assert job.marks(1) is not None
+    with (
+        JobSource(path=path, dpi=100.0, layout=Layout(sides=2)).open() as laid,
+        pytest.raises(RequestError, match="says nothing of places; open the job without a layout"),
+    ):
+        laid.marks(1)

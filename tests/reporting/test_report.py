@@ -196,19 +196,21 @@ def test_sheets_and_sets_stand_above_their_sides_and_lead_to_them(
     report = read(tmp_path / "report.html")
     rows = report.one("sheets").all("tr")[1:]
     assert [[row.children[at].text for at in (0, 1, 2, 3, 5)] for row in rows] == [
-        ["0", "s0001", "0", "good", ""],
-        ["1", "s0002", "1", "misprint", "3, 4"],
+        ["s0001", "1, 2", "0", "good", ""],
+        ["s0002", "3, 4", "1", "misprint", "3, 4"],
     ]
     assert "p0004 not inspected" in rows[1].children[4].text
     assert rows[1].children[6].text.startswith("front: ")
     sets = report.one("sets").all("tr")[1:]
     assert [[cell.text for cell in row.children[:4]] for row in sets] == [
-        ["0", "1", "may be delivered", "good"],
-        ["1", "1", "not as it is", "misprint"],
+        ["0", "good", "may be delivered", "s0001 good"],
+        ["1", "misprint", "not as it is", "s0002 misprint"],
     ]
     named = {element.attributes["id"] for element in report if "id" in element.attributes}
     links = [link.attributes["href"] for row in rows for link in row.all("a")]
     assert links == ["#set0", "#row1", "#row2", "#set1", "#sheet3", "#row4"]
+    links += [link.attributes["href"] for row in sets for link in row.all("a")]
+    assert links[-2:] == ["#of-sheet0", "#of-sheet1"]
     assert {link.removeprefix("#") for link in links} <= named
     assert "1 of 2 sheets are good" in report.text
     assert "1 of 2 sets may be delivered" in report.text

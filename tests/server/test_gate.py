@@ -6,13 +6,17 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.server.consoles import good
 
 from prooflight.cli import run
+from prooflight.journal.journal import Journal
 from prooflight.plant.gate.log import GateLog, log_path
 from prooflight.plant.gate.registers import Code, Result
 from prooflight.server.accounts.roles import Role, Scope
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from starlette.testclient import TestClient
     from tests.server.consoles import Served
 
@@ -108,6 +112,75 @@ def test_a_run_without_a_gate_and_a_damaged_log_are_told(console: Served) -> Non
         answer = viewer.get(path)
         assert (answer.status_code, answer.json()["type"]) == (409, "urn:prooflight:unusable")
         assert "line 2 is no JSON" in answer.json()["detail"]
+
+
+@pytest.fixture
+def goes_on(console: Served) -> Iterator[Journal]:
+    """The run goes on while a test looks."""
+    with Journal.open(str(console.journal)) as journal:
+        journal.record(1, good(30))
+        journal.commit()
+        yield journal
+
+
+def gate_now(console: Served, viewer: TestClient) -> dict[str, Any]:
+    console.console.live._look()
+    told: dict[str, Any] = viewer.get("/api/v1/now").json()["health"]["gate"]
+    return told
+
+
+def test_the_page_now_shows_what_the_gate_says_as_its_log_grows(
+    gated: Served, goes_on: Journal, viewer: TestClient
+) -> None:
+    accounts = viewer.get(GATE).json()["counts"]
+    told = gate_now(gated, viewer)
+    assert (told["decided"], told["diverted"], told["last_reconciled"]) == (30, 3, 28)
+    assert (told["wrong"], told["lost"]) == (accounts["wrong"], accounts["lost"]) == (1, 1)
+    assert (told["first_wrong"], told["lamp"], told["state"]) == (WRONG, "bad", "away")
+    with GateLog(log_path(gated.journal, 1)) as log:
+        log.add("state", state="ready", why="")
+        log.add("tray", tag=UNSEEN + 1, tray="good", session=7)
+    gated.clock.now_s += 2.0
+    told = gate_now(gated, viewer)
+    assert (told["state"], told["last_reconciled"], told["wrong"]) == ("ready", UNSEEN, 1)
+    page = viewer.get("/").text
+    assert "ready<br>30 sheets decided, 3 to be rejected<br>trays reconciled up to sheet 29" in page
+    assert "1 sheet in the good tray against the decision; the first is sheet 11" in page
+
+
+def test_a_gate_that_is_as_it_should_be_has_a_good_lamp_and_one_without_controller_a_bad(
+    console: Served, goes_on: Journal
+) -> None:
+    viewer = console.client(Role.VIEWER)
+    assert gate_now(console, viewer) is None
+    assert "this run has none" in viewer.get("/").text
+    states = {"ready": "good", "aligning": "look", "joining": "look", "away": "bad"}
+    with GateLog(log_path(console.journal, 1)) as log:
+        log.add("run", run=1, job_pages=30, settings={"policy": "reject"})
+        for state, lamp in states.items():
+            log.add("state", state=state, why="")
+            console.clock.now_s += 2.0
+            told = gate_now(console, viewer)
+            assert (told["state"], told["lamp"]) == (state, lamp)
+
+
+def test_a_damaged_log_is_said_on_the_page_and_a_torn_line_is_waited_for(
+    gated: Served, goes_on: Journal
+) -> None:
+    viewer, log = gated.client(Role.VIEWER), log_path(gated.journal, 1)
+    whole = '{"kind": "state", "state": "ready", "why": ""}\n'
+    with log.open("a", encoding="utf-8") as file:
+        file.write(whole[:20])
+    assert gate_now(gated, viewer)["state"] == "away"
+    with log.open("a", encoding="utf-8") as file:
+        file.write(whole[20:])
+    gated.clock.now_s += 2.0
+    assert gate_now(gated, viewer)["state"] == "ready"
+    with log.open("a", encoding="utf-8") as file:
+        file.write("nothing\n")
+    gated.clock.now_s += 2.0
+    assert (gate_now(gated, viewer)["state"], gate_now(gated, viewer)["lamp"]) == ("damaged", "bad")
+    assert "its log is damaged" in viewer.get("/").text
 
 
 def test_whoever_signed_in_may_look_and_a_token_by_its_scope(gated: Served) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
 from contextlib import closing
+from multiprocessing.context import SpawnProcess
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -253,13 +256,34 @@ def test_a_price_is_cancelled_and_one_is_made_at_a_time(desk: Callable[..., Serv
         assert engineer.get("/api/v1/zones/prices/nothing").status_code == 404
 
 
-@pytest.mark.parametrize(("work", "why"), [(refused, "12 are too few"), (vanishing, "ended from outside")])
+@pytest.mark.parametrize(
+    ("work", "why"), [(refused, "12 are too few"), (vanishing, "ended before it was done")]
+)
 def test_why_there_is_no_price_is_told(desk: Callable[..., Served], work: Any, why: str) -> None:
     with closing(desk(work)) as console:
         engineer = console.client(Role.ENGINEER)
         price = ended(engineer, engineer.post(f"{AT}/prices", json={"zones": [FACE]}).json())
         assert price["state"] == "failed"
         assert why in price["why"]
+
+
+def test_a_price_whose_process_cannot_start_is_told_and_the_next_is_made(
+    desk: Callable[..., Served], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_self: object) -> None:
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+    with closing(desk(quick)) as console:
+        engineer = console.client(Role.ENGINEER)
+        with monkeypatch.context() as patch:
+            patch.setattr(SpawnProcess, "start", refuse)
+            answer = engineer.post(f"{AT}/prices", json={"zones": [FACE]})
+        assert (answer.status_code, answer.json()["type"]) == (503, "urn:prooflight:no-process")
+        told = answer.json()["detail"]
+        assert told.startswith("no process can be started for the price (Cannot allocate memory); close")
+        assert "Errno" not in told
+        price = ended(engineer, engineer.post(f"{AT}/prices", json={"zones": [FACE]}).json())
+        assert price["state"] == "done"
 
 
 def test_a_real_price_is_made_aside(

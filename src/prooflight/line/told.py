@@ -125,7 +125,8 @@ def told_pages(
     """The good pages by which a press is calibrated anew: those of runs that one of ``digests`` judged by our detector.
 
     A sheet stands for 1 / probability others, and for those of its run that were asked about and not answered: alarms
-    for alarms, passed ones for passed ones. now_s: Unix time. [s] RequestError: no run is of this press.
+    for alarms, passed ones for passed ones. now_s: Unix time. [s] RequestError: no run is of this press, or scores
+    of one are on another scale.
     """
     scores: list[float] = []
     weights: list[float] = []
@@ -137,6 +138,8 @@ def told_pages(
     for run, asked in runs:
         if run.facts.press_digest not in digests or run.facts.detector != OURS:
             continue
+        if asked:
+            _refuse_other_scale(run)
         days = max(now_s - run.facts.started_s, 0.0) / SECONDS_A_DAY
         zones.add(str(run.facts.settings.get("zones_alone", "")))
         recent = 1.0 if half_life_days is None else 0.5 ** (days / half_life_days)
@@ -180,6 +183,16 @@ def told_pages(
         design=np.array(of_design, np.int64),
         zones=tuple(sorted(zones)) if any(zones) else (),
     )
+
+
+def _refuse_other_scale(run: RunRow) -> None:
+    """Runs say of zones what they were without their price since there is one score for all pages (decision 38)."""
+    if "zones" in run.facts.settings and "zones_alone" not in run.facts.settings:
+        what = "it judged pages with zones by an older Prooflight, whose scores are on another scale"
+        remedy = (
+            "calibrate by runs watched since: give --journal of these, or remove older ones with `run tidy`"
+        )
+        raise RequestError(f"run {run.id}", what, remedy=remedy)
 
 
 def _scored(record: PageRecord) -> bool:

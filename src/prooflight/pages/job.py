@@ -156,7 +156,15 @@ class Job:
         return tuple(line for pdf in self._pdfs.values() for line in pdf.warnings)
 
     def marks(self, number: int) -> PageMarks | None:
-        """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``."""
+        """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``.
+
+        RequestError: the job is laid on sheets, whose sides are no pages of the file.
+        """
+        if self.source.layout is not None:
+            what = "a side of a sheet says nothing of places"
+            raise RequestError(
+                self.source.path, what, remedy="open the job without a layout for what its pages say"
+            )
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
         return None if pdf is None else pdf.marks(place)

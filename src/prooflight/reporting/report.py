@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
     from prooflight.reporting.two_worlds import TwoWorlds
+    from prooflight.reporting.zones_at_work import ZonesAtWork
     from prooflight.scans.recorded import RecordedScan
     from prooflight.simulation.misprints.kinds import Misprint
 
@@ -231,12 +232,13 @@ def write_report(
     summary: RunSummary,
     *,
     worlds: TwoWorlds | None = None,
+    zones: ZonesAtWork | None = None,
     sheets: Sequence[SheetVerdict | SetVerdict] = (),
 ) -> None:
     """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name.
 
-    worlds: shown first where there is such a picture. sheets: of a job that was laid on sheets, with its sets; the
-    entries then are their sides, in the order in which sheets number them.
+    worlds, zones: shown first where there are such pictures. sheets: of a job that was laid on sheets, with its sets;
+    the entries then are their sides, in the order in which sheets number them.
     """
     count, unit = counts(entries), "side" if sheets else "page"
     known = summary.world is not None
@@ -244,6 +246,7 @@ def write_report(
     text = template("report").render(
         summary=summary,
         worlds=worlds,
+        zones=zones,
         count=count,
         known=known,
         sentence=sentence(count, unit),

@@ -219,7 +219,8 @@ def test_words_that_are_none_are_refused_in_one_line(words: str, said: str) -> N
 
 def test_sets_that_do_not_fit_and_too_large_pages_are_refused() -> None:
     with pytest.raises(
-        RequestError, match="the 5 pages of the job lie on 3 sheets, and a set takes 2 sheets"
+        RequestError,
+        match="the 5 pages of the job lie on 3 sheets, and a set takes 2 sheets; give pages-a-set=2 or 6, so",
     ):
         Layout.parse("sides=2,pages-a-set=4").of(5)
     with pytest.raises(RequestError, match=r"need 420.0 x 297.0 mm, and the sheet has 320 x 450 mm"):

@@ -1,6 +1,8 @@
-"""Pictures of every screen of the console: ``python -m tests.server.browser.pictures FOLDER [X.press]``.
+"""Pictures of every screen of the console: ``python -m tests.server.browser.pictures FOLDER [X.press [ZONES.json]]``.
 
-Of made-up runs; a press artefact, where one is given, is taken for theirs. Needs Chromium and Playwright.
+Of made-up runs; a press artefact, where one is given, is taken for theirs. ZONES.json: of the sample job, as
+``prooflight zones price --save`` left it for that press; without it the price that is shown is made up as well. Needs
+Chromium and Playwright.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from tests.server.zone_prices import entry, quick
 from prooflight.journal.journal import Journal
 from prooflight.pages.job import JobSource
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.plant.gate.log import GateLog, log_path
+from prooflight.plant.gate.registers import Code, Result
 from prooflight.press.artefact import Press
 from prooflight.server.access import COOKIE
 from prooflight.server.accounts.roles import Role, Scope, Who
@@ -64,7 +68,7 @@ SHOWN: Final = """async () => {
   await Promise.all([document.fonts.ready, ...seen.map((one) => one.decode().catch(() => null))]);
 }"""
 """Until fonts and pictures are there."""
-WHOLE: Final = ("report", "press", "compare", "incident", "zones")
+WHOLE: Final = ("now", "report", "press", "compare", "incident", "zones")
 SMALL_PX: Final = 1080
 """Width of the copies for the docs."""
 COLOURS: Final = 256
@@ -72,16 +76,18 @@ RARE_TOO: Final = Image.Quantize.MAXCOVERAGE
 """Colours of small areas stay what they are: they are what the picture is about."""
 
 
-def main(folder: Path, press: Path | None) -> None:
+def main(folder: Path, press: Path | None = None, zones: Path | None = None) -> None:
     """Take them all."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as made, sync_playwright() as playwright:
         journal = Path(made) / "press-2.sqlite"
         told = {} if press is None else {"press_digest": Press.load(press).digest}
         write_runs(journal, **told)
+        _gated(journal)
         going = Journal.open(str(journal))  # whoever holds it watches the press
-        settings = {} if press is None else {"presses": (press,), "jobs": (_job(Path(made)),)}
-        serving = Serving(journal, settings=settings, prices=Prices(quick))
+        settings = {} if press is None else {"presses": (press,), "jobs": (_job(Path(made), zones),)}
+        # Time stands still: however long the pictures take, a sheet came just now.
+        serving = Serving(journal, settings=settings, prices=Prices(quick), ticking=lambda: 0.0)
         serving.start()
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
         try:
@@ -94,10 +100,32 @@ def main(folder: Path, press: Path | None) -> None:
             going.close()
 
 
-def _job(folder: Path) -> Path:
-    """The sample job with zones, whose price is made up as the runs are."""
+def _gated(journal: Path) -> None:
+    """The gate of the run that goes on, ready: what passed it, and a sheet rejected without need."""
+    with Journal.open(str(journal), read_only=True) as opened, GateLog(log_path(journal, 3)) as log:
+        log.add("run", run=3, job_pages=24, settings={"policy": "reject"})
+        for state in ("joining", "aligning", "ready"):
+            log.add("state", state=state, why="")
+        for page in opened.pages(3):
+            bad = page.verdict.verdict != "good"
+            result, code = (Result.DIVERT, Code.MISPRINT) if bad else (Result.ACCEPT, Code.GOOD)
+            tag = page.sheet + 1
+            log.add(
+                "decision", tag=tag, sheet=page.sheet, came=True, result=int(result), code=int(code),
+                job_page=page.job_page, page=page.verdict.page, set=page.sheet // 24, why="", position=3100 * tag,
+            )  # fmt: skip
+            log.add("written", tag=tag, position=3100 * tag)
+            if tag < 250:
+                log.add("tray", tag=tag, tray="reject" if bad or tag == 31 else "good", session=1)
+
+
+def _job(folder: Path, priced: Path | None) -> Path:
+    """The sample job with zones; priced: those, else their price is made up as the runs are."""
     job = folder / "sample-job.pdf"
     make_sample_job(job, seed=1)
+    if priced is not None:
+        (folder / "sample-job.zones.json").write_bytes(priced.read_bytes())
+        return job
     with JobSource(path=job, dpi=72).open() as opened:
         sizes = opened.page_sizes_mm
     entries = [
@@ -174,4 +202,4 @@ def _small(picture: Image.Image) -> Image.Image:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None)
+    main(*map(Path, sys.argv[1:]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +17,7 @@ from prooflight.server.running import LOOPBACK, ConsoleServer
 from prooflight.server.settings import ConsoleSettings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from fastapi import FastAPI
@@ -37,6 +39,8 @@ class Serving:
     clock: Clock = field(default_factory=lambda: Clock(now_s=1_780_050_000.0))
     port: int = 0
     prices: Prices | None = None
+    ticking: Callable[[], float] = time.monotonic
+    """By which a press is silent that brings no sheet."""
     _server: ConsoleServer | None = None
     _thread: threading.Thread | None = None
 
@@ -62,7 +66,7 @@ class Serving:
     def start(self) -> None:
         """Serve, at the same address as before where there was one."""
         made = ConsoleSettings.of(self.journal, **self.settings)
-        app = console_app(made, clock=self.clock, passwords=QUICK, prices=self.prices)
+        app = console_app(made, clock=self.clock, ticking=self.ticking, passwords=QUICK, prices=self.prices)
         bound = socket.socket()
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((LOOPBACK, self.port))

@@ -59,6 +59,9 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
     world: World = "press",
     profile: Profile = None,
+    zones: Annotated[
+        bool, typer.Option("--zones", help="Also show zones at work, on a letter; a minute more.")
+    ] = False,
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
@@ -76,6 +79,10 @@ def demo(
     from prooflight.simulation.worlds import known_world
 
     into = known_world(world)
+    if zones and (job is not None or into != "press"):
+        what = "zones are shown on the sample job, in the press world"
+        remedy = "leave --job and --world out, or draw zones of your own: docs/how-to/zones.md"
+        raise RequestError("demo --zones", what, remedy=remedy)
     say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
     if job is None:
@@ -110,7 +117,21 @@ def demo(
     say("writing the report")
     good = next((sheet for sheet in sheets if sheet.first_kind is None), None)
     worlds = work.worlds(good) if good and into == "press" else None
-    write_report(report, entries, summary, worlds=worlds)
+    shown_zones = None
+    if zones:
+        from prooflight.cli.jobs import demo_zones
+
+        number = titles.index(demo_zones.LETTER) + 1
+        say(f"pricing two zones of page {number} by few prints, which takes about a minute")
+        shown_zones = demo_zones.zones_at_work(
+            source,
+            press,
+            demo_zones.zones_of_letter(number, sizes),
+            number=number,
+            seed=seed,
+            shown=lambda prints, total, what: _shown(prints, total, what, quiet=json),
+        )
+    write_report(report, entries, summary, worlds=worlds, zones=shown_zones)
     of_run = counts(entries)
     totals: dict[str, float] = {
         "pages": of_run.pages,

@@ -169,6 +169,35 @@ def show_run(
 
 
 @app.command()
+def pair(
+    fronts: Annotated[str, typer.Argument(metavar="FRONTS", help="Run of the fronts, or `last`.")],
+    backs: Annotated[str, typer.Argument(metavar="BACKS", help="Run of the backs, or `last`.")],
+    journal: JournalUrl = None,
+    backs_journal: Annotated[
+        str | None,
+        typer.Option("--backs-journal", metavar="URL", help="Where the backs are; default there too."),
+    ] = None,
+    pages_a_set: Annotated[
+        int | None, typer.Option(metavar="N", help="Pages, of both sides, that belong together.", min=2)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Sheets of a press with a camera a side: two runs put together; exits 1 for a misprint, 3 for a missing side."""
+    from prooflight.cli.runs import pairing
+
+    damaged = Damaged()
+    with reading(journal) as of_fronts, reading(backs_journal or journal) as of_backs:
+        one, other = (of_fronts, run_of(of_fronts, fronts)), (of_backs, run_of(of_backs, backs))
+        if one[0].path == other[0].path and one[1].id == other[1].id:
+            what = f"run {one[1].id} is given for fronts and for backs"
+            raise RequestError("run pair", what, remedy="give two runs, or --backs-journal")
+        try:
+            pairing.pair(one, other, pages_a_set=pages_a_set, damaged=damaged.add, json=json)
+        finally:
+            damaged.told()
+
+
+@app.command()
 def export(
     run: RunNumber = "last",
     journal: JournalUrl = None,

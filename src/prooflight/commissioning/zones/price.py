@@ -190,6 +190,10 @@ class ZonePrints:
             )
         return found
 
+    def page_of(self, purpose: str, index: int) -> int:
+        """Which page that print is of, without printing it."""
+        return self._number(stream(self.seed, purpose, index))
+
     def _number(self, rng: np.random.Generator) -> int:
         return self.numbers[int(rng.integers(len(self.numbers)))]
 
@@ -239,8 +243,8 @@ def price_of(
     if prints < (fewest := fewest_prints(bare, ours.ranking_rate)):
         raise RequestError("prints", f"{prints} are too few for these zones", remedy=f"give {fewest} or more")
     work = ZonePrints(job=job, press=press, zones=bare, numbers=tuple(bare.of_pages), seed=seed)
-    made = in_order(work, range(prints), processes=processes)
-    good = list(shown(made, prints, "printing good pages"))
+    pages = [work.page_of("zones-print", index) for index in range(prints)]
+    good: list[GoodPrint] = _page_by_page(work, range(prints), pages, processes, shown, "printing good pages")
     entry = _entry(good, zones, press.digest, seed=seed)
     calibrated = bare.priced(entry)
     calibration = calibrated.calibration
@@ -270,16 +274,35 @@ def price_of(
     )
 
 
+def _page_by_page(
+    work: ZonePrints,
+    asked: Sequence[Any],
+    pages: Sequence[int],
+    processes: int | None,
+    shown: Shown,
+    what: str,
+) -> list[Any]:
+    """What becomes of each print, in the order in which they are asked for.
+
+    They are made page by page: to make a page ready takes longer than to look at a print of it, and few stay ready.
+    """
+    order = sorted(range(len(asked)), key=pages.__getitem__)
+    made = in_order(work, [asked[at] for at in order], processes=processes)
+    found = dict(zip(order, shown(made, len(asked), what), strict=True))
+    return [found[at] for at in range(len(asked))]
+
+
 def fewest_prints(zones: JobZones, rate: float) -> int:
     """How many good prints can speak of what careful areas may use of a promised rate, most likely.
 
-    Of the prints that show a careful area, all but one in ``LEARNING`` must do, their tail drawn on.
+    Of the prints that show a careful area, all but one in ``LEARNING`` must do, their tail drawn on, and one less of
+    them: each is judged by the others.
     """
     pages = [{zone.kind for zone in of_page} for of_page in zones.of_pages.values()]
     share = sum("careful" in kinds for kinds in pages) / len(pages)
     if not share:
         return FEWEST_PRINTS
-    needed = 1 / (FURTHEST * MOST_OF_RATE * rate) * LEARNING / (LEARNING - 1) / share
+    needed = (1 / (FURTHEST * MOST_OF_RATE * rate) + 1) * LEARNING / (LEARNING - 1) / share
     return max(math.ceil(needed * (1.0 if share == 1 else LUCK)), FEWEST_PRINTS)
 
 
@@ -335,7 +358,8 @@ def _tried(
                     wishes.append(Wish(area=key, sort=sort.name, strength=strength))
             asked.append((index, tuple(wishes)))
             index += 1
-        for print_ in shown(in_order(work, asked, processes=processes), len(asked), "trying defects"):
+        pages = [work.page_of("zones-trial", at) for at, _ in asked]
+        for print_ in _page_by_page(work, asked, pages, processes, shown, "trying defects"):
             for one in print_:
                 found[one.wish.area, one.wish.sort].append(one)
     return found

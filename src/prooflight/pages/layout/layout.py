@@ -23,6 +23,8 @@ WHERE: Final = "layout"
 MOST_ALONG: Final = 64
 """Places along one side of a sheet."""
 MOST_DEPTH: Final = 1_000_000
+MOST_NAMED: Final = 6
+"""Sizes of sets that a message names."""
 MOST_MM: Final = 10_000.0
 EXAMPLE: Final = "write e.g. sides=2,n-up=2x1,pages-a-set=8"
 
@@ -127,7 +129,12 @@ class Layout:
         if of_set is not None and sheets % of_set and of_set % sheets:
             has, takes = _count(sheets, "sheet"), _count(of_set, "sheet")
             what = f"the {_count(pages, 'page')} of the job lie on {has}, and a set takes {takes}"
-            raise RequestError(WHERE, what, remedy="give pages-a-set whose sheets divide those of the job")
+            whole = [size for size in range(1, sheets + 1) if sheets % size == 0]
+            shown = whole if len(whole) <= MOST_NAMED else [*whole[: MOST_NAMED - 1], whole[-1]]
+            fitting = " or ".join(str(size * self.pages_a_sheet) for size in shown)
+            raise RequestError(
+                WHERE, what, remedy=f"give pages-a-set={fitting}, so that whole sets make up the job"
+            )
         return replace(self, job_pages=pages)
 
     def sides_of(self, pages: int) -> int:

@@ -132,7 +132,12 @@ class Gate:
         self._log = GateLog(None if journal is None else log_path(journal, run_id))
         sheets = {} if plan is None else {"layout": plan.facts}
         self._log.add("run", run=run_id, job_pages=job_pages, settings=asdict(settings), **sheets)
-        how: dict[str, Any] = {"log": self._log, "tell": tell, "clock": clock}
+
+        def stepped(state: State, why: str) -> None:
+            self._log.add("state", state=str(state), why=why)
+            tell(state, why)
+
+        how: dict[str, Any] = {"log": self._log, "tell": stepped, "clock": clock}
         self.talk: Exchange | CoilTalk
         if settings.plc.style == "coil":
             self.talk = coil = CoilTalk(settings, self.tracker, **how)

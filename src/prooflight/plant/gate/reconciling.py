@@ -175,6 +175,18 @@ def reconciled(
     )
 
 
+def account_of(result: Result, *, verdict: str, tray: str, came: bool, tolerated: bool) -> Account:
+    """What became of a sheet. tray: empty: nobody saw it at the gate. tolerated: see ``Reconciliation``."""
+    if not came:
+        return "did-not-come"
+    if not tray:
+        return "not-at-gate"
+    if tray == "good":
+        fit = (result is Result.ACCEPT or tolerated) and verdict != "misprint"
+        return "accepted" if fit else "wrong"
+    return "lost" if result is Result.ACCEPT else "diverted"
+
+
 # --- parts ---
 
 
@@ -277,27 +289,17 @@ def _of_sheet(
     decided = kept.decisions.get(tag)
     result = Result(decided["result"]) if decided else Result.NONE
     code = Code(decided["code"]) if decided else Code.NONE
-    tray = trays[0].tray if trays else ""
+    tray = trays[0] if trays else None
     verdict = "" if page is None else str(word)
     why = SAID.get(code, "")
     came = decided["came"] if decided else True
-    account: Account
-    if not came:
-        account, why = "did-not-come", "the page did not come"
-    elif not tray:
-        account = "not-at-gate"
-    elif tray == "good":
-        fit = result is Result.ACCEPT and (verdict != "misprint")
-        account = "accepted" if fit or (tolerated and verdict != "misprint") else "wrong"
-    elif result is Result.ACCEPT:
-        account = "lost"
+    said = tray.tray if tray else ""
+    account = account_of(result, verdict=verdict, tray=said, came=came, tolerated=tolerated)
+    if account == "did-not-come":
+        why = "the page did not come"
+    elif account == "lost" and tray:
         unsent = kept.unsent.get(tag)
-        said = trays[0].why or "the controller did not say"
-        if unsent is not None:
-            said = SAID[Code(unsent["code"])]
-        why = said
-    else:
-        account = "diverted"
+        why = SAID[Code(unsent["code"])] if unsent else tray.why or "the controller did not say"
     return Accounted(
         account=account,
         sheet=tag - 1,
@@ -307,7 +309,7 @@ def _of_sheet(
         verdict=verdict,
         in_journal=page is not None,
         decision=result.name.lower() if result else "",
-        tray=tray,
+        tray=said,
         why=why,
     )
 

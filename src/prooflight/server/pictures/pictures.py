@@ -33,7 +33,7 @@ from prooflight.server.pictures.tiles import (
     difference,
     thumbnail,
 )
-from prooflight.server.problems import not_found
+from prooflight.server.problems import Problem, not_found
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,6 +58,9 @@ A4_MM: Final = (210.0, 297.0)
 THUMBNAIL: Final = 224
 MAKING: Final = (ProoflightError, OSError, ValueError, RuntimeError, MemoryError, CancelledError)
 """In which ways the making of a page fails."""
+NOT_STARTED: Final = "no process can be started that draws pages"
+GONE: Final = "the process that draws pages ended before this was done, perhaps for want of memory"
+AGAIN: Final = "close what takes memory on this machine, and ask again"
 _NAME = re.compile(r"p([0-9]{4,7})")
 
 
@@ -159,15 +162,18 @@ class Pictures:
         self._begun(run, number)
 
     def aside(self, work: Callable[..., Made], *given: Any) -> Made:
-        """Have something done in the process that makes pictures, and wait; errors as ``work``, and ``MAKING``."""
+        """Have something done in the process that makes pictures, and wait; errors as ``work``.
+
+        ``Problem`` 503: no process can be started, or it ended before this was done.
+        """
         with self._guard:
-            doing = self._workers().submit(work, *given)
+            doing = self._submitted(work, *given)
         try:
             return doing.result()
-        except BrokenProcessPool:
+        except (BrokenProcessPool, CancelledError) as error:
             with self._guard:
                 self._pool = None
-            raise
+            raise Problem(503, "no-process", f"{GONE}; {AGAIN}") from error
 
     # --- parts ---
 
@@ -304,7 +310,11 @@ class Pictures:
                 return making
             plan = facts_plan(run.facts.settings)
             layout = None if plan is None else plan.layout
-            making = self._workers().submit(make, job, number, press, self._folder / key, layout)
+            try:
+                making = self._submitted(make, job, number, press, self._folder / key, layout)
+            except Problem as error:
+                _log.warning("page %d of %s cannot be pictured (%s)", number, job.name, error)
+                return None
             self._making[key] = making
         # Outside the guard, which it takes: where all is done already, it is called at once.
         making.add_done_callback(partial(self._made_now, key, f"page {number} of {job.name}"))
@@ -329,6 +339,18 @@ class Pictures:
         """Of a page that was pictured before."""
         found = Pyramid.read(self._folder / _key(run, number))
         return None if found is None else (found.width_mm, found.height_mm)
+
+    def _submitted(self, work: Callable[..., Made], *given: Any) -> Future[Made]:
+        """Within the guard. ``Problem`` 503: no process can be started."""
+        try:
+            try:
+                return self._workers().submit(work, *given)
+            except BrokenProcessPool:  # it was ended while nobody asked for anything
+                self._pool = None
+                return self._workers().submit(work, *given)
+        except (BrokenProcessPool, OSError) as error:
+            self._pool = None
+            raise Problem(503, "no-process", f"{NOT_STARTED}; {AGAIN}") from error
 
     def _workers(self) -> ProcessPoolExecutor:
         if self._pool is None:

@@ -93,7 +93,12 @@ def now_facts(now: Now) -> dict[str, Any]:
         "incidents": [brief_incident(told) for told in now.incidents[:MOST_INCIDENTS]],
         "to_print_again": now.to_print_again,
         "together": None if now.together is None else now.together.facts,
-        "health": _finite(health) | {"camera": now.health.camera, "inspection": now.health.inspection},
+        "health": _finite(health)
+        | {
+            "camera": now.health.camera,
+            "inspection": now.health.inspection,
+            "gate": None if now.gate is None else asdict(now.gate) | {"lamp": now.gate.lamp},
+        },
     }
 
 

@@ -19,6 +19,7 @@ import anyio
 
 from prooflight.journal.schema import JournalError
 from prooflight.server.reading import facts
+from prooflight.server.reading.gate_health import GateFollower
 from prooflight.server.reading.now import RECENT, Now, now
 from prooflight.server.reading.together import together
 
@@ -84,6 +85,7 @@ class Live:
     ) -> None:
         """ahead: told of the misprints of the run that goes on, so that their pictures are there before people are."""
         self._reading, self._incidents, self._words, self._clock = reading, incidents, words, clock
+        self._gate = GateFollower(reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
         self._row = self._state_word = -1
@@ -204,6 +206,7 @@ class Live:
             quiet_s=self._clock() - self._moved_s,
             spoilt=spoilt,
             together=counts,
+            gate=None if run is None else self._gate.of(run),
         )
         return self._say("now", facts.now_facts(self._now))
 

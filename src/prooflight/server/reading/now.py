@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
     from prooflight.inspection.sheets import Counts
     from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.server.reading.gate_health import GateHealth
     from prooflight.server.reading.incidents import Told
 
 State = Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
@@ -73,6 +74,8 @@ class Now:
     health: Health
     together: Counts | None = None
     """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
+    gate: GateHealth | None = None
+    """None: the run has no gate."""
 
     @property
     def alarm(self) -> bool:
@@ -105,6 +108,7 @@ def now(
     quiet_s: float,
     spoilt: int,
     together: Counts | None = None,
+    gate: GateHealth | None = None,
 ) -> Now:
     """Put together. incidents: of the run, all; pages: the last ones; spoilt: sheets to be printed again."""
     going = run is not None and run.state == "running"
@@ -133,6 +137,7 @@ def now(
         to_print_again=spoilt,
         health=of,
         together=together,
+        gate=gate,
     )
 
 

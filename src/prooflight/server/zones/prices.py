@@ -24,7 +24,10 @@ KEPT: Final = 16
 """Prices that stay known; the oldest go first."""
 END_S: Final = 10.0
 """For a process to end; then it is killed."""
-GONE: Final = "its process was ended from outside"
+AGAIN: Final = "close what takes memory on this machine, and ask again"
+GONE: Final = (
+    f"the process that makes the price ended before it was done, perhaps for want of memory; {AGAIN}"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +62,8 @@ class Prices:
         self._running: tuple[str, BaseProcess] | None = None
 
     def begin(self, asked: PriceRequest, **facts: str | int) -> PriceTask:
-        """Begin; what is there or under way for exactly this is given instead. ``Problem`` 409: another is under way.
+        """Begin; what is there or under way for exactly this is given instead. ``Problem`` 409: another is under way;
+        503: no process can be started.
 
         facts: of ``PriceTask``: job, job_digest, press_digest, by.
         """
@@ -83,7 +87,13 @@ class Prices:
             context = multiprocessing.get_context("spawn")
             heard, told = context.Pipe(duplex=False)
             process = context.Process(target=self._work, args=(asked, told), name="zones-price", daemon=True)
-            process.start()
+            try:
+                process.start()
+            except OSError as error:
+                heard.close()
+                told.close()
+                why = f"no process can be started for the price ({error.strerror}); {AGAIN}"
+                raise Problem(503, "no-process", why) from error
             told.close()  # of this side: where the process ends, reading ends
             self._tasks[new.id] = new
             while len(self._tasks) > KEPT:

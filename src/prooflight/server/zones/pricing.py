@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LOWEST: Final = 19
+FULL: Final = (
+    "memory ran out while the price was made; close what takes memory on this machine, and ask again"
+)
+FAULT: Final = "the price could not be made, by a fault of Prooflight itself; the console's log says which"
 Stage = Literal["starting", "prints", "defects"]
 STAGES: Final[dict[str, Stage]] = {"printing good pages": "prints", "trying defects": "defects"}
 """What ``price_of`` says of its progress, by the words of this room."""
@@ -123,9 +127,15 @@ def _priced(asked: PriceRequest, told: Connection) -> Priced | Refused:
         return Refused(why=str(error))
     except BrokenPipeError:
         raise
-    except Exception as error:
+    except MemoryError:
+        return Refused(why=FULL)
+    except OSError as error:
+        return Refused(
+            why=f"a file of the price cannot be read or written ({error.strerror}); see to it, and ask again"
+        )
+    except Exception:
         _log.exception("the price of zones of %s", asked.job.name)
-        return Refused(why=f"the price could not be made ({type(error).__name__}: {error})")
+        return Refused(why=FAULT)
     return Priced(
         entry=found.entry,
         promised=found.promised,

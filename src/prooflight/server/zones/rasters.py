@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 import os
 import threading
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
     from prooflight.server.pictures.pictures import Pictures
     from prooflight.server.zones.proposals import Proposal
+
+_log = logging.getLogger(__name__)
 
 Made = TypeVar("Made")
 
@@ -138,12 +141,18 @@ class Rasters:
         return self._folder / hashlib.sha256(named.encode()).hexdigest()[:32]
 
     def _done(self, work: Callable[..., Made], *given: Any) -> Made:
-        """In the process that makes pictures."""
+        """In the process that makes pictures; job and page are given first."""
+        job, number = given[:2]
         try:
             return self._pictures.aside(work, *given)
+        except Problem:
+            raise
+        except ProoflightError as error:
+            raise Problem(409, "unusable", str(error)) from error
         except MAKING as error:
-            what = str(error) if isinstance(error, ProoflightError) else f"it cannot be read ({error})"
-            raise Problem(409, "unusable", what) from error
+            _log.warning("page %d of %s cannot be drawn (%r)", number, job.name, error)
+            what = f"page {number} of {job.name} could not be drawn, and the console's log says why"
+            raise Problem(409, "unusable", f"{what}; see that the job opens in a viewer") from error
 
 
 def _read(folder: Path) -> Raster | None:

@@ -1,0 +1,56 @@
+"""``prooflight run pair``: sheets of a press with a camera for each side, from two runs."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from prooflight.cli import exit_codes, laid_out, show
+from prooflight.inspection.sheets import Counts, SheetVerdict
+from prooflight.line.pairing import pair_plan, paired
+
+if TYPE_CHECKING:
+    from prooflight.journal.journal import Journal
+    from prooflight.journal.reading import Damaged
+    from prooflight.journal.records import RunRow
+
+
+def pair(
+    fronts: tuple[Journal, RunRow],
+    backs: tuple[Journal, RunRow],
+    *,
+    pages_a_set: int | None,
+    damaged: Damaged,
+    json: bool,
+) -> None:
+    """Tell the sheets and sets of two runs; exits 1 if one is a misprint, 3 if one was not inspected whole."""
+    of_job = max(_pages_of(*fronts, damaged=damaged), _pages_of(*backs, damaged=damaged))
+    plan = pair_plan(fronts[1], backs[1], sheets_a_job=of_job, pages_a_set=pages_a_set)
+    rows = (journal.pages(run.id, damaged=damaged) for journal, run in (fronts, backs))
+    found = list(paired(plan, *rows))
+    counts = Counts.of(found)
+    if json:
+        facts: dict[str, list[Any]] = {"sheets": [], "sets": []}
+        for one in found:
+            for name, told in laid_out.sheet_facts(one).items():
+                facts["sheets" if name == "sheet_verdict" else "sets"].append(told)
+        show.print_json({"fronts": fronts[1].id, "backs": backs[1].id, **facts, "counts": counts.facts})
+    else:
+        laid_out.sheets_told(found, counts)
+    sheets = [one for one in found if isinstance(one, SheetVerdict)]
+    code = exit_codes.of_run(
+        misprints=sum(one.verdict == "misprint" for one in sheets),
+        complete=all(one.verdict != "not-inspected" for one in sheets),
+    )
+    if code:
+        raise typer.Exit(code)
+
+
+def _pages_of(journal: Journal, run: RunRow, *, damaged: Damaged) -> int:
+    """Pages of one copy of a run's job, by the names of those that came: a page is called by its number in the job."""
+    names = (
+        re.fullmatch(r"p(\d{4,7})", page.verdict.page) for page in journal.pages(run.id, damaged=damaged)
+    )
+    return max((int(name[1]) for name in names if name is not None), default=1)

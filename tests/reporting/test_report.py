@@ -25,6 +25,7 @@ from prooflight.reporting.report import (
     page_entry,
     write_report,
 )
+from prooflight.reporting.zones_at_work import Looked, ZonesAtWork
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
 
@@ -355,3 +356,20 @@ def test_entries_travel_between_processes_and_are_small(run: list[PageEntry]) ->
 
 def test_good_pages_carry_no_pictures_of_the_camera(run: list[PageEntry]) -> None:
     assert [entry.alarm is not None for entry in run] == [False, True, True, False, False]
+
+
+def test_zones_at_work_are_shown_with_what_each_print_came_to(tmp_path: Path, run: list[PageEntry]) -> None:
+    looked = (
+        Looked(what="a spot of 6 mm in the zone stamp", before="misprint", after="good"),
+        Looked(what="a spot of 0.5 mm in the zone address", before="good", after="misprint"),
+    )
+    zones = ZonesAtWork(
+        page="p0018", picture=b"x", looked=looked, prints=35, alarmed_before=0, alarmed_after=1, counted=23
+    )
+    write_report(tmp_path / "report.html", run, SUMMARY, zones=zones)
+    section = read(tmp_path / "report.html").one("zones")
+    assert [[cell.text for cell in row.children] for row in section.all("tr")[1:]] == [
+        [one.what, one.before, one.after] for one in looked
+    ]
+    assert "Priced by 35 good prints" in section.text
+    assert all(entry.attributes.get("id") != "zones" for entry in written(tmp_path, run))

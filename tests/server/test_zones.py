@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.server.consoles import served
-from tests.server.zone_prices import endless, priced_by, quick, real, refused, vanishing
+from tests.server.zone_prices import counting_threads, endless, priced_by, quick, real, refused, vanishing
 
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
@@ -257,7 +257,8 @@ def test_a_price_is_cancelled_and_one_is_made_at_a_time(desk: Callable[..., Serv
 
 
 @pytest.mark.parametrize(
-    ("work", "why"), [(refused, "12 are too few"), (vanishing, "ended before it was done")]
+    ("work", "why"),
+    [(refused, "12 are too few"), (vanishing, "ended before it was done"), (counting_threads, "1 at once")],
 )
 def test_why_there_is_no_price_is_told(desk: Callable[..., Served], work: Any, why: str) -> None:
     with closing(desk(work)) as console:

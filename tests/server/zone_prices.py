@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from tests.server.consoles import served
+from threadpoolctl import threadpool_info
 
 from prooflight.pages.zones.zones_file import PriceEntry
 from prooflight.server.app import console_app
@@ -65,6 +66,17 @@ def quick(asked: PriceRequest, told: Connection) -> None:
 def real(asked: PriceRequest, told: Connection) -> None:
     """As it is, but that it takes its share of a machine that also tests: in idle time alone it may never end."""
     pricing.yield_to_all = lambda: None
+    pricing.price_aside(asked, told)
+
+
+def counting_threads(asked: PriceRequest, told: Connection) -> None:
+    """Refuses, and says by how many threads linear algebra would have been done."""
+
+    def refuse(*_: object) -> Refused:
+        return Refused(why=f"{max(one['num_threads'] for one in threadpool_info())} at once")
+
+    pricing.yield_to_all = lambda: None
+    pricing._priced = refuse
     pricing.price_aside(asked, told)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.commissioning.zones.price import price_of
 from prooflight.errors import ProoflightError
+from prooflight.pages.process import settle_process
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 
@@ -84,6 +85,7 @@ def price_aside(asked: PriceRequest, told: Connection) -> None:
     """Called in a process of its own: sends ``Progress``, then ``Priced`` or ``Refused``; ends where nobody listens."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
     yield_to_all()
+    settle_process()
     try:
         with contextlib.suppress(BrokenPipeError):
             told.send(_priced(asked, told))

@@ -12,6 +12,7 @@ from prooflight.kernels.registration.measuring import SUMS, render_tile, solved
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration import landmarks as landmarks_module
+from prooflight.registration import register as register_module
 from prooflight.registration import search
 from prooflight.registration.field import Basis, Waves, fitted
 from prooflight.registration.landmarks import TILE_PIXELS
@@ -378,3 +379,24 @@ def test_planes_are_told_apart_by_their_shares_of_tiles() -> None:
     kept = printed_shares(shares, tile_moves)
     assert kept[..., 0] == pytest.approx(1)
     assert (kept[..., 3] == 0).all()
+
+
+def test_tiles_that_seem_to_lie_beyond_a_step_do_not_stretch_the_page(
+    page: Page, press: Press, landmarks: Landmarks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As those on a strip of bare paper beside a dark page, which look like the design some pixels away."""
+    truth = Placement(shift_mm=(0.2, -0.1))
+    at_left = landmarks.basis.points_mm[:, 0] < landmarks.basis.points_mm[:, 0].min() + 2
+
+    def with_strip(
+        known: Landmarks, scan: object, tiles: NDArray[np.intp], *args: object, **how: object
+    ) -> object:
+        found = measured(known, scan, tiles, *args, **how)  # type: ignore[arg-type]
+        return replace(found, moves=found.moves + np.where(at_left[tiles], 4.0, 0.0)[:, None] * [1.0, 0.0])
+
+    monkeypatch.setattr(register_module, "measured", with_strip)
+    found = register(landmarks, scan_of(page, press, truth))
+    assert at_left.sum() > 3
+    assert found.found
+    assert np.abs(found.placement.stretch_percent).max() < 0.03
+    assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1

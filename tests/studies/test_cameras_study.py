@@ -84,6 +84,13 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
             "prints_good": 3,
             "score_change_median": 0.02,
             "score_change_95": 0.5,
+            "without": {
+                "alarms": [
+                    {"job_page": 2, "score": 3.1, "threshold": 1.9, "family": "swap", "reason": "dark"}
+                ],
+                "share": {"value": 1 / 3, "low": 0.008, "high": 0.906},
+                "promised": 0.01,
+            },
             "alarms": [
                 {
                     "sheet": 5,
@@ -156,6 +163,9 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
         "viva: not measured, it is not installed.",
         "| losses named on exactly their lines | 12 of 12 |",
         "| 5 | 1.5, 2.5, 1.9 | streak at x = 12 mm |",
+        "1 of 3 prints alarm, 33.3 % (0.8 to 90.6 % by the count, at 95 %)",
+        "promises 1 %: chance may make as many of the promise.",
+        "| 2 | 3.1, 1.9 | `swap` | dark |",
         "| bayes | press | 2 of 2 | 8 | 0 | 3 | 1 | 0 | 0 | 1.000, - |",
         "| hung | 1 | 1.5 to 1.5 | 0.2 to 0.2 | 3 to 3 | 9 to 9 |",
         "| aravis | 34 | 33.9 | 8,300 | 0 | 0 | 4.00 | 13 % |",

@@ -177,6 +177,10 @@ def _fielded(
     landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose, reason: str
 ) -> Registration:
     pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
+
+    def told(tiles: NDArray[np.intp], places: NDArray[np.float64], unsure_pixels: float) -> TileMoves:
+        return measure(tiles, places, unsure_pixels=unsure_pixels).within_reach()
+
     every = np.arange(landmarks.lines.size)
 
     def fit(
@@ -191,15 +195,15 @@ def _fielded(
 
     some = spread(every.size, FIELD_TILES)
     start = landmarks.moves(pose, some)
-    tile_moves = measure(some, start, unsure_pixels=UNSURE_PIXELS[0])
+    tile_moves = told(some, start, UNSURE_PIXELS[0])
     _, pose, now = fit(some, tile_moves, (start + tile_moves.moves) * pitch, negligible=ROUGH)
-    tile_moves = measure(every, now / pitch, unsure_pixels=UNSURE_PIXELS[1])
+    tile_moves = told(every, now / pitch, UNSURE_PIXELS[1])
     shares = printed_shares(landmarks.shares, tile_moves)
     places = now + tile_moves.moves * pitch
     _, pose, better = fit(every, tile_moves, places, negligible=ROUGH)
     again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & tile_moves.seen)
     if again.size:
-        more = measure(again, better[again] / pitch, unsure_pixels=UNSURE_PIXELS[2])
+        more = told(again, better[again] / pitch, UNSURE_PIXELS[2])
         tile_moves.put(again, more)
         places[again] = better[again] + more.moves * pitch
     weight = trust(places - better, tile_moves.precision / np.outer(pitch, pitch))

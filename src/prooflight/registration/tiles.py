@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 HALFTONE: Final = 0.07
 """Contrast of halftones as the camera sees them (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
+MOST_MOVE_PIXELS: Final = 3.0
+"""Further than that one linear step does not tell where a tile lies. assumed: an edge is blurred over two pixels, and
+planes and warp of good prints move tiles by one."""
 STEP_SHARE: Final = 0.25
 """What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
 
@@ -68,6 +71,13 @@ class TileMoves:
     """(n,) contrast, 1 for the design's."""
     gain_sd: NDArray[np.float64]
     """(n,) how well that is known."""
+
+    def within_reach(self) -> TileMoves:
+        """The same with no precision where a tile seems to lie further off than one step tells: strips of bare paper
+        along the edge of a dark page look like that.
+        """
+        near = np.abs(self.moves).max(axis=1) <= MOST_MOVE_PIXELS
+        return replace(self, precision=self.precision * near[:, None, None])
 
     def put(self, at: NDArray[np.intp], other: TileMoves) -> None:
         """Write ``other`` in place of the tiles at these places."""

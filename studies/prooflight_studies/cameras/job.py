@@ -58,6 +58,11 @@ def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[
 
 def from_file(rig: Rig, sheets: int, *watch: object) -> list[tuple[Any, ...]]:
     """Verdicts on so many sheets, the prints over and over."""
+    return [verdict(row) for row in told_from_file(rig, sheets, *watch)]
+
+
+def told_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
+    """All that is told of these."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "lines.raw")
         with path.open("wb") as file:
@@ -65,7 +70,7 @@ def from_file(rig: Rig, sheets: int, *watch: object) -> list[tuple[Any, ...]]:
                 first = sheet % rig.prints * rig.trigger
                 file.write(rig.lines[first : first + rig.trigger].astype("<u2").tobytes())
         process = rig.watch("--source", f"raw:{path}", "--sheets", sheets, *watch)
-        return [verdict(row) for row in _rows(process, sheets)]
+        return _rows(process, sheets)
 
 
 def _row(rig: Rig, camera: str, sheets: int, wanted: list[tuple[Any, ...]]) -> dict[str, Any]:

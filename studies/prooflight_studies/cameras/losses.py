@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.weighted_conformal import exact_interval
+from prooflight.press.artefact import Press
 from prooflight.rng import stream
 from prooflight.scans.cameras.camera import Grab
 from prooflight.scans.cameras.counting import PERIOD, LineCounter
 from prooflight.scans.raw import write_block
-from prooflight_studies.cameras.job import from_file
+from prooflight_studies.cameras.job import told_from_file
 from prooflight_studies.cameras.rig import PIXELS, told, verdict
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ FIRST_TRIGGERS: Final = 60_000
 
 
 ALARM: Final = ("sheet", "job_page", "kind", "family", "score", "threshold", "p_value", "reason")
-"""What is kept of a sheet that is a misprint with its losses and is none without."""
+"""What is kept of a good print that is called a misprint."""
 
 
 @dataclass(slots=True)
@@ -53,7 +55,8 @@ def loss_figures(
 ) -> dict[str, Any]:
     """Inject, count, judge, and compare with the same sheets as they were."""
     progress("sheets without a loss")
-    usual = from_file(rig, rig.prints)
+    whole = told_from_file(rig, rig.prints)
+    usual = [verdict(row) for row in whole]
     progress(f"{losses} losses on {sheets} sheets")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "lost.raw")
@@ -79,6 +82,7 @@ def loss_figures(
         "prints": rig.prints,
         "prints_good": sum(row[1] == "good" for row in usual),
         "alarms": alarms,
+        "without": _without(rig, whole),
         "skipped": [
             {name: row[name] for name in ("sheet", "first_line", "job_page", "reason")}
             for row in came
@@ -96,6 +100,16 @@ def loss_figures(
         "misprints_before": sum(b[1] == "misprint" for _, b in pairs),
         "misprints_kept": sum(a[1] == "misprint" and b[1] == "misprint" for a, b in pairs),
     }
+
+
+def _without(rig: Rig, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Prints that alarm though nothing of them is lost, and how many the press promises."""
+    ours = Press.load(rig.press).ours
+    assert ours is not None
+    alarms = [{name: row[name] for name in ALARM} for row in rows if row["verdict"] == "misprint"]
+    low, high = exact_interval(len(alarms), len(rows))
+    share = {"value": len(alarms) / len(rows), "low": low, "high": high}
+    return {"alarms": alarms, "share": share, "promised": ours.promise.rate}
 
 
 def count_losses(

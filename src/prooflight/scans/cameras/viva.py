@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.chunk_places import chunk_places
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import chunk, gone, not_taken, settable, temperature_c
+from prooflight.scans.cameras.setting_up import CHUNKS, chunk, gone, not_taken, settable, temperature_c
 from prooflight.scans.lines import runs
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.scans.cameras.camera import FeatureKind
+    from prooflight.scans.cameras.chunk_places import ChunkPlace
 
 FIND_MS: Final = 800
 """How long cameras may take to answer: GigE Vision asks for 500 ms at most, and the way takes some."""
@@ -89,6 +91,8 @@ class VivaCamera:
         self._lost = viva_genicam.ControlState.LOST
         self._stream: Any = None
         self._packet_bytes = 0
+        self._chunk_places: dict[str, ChunkPlace] = {}
+        self._reckoned: set[str] = set()
         self._taken, self._closed = False, threading.Event()
         try:
             self._camera = viva_genicam.connect_gige(answer)
@@ -125,6 +129,9 @@ class VivaCamera:
         try:
             packet = self.feature("GevSCPSPacketSize")
             self._packet_bytes = int(packet.value) - OVERHEAD if packet and packet.value else 0
+            known = {name for names in CHUNKS.values() for name in names}.intersection(self._camera.nodes())
+            self._chunk_places = chunk_places(self._camera.xml, known)
+            self._reckoned = known.difference(self._chunk_places)
             self._stream = self._camera.stream(deliver_incomplete=True)
             self._stream.__enter__()
         except self._error as error:
@@ -209,11 +216,19 @@ class VivaCamera:
         )
 
     def _chunks(self, frame: Any) -> dict[str, int]:
-        """Whole numbers that the camera sent with a block."""
-        found = {}
-        for name, value in self._camera.chunk_features(frame).items():
-            with contextlib.suppress(TypeError, ValueError):
-                found[name] = int(value)
+        """Whole numbers that the camera sent with a block.
+
+        The library would wait for what else is being asked of the camera, so only those are left to it that the camera
+        reckons from others.
+        """
+        held = frame.chunks
+        told = {name: place.read(held) for name, place in self._chunk_places.items()}
+        found = {name: value for name, value in told.items() if value is not None}
+        if self._reckoned:
+            for name, value in self._camera.chunk_features(frame).items():
+                if name in self._reckoned:
+                    with contextlib.suppress(TypeError, ValueError):
+                        found[name] = int(value)
         return found
 
 

@@ -52,7 +52,7 @@ class ChunkPlace:
             return None
 
 
-_ORDER: Final = "".join(("Endian", "ess"))  # the standard spells it so
+_ORDER: Final = "Endianess"  # codespell:ignore endianess
 
 
 def chunk_places(description: str, names: Iterable[str]) -> dict[str, ChunkPlace]:

@@ -169,13 +169,16 @@ def test_the_gate_s_log_is_read_as_it_was_written_and_a_torn_end_is_left_out(tmp
     with GateLog(path) as log:
         log.add("run", run=1, job_pages=4, settings=SETTINGS)
         log.add("session", session=5)
-        log.add("written", tag=3, ms=1.5)
+        log.add("written", tag=3, position=40, ms=1.5)
     path.write_text(path.read_text() + '{"kind": "tray", "ta')
     found = KeptDecisions.read(path)
     assert found.sessions == [5]
     assert found.written[3]["ms"] == 1.5
     path.write_text(json.dumps({"kind": "written"}) + "\n")
     with pytest.raises(PlantError, match="a line lacks 'tag'"):
+        KeptDecisions.read(path)
+    path.write_text(json.dumps({"kind": "decision", "tag": 1, "came": True, "result": 1, "code": 1}) + "\n")
+    with pytest.raises(PlantError, match="a line lacks 'job_page'"):
         KeptDecisions.read(path)
     path.write_text("nonsense\n{}\n")
     with pytest.raises(PlantError, match="line 1 is no JSON"):

@@ -126,14 +126,14 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     return table
 
 
-def judged(verdicts: Sequence[Verdict], *, title: str) -> None:
-    """All verdicts in a table, and how many."""
+def judged(verdicts: Sequence[Verdict], *, title: str, each: str = "page") -> None:
+    """All verdicts in a table, and how many. each: what one is of."""
     alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
     unseen = sum(verdict.verdict == "not-inspected" for verdict in verdicts)
     people.print(verdict_table(verdicts, title=title))
     if any(verdict.widened > 1 for verdict in verdicts):
         people.print(WIDER)
-    parts = [count(len(verdicts), "page"), count(alarms, "misprint")]
+    parts = [count(len(verdicts), each), count(alarms, "misprint")]
     people.print(", ".join(parts + ([f"{unseen:,} not inspected"] if unseen else [])))
 
 

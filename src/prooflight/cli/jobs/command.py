@@ -309,7 +309,8 @@ def inspect(
     else:
         done = _reported(work, pairs, report, promise, job=name, plan=plan, json=json)
     if not json:
-        show.judged(done.verdicts, title=f"{name} on press {loaded.name}")
+        each = "page" if plan is None else "side"
+        show.judged(done.verdicts, title=f"{name} on press {loaded.name}", each=each)
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
     if plan is not None:

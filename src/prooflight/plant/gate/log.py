@@ -100,6 +100,15 @@ def rows_of(path: Path) -> Iterator[dict[str, Any]]:
         yield row
 
 
+NEEDED: Final = {
+    "decision": ("tag", "came", "result", "code", "job_page", "page", "set"),
+    "written": ("tag", "position"),
+    "unsent": ("tag", "code"),
+    "tray": ("tag", "tray", "session"),
+}
+"""What a line of each kind must say for sheets to be accounted for."""
+
+
 @dataclass(slots=True)
 class KeptDecisions:
     """A run's gate as its log tells it."""
@@ -126,6 +135,9 @@ class KeptDecisions:
         return kept
 
     def _add(self, row: dict[str, Any]) -> None:
+        lacking = [name for name in NEEDED.get(row["kind"], ()) if name not in row]
+        if lacking:
+            raise KeyError(lacking[0])
         match row["kind"]:
             case "run":
                 self.began = row

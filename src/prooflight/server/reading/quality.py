@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from scipy.stats import binom
+from scipy import special
 
 from prooflight.server.reading.report import looked_at, report
 
@@ -62,7 +62,7 @@ class Promise:
         return "waiting" if self._chance(self.confirmed + self.unanswered) < RARE else "kept"
 
     def _chance(self, alarms: int) -> float:
-        return float(binom.sf(alarms - 1, max(self.good, alarms), self.rate)) if alarms else 1.0
+        return float(special.bdtrc(alarms - 1, max(self.good, alarms), self.rate)) if alarms else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

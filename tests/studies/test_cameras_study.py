@@ -142,6 +142,18 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
             "line_hz": 1000.0,
             "sheets_per_s": 2.2,
         },
+        "away": {
+            "minutes": 60.0,
+            "noticed_after_s": 1.5,
+            "back_after_s": 0.5,
+            "first_mb": 700.0,
+            "last_mb": 701.0,
+            "most_mb": 702.0,
+            "mb_an_hour": 0.25,
+            "sheets": 20,
+            "not_inspected": 1,
+            "as_usual": 19,
+        },
         "step": step_figures(sheets=5, seed=1, progress=lambda _step: None),
         "speed": [
             row(
@@ -168,6 +180,7 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
         "| 2 | 3.1, 1.9 | `swap` | dark |",
         "| bayes | press | 2 of 2 | 8 | 0 | 3 | 1 | 0 | 0 | 1.000, - |",
         "| hung | 1 | 1.5 to 1.5 | 0.2 to 0.2 | 3 to 3 | 9 to 9 |",
+        "700 MB of memory when the absence begins and 701 MB at its end, 702 MB at most: +0.25 MB an hour.",
         "| aravis | 34 | 33.9 | 8,300 | 0 | 0 | 4.00 | 13 % |",
     ):
         assert words in text

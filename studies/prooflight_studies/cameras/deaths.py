@@ -67,18 +67,18 @@ def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> 
             *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
         )
         said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
-        reader = threading.Thread(target=_read, args=(process, said), daemon=True)
+        reader = threading.Thread(target=read, args=(process, said), daemon=True)
         encoder = threading.Thread(target=turning.run, daemon=True)
         reader.start()
         sheets: list[dict[str, Any]] = []
-        _until(said, sheets, sheets_more=BETWEEN_SHEETS)
+        until(said, sheets, sheets_more=BETWEEN_SHEETS)
         turning.begun_s, turning.peer = time.monotonic(), peer
         encoder.start()
         for number in range(deaths):
             kind = KINDS[number % len(KINDS)]
             progress(f"death {number + 1} of {deaths}: {kind}")
             rows.append(_death(kind, peer, turning, said, sheets))
-            _until(said, sheets, sheets_more=BETWEEN_SHEETS)
+            until(said, sheets, sheets_more=BETWEEN_SHEETS)
         turning.ended.set()
         encoder.join()
         process.send_signal(signal.SIGINT)
@@ -120,7 +120,7 @@ def _death(
             peer.freeze()
         else:
             peer.told("lost", 1.0)
-    noticed_s, text = _until(said, sheets, notice="camera-away")
+    noticed_s, text = until(said, sheets, notice="camera-away")
     time.sleep(AWAY_S)
     with turning.guard:
         if kind == "unplugged":
@@ -133,8 +133,8 @@ def _death(
         peer.told("encoder", turning.line())
         turning.peer = peer
     returned_s = time.monotonic()
-    back_s, _ = _until(said, sheets, notice="camera-back")
-    _until(said, sheets, sheets_more=1)
+    back_s, _ = until(said, sheets, notice="camera-back")
+    until(said, sheets, sheets_more=1)
     own = sheets[before:]
     return {
         "kind": kind,
@@ -146,12 +146,13 @@ def _death(
     }
 
 
-def _read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
+def read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
+    """Put what a run tells into a queue, with when it was told."""
     while (row := told(process)) is not None:
         said.put((time.monotonic(), row))
 
 
-def _until(
+def until(
     said: queue.Queue[tuple[float, dict[str, Any]]],
     sheets: list[dict[str, Any]],
     *,

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.files.atomic import whole_file
+from prooflight_studies.cameras.away import away_figures
 from prooflight_studies.cameras.deaths import death_figures, taken_figures
 from prooflight_studies.cameras.job import job_rows
 from prooflight_studies.cameras.losses import loss_figures
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from prooflight_studies.cameras.rig import Rig
 
-PARTS: Final = ("job", "losses", "unseen", "deaths", "step", "speed")
+PARTS: Final = ("job", "losses", "unseen", "deaths", "away", "step", "speed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +45,7 @@ class Plan:
     unseen_prints: int
     deaths: int
     taken: int
+    away_minutes: float
     step_sheets: int
     rates_mb_s: tuple[float, ...]
     seconds: float
@@ -63,13 +65,14 @@ class Plan:
                 unseen_prints=2,
                 deaths=1,
                 taken=1,
+                away_minutes=0.2,
                 step_sheets=12,
                 rates_mb_s=(8.0,),
                 seconds=1.0,
             )
         return cls(
             designs=48, prints=10, sheets=200, losses=1000, loss_sheets=500, loss_prints=100, unseen_prints=24,
-            deaths=20, taken=3, step_sheets=2000, rates_mb_s=RATES_MB_S, seconds=12.0,
+            deaths=20, taken=3, away_minutes=60.0, step_sheets=2000, rates_mb_s=RATES_MB_S, seconds=12.0,
         )  # fmt: skip
 
 
@@ -117,6 +120,9 @@ class Study:
     def _deaths(self) -> dict[str, Any]:
         found = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
         return found | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
+
+    def _away(self) -> dict[str, Any]:
+        return away_figures(self._rig(), minutes=self.plan.away_minutes, progress=self.progress)
 
     def _step(self) -> dict[str, Any]:
         return step_figures(sheets=self.plan.step_sheets, seed=self.seed, progress=self.progress)

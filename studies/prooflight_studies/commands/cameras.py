@@ -14,7 +14,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 def cameras(
     part: Annotated[
-        list[str] | None, typer.Option(help="job, losses, unseen, deaths, step, speed; default all.")
+        list[str] | None, typer.Option(help="job, losses, unseen, deaths, away, step, speed; default all.")
     ] = None,
     press: Annotated[
         Path | None,

@@ -1,0 +1,78 @@
+"""A camera that is unplugged for long while a job is watched: what the run takes of memory, and how it goes on."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight_studies.cameras.deaths import BETWEEN_SHEETS, LINE_HZ, Turning, read, until
+from prooflight_studies.cameras.job import from_file
+from prooflight_studies.cameras.peer import ID, plugged_in
+from prooflight_studies.console.serving import megabytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight_studies.cameras.rig import Rig
+
+SHEETS_BEFORE: Final = 40
+"""For the run to have all the memory that it takes while its camera sends."""
+SHEETS_AFTER: Final = 20
+SAMPLES: Final = 60
+"""Of memory, while the camera is away."""
+
+
+def away_figures(rig: Rig, *, minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
+    """One absence of so many minutes, while the press, and so its encoder, stands."""
+    usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
+    turning = Turning()
+    with plugged_in(rig.played) as (peer,):
+        process = rig.watch(
+            *("--source", f"camera:{ID}", "--sheets", 100_000),
+            *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
+        )
+        said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
+        threading.Thread(target=read, args=(process, said), daemon=True).start()
+        sheets: list[dict[str, Any]] = []
+        progress("a run before its camera is unplugged")
+        until(said, sheets, sheets_more=SHEETS_BEFORE)
+        peer.unplug()
+        begun_s, line = time.monotonic(), turning.line()
+        noticed_s, _ = until(said, sheets, notice="camera-away")
+        samples = []
+        for number in range(SAMPLES):
+            progress(f"unplugged: {minutes * (1 - number / SAMPLES):.0f} minutes left")
+            time.sleep(60 * minutes / SAMPLES)
+            samples.append(megabytes(process.pid))
+        peer.plug_in()
+        peer.told("at", line)
+        peer.told("encoder", line)
+        returned_s = time.monotonic()
+        back_s, _ = until(said, sheets, notice="camera-back")
+        before = len(sheets)
+        until(said, sheets, sheets_more=SHEETS_AFTER)
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+    after = sheets[before:]
+    known = [one for one in samples if one is not None]
+    at = np.arange(len(known)) * minutes / SAMPLES / 60
+    return {
+        "minutes": minutes,
+        "noticed_after_s": noticed_s - begun_s,
+        "back_after_s": back_s - returned_s,
+        "first_mb": known[0] if known else None,
+        "last_mb": known[-1] if known else None,
+        "most_mb": max(known, default=None),
+        "mb_an_hour": float(np.polyfit(at, known, 1)[0]) if len(known) > 1 else None,
+        "sheets": len(after),
+        "not_inspected": sum(row["verdict"] == "not-inspected" for row in after[:BETWEEN_SHEETS]),
+        "as_usual": sum(
+            row["job_page"] is not None and row["verdict"] == usual[row["job_page"] % rig.prints]
+            for row in after
+        ),
+    }

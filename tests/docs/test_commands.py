@@ -44,6 +44,7 @@ PAGES = sorted([*(DOCS / "tutorial").glob("*.md"), *(DOCS / "how-to").glob("*.md
 PRESETS = "src/prooflight/press/presets"
 BLACK_40 = PressFile.prototype().text.replace("black_level_dn = 0", "black_level_dn = 40")
 
+BEFORE_LINES: Final = 1024
 NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "first-inspection": (f"small {PRESETS}", "prooflight-demo/sample-job.pdf"),
     "press-file": (f"small {PRESETS}",),
@@ -204,7 +205,9 @@ def plugged_in(request: pytest.FixtureRequest, user: Callable[[str], Path], tmp_
         pages = [press.geometry.lay(page) for page in rasters(job)]
     scenes = Scenes.of(truth, press, {"ruler": ruler}, reference_us=2000.0)
     prints = [predict(one, sensors=press.sensors, geometry=press.geometry).expected_dn for one in pages]
-    scenes.images["job"] = np.concatenate(prints, axis=1)
+    # However long a command takes to read the first blocks of a job, they show what lies before its first sheet.
+    before = np.repeat(prints[0][:, :1], BEFORE_LINES, axis=1)
+    scenes.images["job"] = np.concatenate([before, *prints], axis=1)
     with scene_camera(scenes, tmp_path / "my.set-up.json"):
         yield
 

@@ -146,7 +146,7 @@ class ZonePrints:
     def good(self, index: int) -> GoodPrint:
         """One good print, looked at without zones and with them."""
         rng = stream(self.seed, "zones-print", index)
-        page, bare, zoned = self.ready(self._number(rng))
+        page, bare, zoned = self.ready(self.page_of(rng))
         scan = self.printed(page, rng)
         inspection = zoned.inspect(scan)
         after = zoned.whole_score(inspection)
@@ -160,7 +160,7 @@ class ZonePrints:
         The zones are calibrated. A defect in an area that this print's page does not have is left out.
         """
         rng = stream(self.seed, "zones-trial", index)
-        page, bare, zoned = self.ready(self._number(rng))
+        page, bare, zoned = self.ready(self.page_of(rng))
         scan = self.printed(page, rng)
         zones = self.zones.page(page)
         shift = zoned.inspect(scan).verdict.shift_mm or (0.0, 0.0)
@@ -190,11 +190,8 @@ class ZonePrints:
             )
         return found
 
-    def page_of(self, purpose: str, index: int) -> int:
-        """Which page that print is of, without printing it."""
-        return self._number(stream(self.seed, purpose, index))
-
-    def _number(self, rng: np.random.Generator) -> int:
+    def page_of(self, rng: np.random.Generator) -> int:
+        """Which page a print is of, by the first that its stream draws."""
         return self.numbers[int(rng.integers(len(self.numbers)))]
 
     def printed(self, page: Page, rng: np.random.Generator) -> Scan:
@@ -243,7 +240,7 @@ def price_of(
     if prints < (fewest := fewest_prints(bare, ours.ranking_rate)):
         raise RequestError("prints", f"{prints} are too few for these zones", remedy=f"give {fewest} or more")
     work = ZonePrints(job=job, press=press, zones=bare, numbers=tuple(bare.of_pages), seed=seed)
-    pages = [work.page_of("zones-print", index) for index in range(prints)]
+    pages = [work.page_of(stream(work.seed, "zones-print", index)) for index in range(prints)]
     good: list[GoodPrint] = _page_by_page(work, range(prints), pages, processes, shown, "printing good pages")
     entry = _entry(good, zones, press.digest, seed=seed)
     calibrated = bare.priced(entry)
@@ -358,7 +355,7 @@ def _tried(
                     wishes.append(Wish(area=key, sort=sort.name, strength=strength))
             asked.append((index, tuple(wishes)))
             index += 1
-        pages = [work.page_of("zones-trial", at) for at, _ in asked]
+        pages = [work.page_of(stream(work.seed, "zones-trial", at)) for at, _ in asked]
         for print_ in _page_by_page(work, asked, pages, processes, shown, "trying defects"):
             for one in print_:
                 found[one.wish.area, one.wish.sort].append(one)

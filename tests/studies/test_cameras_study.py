@@ -56,6 +56,7 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
                 faults=0,
                 sheets=6,
                 same_verdicts=6,
+                same_scores=5,
                 good=5,
                 misprints=1,
                 lines_hz=8000.0,
@@ -171,7 +172,7 @@ def test_the_page_says_what_every_part_found_and_leaves_out_what_was_not_measure
     assert set(known) == set(PARTS)
     text = page_text({"study": "cameras", **plain(cameras_results(known, seed=1, plan=plan))})
     for words in (
-        "| aravis | 9,000 | 0 | 0 | 6 | 6 | 5 | 1 |",
+        "| aravis | 9,000 | 0 | 0 | 6 | 6 | 5 | 5 | 1 |",
         "viva: not measured, it is not installed.",
         "| losses named on exactly their lines | 12 of 12 |",
         "| 5 | 1.5, 2.5, 1.9 | streak at x = 12 mm |",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight_studies.cameras.deaths import BETWEEN_SHEETS, LINE_HZ, Turning, read, until
+from prooflight_studies.cameras.deaths import LINE_HZ, Turning, read, until
 from prooflight_studies.cameras.job import from_file
 from prooflight_studies.cameras.peer import ID, plugged_in
 from prooflight_studies.console.serving import megabytes
@@ -70,7 +70,7 @@ def away_figures(rig: Rig, *, minutes: float, progress: Callable[[str], None]) -
         "most_mb": max(known, default=None),
         "mb_an_hour": float(np.polyfit(at, known, 1)[0]) if len(known) > 1 else None,
         "sheets": len(after),
-        "not_inspected": sum(row["verdict"] == "not-inspected" for row in after[:BETWEEN_SHEETS]),
+        "not_inspected": sum(row["verdict"] == "not-inspected" for row in after),
         "as_usual": sum(
             row["job_page"] is not None and row["verdict"] == usual[row["job_page"] % rig.prints]
             for row in after

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import queue
 import signal
-import threading
 import time
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight_studies.cameras.deaths import LINE_HZ, Turning, read, until
+from prooflight_studies.cameras.deaths import Turning, until, watched
 from prooflight_studies.cameras.job import from_file
-from prooflight_studies.cameras.peer import ID, plugged_in
+from prooflight_studies.cameras.peer import plugged_in
 from prooflight_studies.console.serving import megabytes
 
 if TYPE_CHECKING:
@@ -32,12 +30,7 @@ def away_figures(rig: Rig, *, minutes: float, progress: Callable[[str], None]) -
     usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
     turning = Turning()
     with plugged_in(rig.played) as (peer,):
-        process = rig.watch(
-            *("--source", f"camera:{ID}", "--sheets", 100_000),
-            *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
-        )
-        said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
-        threading.Thread(target=read, args=(process, said), daemon=True).start()
+        process, said = watched(rig)
         sheets: list[dict[str, Any]] = []
         progress("a run before its camera is unplugged")
         until(said, sheets, sheets_more=SHEETS_BEFORE)

@@ -62,14 +62,8 @@ def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> 
     rows: list[dict[str, Any]] = []
     turning = Turning()
     with plugged_in(rig.played) as (peer,):
-        process = rig.watch(
-            *("--source", f"camera:{ID}", "--sheets", 100_000),
-            *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
-        )
-        said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
-        reader = threading.Thread(target=read, args=(process, said), daemon=True)
+        process, said = watched(rig)
         encoder = threading.Thread(target=turning.run, daemon=True)
-        reader.start()
         sheets: list[dict[str, Any]] = []
         until(said, sheets, sheets_more=BETWEEN_SHEETS)
         turning.begun_s, turning.peer = time.monotonic(), peer
@@ -146,8 +140,18 @@ def _death(
     }
 
 
-def read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
-    """Put what a run tells into a queue, with when it was told."""
+def watched(rig: Rig) -> tuple[subprocess.Popen[str], queue.Queue[tuple[float, dict[str, Any]]]]:
+    """A run whose camera waits for its encoder, and what it tells, with when it was told."""
+    process = rig.watch(
+        *("--source", f"camera:{ID}", "--sheets", 100_000),
+        *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
+    )
+    said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
+    threading.Thread(target=_read, args=(process, said), daemon=True).start()
+    return process, said
+
+
+def _read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
     while (row := told(process)) is not None:
         said.put((time.monotonic(), row))
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.zones.defects import Area, areas_of
+from prooflight.commissioning.zones.defects import Area, areas_of, with_defect
+from prooflight.pages.raster import Page
 from prooflight.pages.zones.zone import PageZones
 from prooflight.pages.zones.zones_file import JobZones
+from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.zones.defects import printed_with
@@ -29,7 +31,9 @@ from prooflight_studies.zones.study import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.pages.raster import Page
+    from numpy.typing import NDArray
+
+    from prooflight.press.artefact import Press
 
 
 @pytest.fixture
@@ -46,14 +50,16 @@ def test_zones_lie_apart_and_on_the_page(zones: PageZones) -> None:
 
 
 @pytest.mark.parametrize("sort", ["spot", "streak", "density"])
-def test_a_printed_defect_changes_its_area_by_so_much(sort: str, make_page: Callable[..., Page]) -> None:
+def test_a_printed_defect_changes_its_area_by_so_much(
+    sort: str, make_page: Callable[..., Page], press: Press
+) -> None:
     page = make_page(3)
     area = Area(
         name="a",
         kind="careful",
         holds=lambda x, y: (y[:, None] > 20) & (y[:, None] < 30) & (x > 5) & (x < 15),
     )
-    spoilt = printed_with(page, sort, STRONG[sort], area, rng=np.random.default_rng(2))
+    spoilt = printed_with(page, sort, STRONG[sort], area, sensors=press.sensors, rng=np.random.default_rng(2))
     assert spoilt is not None
     changed = np.argwhere((spoilt.cmyk != page.cmyk).any(axis=2)) * page.pixel_mm
     assert changed[:, 0].min() > 20 - STRONG["spot"]
@@ -64,6 +70,40 @@ def test_a_printed_defect_changes_its_area_by_so_much(sort: str, make_page: Call
         )
         left = spoilt.cmyk[rows, columns].sum(dtype=float) / page.cmyk[rows, columns].sum(dtype=float)
         assert left == pytest.approx(0.4, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("cmyk", "darker"),
+    [((0, 0, 0, 0), True), ((35, 188, 158, 0), True), ((90, 220, 220, 0), False), ((0, 0, 0, 255), False)],
+)
+def test_a_printed_spot_is_what_the_price_puts_into_scans(
+    cmyk: tuple[int, ...], darker: bool, press: Press
+) -> None:
+    """In the middle of a spot of 3 mm both give the same light, black or of bare paper, to 1 % of paper: black lies on
+    the other inks, and the lens spreads a little light further than the price does.
+    """
+    plain = np.broadcast_to(np.array(cmyk, np.uint8), (400, 400, 4)).copy()
+    page = press.geometry.lay(Page(cmyk=plain, dpi=press.dpi, name="p", number=1))
+    area = Area(
+        name="a", kind="careful", holds=lambda x, y: (abs(y[:, None] - 10) < 0.1) & (abs(x - 10) < 0.1)
+    )
+
+    def seen(page: Page) -> NDArray[np.float32]:
+        return predict(page, sensors=press.sensors, geometry=press.geometry).expected_dn
+
+    clean = seen(page)
+    printed = printed_with(page, "spot", 3.0, area, sensors=press.sensors, rng=np.random.default_rng(3))
+    put = with_defect(
+        np.rint(clean).astype(np.uint16), "spot", 3.0, area,
+        page=page, press=press, shift_mm=(0.0, 0.0), rng=np.random.default_rng(4),
+    )  # fmt: skip
+    assert printed is not None
+    assert put is not None
+    line = int(np.abs(press.geometry.centres_y_mm(clean.shape[1]) - 10).argmin())
+    column = int(np.abs(press.geometry.centres_x_mm(page.width_mm) - 10).argmin())
+    there, here = float(seen(printed)[0, line, column]), float(put[0, line, column])
+    assert (there < clean[0, line, column]) == darker
+    assert there == pytest.approx(here, abs=0.01 * press.sensors[0].white_dn)
 
 
 def test_places_within_and_beside_ignored_zones(zones: PageZones) -> None:

@@ -7,17 +7,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.commissioning.zones.defects import STREAK_MM
+from prooflight.commissioning.zones.defects import DARK, STREAK_MM
+from prooflight.prediction.predict import looked_up
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from prooflight.commissioning.zones.defects import Area
     from prooflight.pages.raster import Page
+    from prooflight.prediction.tables import SensorModel
 
 
 def printed_with(
-    page: Page, sort: str, strength: float, area: Area, *, rng: np.random.Generator
+    page: Page,
+    sort: str,
+    strength: float,
+    area: Area,
+    *,
+    sensors: Sequence[SensorModel],
+    rng: np.random.Generator,
 ) -> Page | None:
-    """A page with a defect of ``SORTS`` somewhere in an area; None: the area has no pixel on the page."""
+    """A page with a defect of ``SORTS`` somewhere in an area; None: the area has no pixel on the page.
+
+    sensors: of the camera that says where a print is dark.
+    """
     rows, columns = page.cmyk.shape[:2]
     x, y = ((np.arange(count) + 0.5) * page.pixel_mm for count in (columns, rows))
     of_area = area.holds(x, y)
@@ -25,7 +40,7 @@ def printed_with(
     if not down.size:
         return None
     at = int(rng.integers(down.size))
-    x0, y0 = x[across[at]], y[down[at]]
+    x0, y0 = np.array([x[across[at]], y[down[at]]]) + rng.uniform(-0.5, 0.5, 2) * page.pixel_mm
     if sort == "density":
         share = of_area * (strength / 100)
     elif sort == "spot":
@@ -33,10 +48,9 @@ def printed_with(
     else:
         share = of_area * (np.abs(x - x0) <= STREAK_MM / 2) * (strength / 100)
     ink = page.cmyk.astype(np.float64)
-    if sort == "density" or _dark(ink, share):
+    if sort == "density" or _dark(page.cmyk[share > 0], sensors):
         ink *= 1 - share[..., None]
-    else:
-        ink[..., :3] *= 1 - share[..., None]
+    else:  # on top of the other inks: a hole in them would show white beside it where planes are out of register
         ink[..., 3] += share * (255 - ink[..., 3])
     # Tints keep their mean: a loss of 1 % of a tint is less than a step.
     cmyk = np.floor(ink + rng.random(ink.shape)).clip(0, 255).astype(np.uint8)
@@ -44,8 +58,7 @@ def printed_with(
     return replace(page, cmyk=cmyk)
 
 
-def _dark(ink: np.ndarray, share: np.ndarray) -> bool:
-    """Whether the print is darker than half where a defect lies."""
-    here = share > 0
-    left = 1 - ink[here] / 255
-    return bool((left[:, :3].mean(axis=1) * left[:, 3]).mean() < 0.5)
+def _dark(cmyk: NDArray[np.uint8], sensors: Sequence[SensorModel]) -> bool:
+    """Whether pixels (pixels, 4) give the camera less than ``DARK`` of paper's light."""
+    seen = [looked_up(cmyk, sensor)[0].mean() / sensor.white_dn for sensor in sensors]
+    return bool(np.mean(seen) < DARK)

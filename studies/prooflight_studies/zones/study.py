@@ -13,7 +13,7 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
 from prooflight.commissioning.zones.defects import SORTS, Area, areas_of
-from prooflight.commissioning.zones.price import ZonePrints, price_of
+from prooflight.commissioning.zones.price import PRINTS, TRIALS, ZonePrints, price_of
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.pages.parallel import in_order
@@ -44,9 +44,7 @@ ZONES_A_PAGE: Final = 12
 ZONE_MM: Final = (8.0, 8.0)
 DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
-PRINTS: Final = 60
-"""That calibrate the zones of a page."""
-TRIALS: Final = 12
+QUICK_TRIALS: Final = 4
 CAME: Final = 2
 """Prints at the foretold strength, of each sort in each zone."""
 GOOD: Final = 40
@@ -180,11 +178,11 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         path = Path(folder) / "p0001.tif"
         write_tiff(page, path)
         source = job_source(path, press)
-        priced = partial(price_of, source, press, prints=PRINTS, seed=seed * 1000 + index, processes=1)
+        priced = partial(price_of, source, press, seed=seed * 1000 + index, processes=1)
         sizes = [(page.width_mm, page.height_mm)]
         careful = JobZones.made(zones_of("careful", rng), sizes)
         ignored = JobZones.made(zones_of("ignore", rng), sizes)
-        price = priced(careful, trials=4 if quick else TRIALS)
+        price = priced(careful, trials=QUICK_TRIALS if quick else TRIALS)
         bench = Bench(source, press, careful.priced(price.entry), seed=seed * 1000 + index)
         foretold = list(bench.foretold(price, came=1 if quick else CAME))
         good = {"careful": bench.good(10 if quick else GOOD, first=0)}
@@ -280,7 +278,7 @@ class Bench:
             near = Area(
                 name=area.name, kind="beside", holds=partial(_beside, area=area, sort=sort, others=others)
             )
-            spoilt = printed_with(self.page, sort, STRONG[sort], near, rng=self._rng(self._count()))
+            spoilt = self._printed_with(sort, STRONG[sort], near)
             if spoilt is None:
                 continue
             with_zones, without = self.alarms(spoilt, self._rng(self._count()))
@@ -289,11 +287,15 @@ class Bench:
     def _tally(self, sort: str, strength: float, area: Area, count: int) -> tuple[Tally, Tally]:
         said = []
         for _ in range(count):
-            spoilt = printed_with(self.page, sort, strength, area, rng=self._rng(self._count()))
+            spoilt = self._printed_with(sort, strength, area)
             if spoilt is not None:
                 said.append(self.alarms(spoilt, self._rng(self._count())))
         zoned, bare = ([pair[at] for pair in said] for at in (0, 1))
         return Tally(prints=len(said), alarms=sum(zoned)), Tally(prints=len(said), alarms=sum(bare))
+
+    def _printed_with(self, sort: str, strength: float, area: Area) -> Page | None:
+        rng = self._rng(self._count())
+        return printed_with(self.page, sort, strength, area, sensors=self.prints.press.sensors, rng=rng)
 
     def _count(self) -> int:
         self._next += 1
@@ -360,7 +362,7 @@ def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = 
         page_mm=PAGE_MM,
         zone_mm=ZONE_MM,
         prints=PRINTS,
-        trials=4 if quick else TRIALS,
+        trials=QUICK_TRIALS if quick else TRIALS,
         promised=promised,
         careful_share=0.2,
         careful_zones=sum(one.careful_zones for one in rows),

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 STREAK_MM: Final = 0.5
+DARK: Final = 0.5
+"""Of bare paper's light: where a page gives less, defects are of bare paper, else of solid black."""
 BLUR_PIXELS: Final = 0.7
 """Of a defect's edges, by the lens. assumed, near the prototype's"""
 
@@ -39,8 +41,8 @@ SORTS: Final = (
     Sort(name="density", within=Range(low=1.0, high=100.0), unit="%"),
 )
 """A round spot of solid ink, its diameter; a streak half a millimetre wide through the area, its ink; all inks weaker
-all over the area, by what share. Spots and streaks are of solid black, or bare paper where the print is darker than
-half: what nobody could see is not asked for."""
+all over the area, by what share. Spots and streaks are of solid black, or bare paper where the print gives the camera
+less than half of paper's light: what nobody could see is not asked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,6 +111,11 @@ def with_defect(
         cover[...] = of_area
     cover = cv2.GaussianBlur(cover, (0, 0), BLUR_PIXELS)
     changed = dn.astype(np.float32)
+    seen = [
+        (cover * (image - sensor.column_offset_dn) / sensor.column_gain).sum() / sensor.white_dn
+        for image, sensor in zip(changed, press.sensors, strict=True)
+    ]
+    dark = float(np.mean(seen)) < DARK * float(cover.sum())
     for image, sensor in zip(changed, press.sensors, strict=True):
         offset, gain = sensor.column_offset_dn, sensor.column_gain
         if sort == "density":
@@ -116,8 +123,6 @@ def with_defect(
             paper = np.maximum(light, np.float32(sensor.white_dn))
             image[...] = light * (paper / light) ** (cover * np.float32(strength / 100)) * gain + offset
         else:
-            light = float((cover * (image - offset) / gain).sum() / max(float(cover.sum()), 1e-6))
-            dark = light < sensor.white_dn / 2
             there = np.float32(sensor.white_dn if dark else sensor.mean_dn[0, 0, 0, -1]) * gain + offset
             image += cover * (there - image)
     top = np.array([sensor.top_code_dn for sensor in press.sensors], np.float32)[:, None, None]

@@ -11,7 +11,10 @@ careful areas, each at most u with probability at most u on good prints. Then mi
 probability at most u (Bonferroni, weighted; Genovese, Roeder and Wasserman 2006): however the two hang together, the
 promise holds for the page. q is conformal: by prints that are exchangeable with those of the run, of pages with these
 zones, scored with a mean and a standard deviation that were found on others (Vovk et al. 2005, chapter 4). p is that of
-the press, or of the same prints with zones in force, whichever is greater.
+the press as it was taught, or that of a press whose own good pages are the same prints with zones in force, whichever
+is greater: those that taught the ranking say how scores' tail goes on, and these prints how often such pages reach into
+it (``PressScores``). Their own tail is not drawn on: it would be that of few prints of few pages, whose scores may lie
+in heaps. Once there are enough of them they decide by count, alone.
 
 All that is a page's score on one scale, with zones or without: the press's threshold as it was taught, and beyond it by
 how much the page or its careful areas lie above theirs. So people's words on pages with zones calibrate it as any other
@@ -26,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from scipy import ndimage
 
-from prooflight.detectors.false_alarm_rate import GoodScores
+from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
 from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     BASELINE_MM,
@@ -226,9 +229,10 @@ class ZonedJudge:
         The decision's score lies above its threshold by as much as whichever of the two lies further above its own.
         """
         page_rate, careful_rate = self.rates(ours.ranking_rate)
-        own, at = GoodScores(worst=self.page_good), ours.taught_threshold
-        threshold = max(at, ours.scores.threshold(page_rate)[0], own.threshold(page_rate)[0])
-        p_page = max(ours.scores.p_value(score, page_rate), own.p_value(score)) if np.isfinite(score) else 1.0
+        zoned = PressScores(reference=ours.scores.reference, own=GoodScores(worst=self.page_good))
+        both, at = (ours.scores, zoned), ours.taught_threshold
+        threshold = max(at, *(of.threshold(page_rate)[0] for of in both))
+        p_page = max(of.p_value(score, page_rate) for of in both) if np.isfinite(score) else 1.0
         if not careful_rate:
             return ours.decision(at + (score - threshold), at, p_page)
         good = GoodScores(worst=self.careful_good)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, profile, sampled, scan_lines
+from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, cut_apart, sampled, scan_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -82,25 +82,26 @@ def _bars(code: PageCode, light: NDArray[np.float32], read: Symbol) -> tuple[flo
     """Mean of the scan lines' grades, and which parameter is most often the least."""
     grades: list[int] = []
     blamed: list[str] = []
-    for wanted, samples in zip(code.profiles, scan_lines(light, read), strict=True):
-        parts = _bar_parts(samples, wanted)
+    lines = scan_lines(light, read)
+    highest, lowest = lines.max(axis=1), lines.min(axis=1)
+    cut = cut_apart(lines, 1 / SAMPLES_A_PIXEL)
+    for high, low, seen, wanted in zip(highest, lowest, cut, code.profiles, strict=True):
+        parts = _bar_parts(float(high), float(low), seen, wanted)
         weakest = min(parts, key=lambda name: parts[name])
         grades.append(parts[weakest])
         blamed.append(weakest)
     grade = float(np.mean(grades))
     weak = [name for name, got in zip(blamed, grades, strict=True) if got < 4]
-    return round(grade, 1), max(set(weak), key=weak.count) if weak else ""
+    return round(grade, 1), max(dict.fromkeys(weak), key=weak.count) if weak else ""
 
 
-def _bar_parts(light: NDArray[np.float64], wanted: Profile | None) -> Mapping[str, int]:
-    """Grades of one scan line by parameter."""
-    high, low = float(light.max()), float(light.min())
+def _bar_parts(high: float, low: float, seen: Profile | None, wanted: Profile | None) -> Mapping[str, int]:
+    """Grades of one scan line by parameter; high, low: the greatest and the least light on it."""
     contrast = high - low
     parts = {
         "symbol contrast": level(contrast, CONTRAST),
         "minimum reflectance": 4 if low <= GREATEST_DARK * high else 0,
     }
-    seen = profile(light, 1 / SAMPLES_A_PIXEL)
     if seen is None or wanted is None or seen.edges.size != wanted.edges.size:
         return parts | {"edges": 0}
     edge = float(np.abs(np.diff(seen.peaks)).min())
@@ -156,5 +157,6 @@ def _centres(light: NDArray[np.float32], symbol: Symbol, modules: tuple[int, int
     ends = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)], np.float32)
     to_pixels = cv2.getPerspectiveTransform(ends, corners)
     grid = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1)
-    points = cv2.perspectiveTransform(grid.reshape(1, -1, 2).astype(np.float32), to_pixels)[0]
-    return sampled(light, points.astype(np.float64)).reshape(rows, columns)
+    points = cv2.perspectiveTransform(grid.reshape(1, -1, 2).astype(np.float32), to_pixels)
+    x, y = points.reshape(rows, columns, 2).transpose(2, 0, 1)
+    return sampled(light, x, y)

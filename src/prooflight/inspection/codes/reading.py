@@ -140,7 +140,7 @@ def _read(code: PageCode, light: NDArray[np.float32]) -> Code:
     symbol = code.symbol
     right: Symbol | None = None
     other: str | None = None
-    for one in tried(grey(light), symbol.symbology):
+    for one in tried(grey(light), symbol.symbology, along_lines=symbol.along_lines):
         if one.text == symbol.text:
             right = one
             break

@@ -42,6 +42,12 @@ class Symbol:
         """Whether it is made of bars."""
         return self.symbology in LINEAR
 
+    @property
+    def along_lines(self) -> bool:
+        """Whether it runs along the picture's lines, rather than across them."""
+        (left, top), (right, bottom) = self.corners[:2]
+        return abs(right - left) >= abs(bottom - top)
+
 
 def symbols(picture: NDArray[np.uint8], symbology: str | None = None) -> list[Symbol]:
     """All codes in a picture (lines, pixels); symbology: of that alone, which takes a tenth of the time."""
@@ -49,11 +55,15 @@ def symbols(picture: NDArray[np.uint8], symbology: str | None = None) -> list[Sy
     return [_symbol(found) for found in zxingcpp.read_barcodes(np.ascontiguousarray(picture), **wanted)]
 
 
-def tried(picture: NDArray[np.uint8], symbology: str) -> Iterator[Symbol]:
+def tried(picture: NDArray[np.uint8], symbology: str, *, along_lines: bool | None = None) -> Iterator[Symbol]:
     """What each way of reading finds in a picture: as it is, at twice its size, evened out, in plain black and white.
 
     A camera that sees a bar in three pixels is coarse for a reader; whoever stops at the right one tries no more.
+    along_lines: how a bar code runs, where that is known: it is first looked for that way alone, which takes a third of
+    the time.
     """
+    if along_lines is not None and symbology in LINEAR:
+        yield from _running(picture, symbology, along_lines=along_lines)
     yield from symbols(picture, symbology)
     size = picture.shape[1] * TWICE, picture.shape[0] * TWICE
     double = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)
@@ -62,6 +72,22 @@ def tried(picture: NDArray[np.uint8], symbology: str) -> Iterator[Symbol]:
     yield from _halved(symbols(smooth, symbology))
     _, plain = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     yield from _halved(symbols(plain.astype(np.uint8), symbology))
+
+
+def _running(picture: NDArray[np.uint8], symbology: str, *, along_lines: bool) -> Iterator[Symbol]:
+    """Bar codes that run along the lines or across them, in dark bars, at the picture's own size."""
+    turned = picture if along_lines else np.rot90(picture)
+    found = zxingcpp.read_barcodes(
+        np.ascontiguousarray(turned),
+        formats=_format(symbology),
+        try_rotate=False,
+        try_downscale=False,
+        try_invert=False,
+    )
+    for one in map(_symbol, found):
+        last = picture.shape[1] - 1
+        corners = one.corners if along_lines else tuple((last - y, x) for x, y in one.corners)
+        yield replace(one, corners=corners)
 
 
 def _halved(found: list[Symbol]) -> Iterator[Symbol]:

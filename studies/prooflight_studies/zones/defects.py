@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.commissioning.zones.defects import DARK, STREAK_MM
+from prooflight.commissioning.zones.defects import DARK, STREAK_MM, disc
 from prooflight.prediction.predict import looked_up
 
 if TYPE_CHECKING:
@@ -44,18 +44,32 @@ def printed_with(
     if sort == "density":
         share = of_area * (strength / 100)
     elif sort == "spot":
-        share = (np.hypot(x - x0, (y - y0)[:, None]) <= strength / 2).astype(np.float64)
+        apart = np.hypot(x - x0, (y - y0)[:, None])
+        share = disc(apart, diameter_mm=strength, pixel_mm=page.pixel_mm)
     else:
         share = of_area * (np.abs(x - x0) <= STREAK_MM / 2) * (strength / 100)
     ink = page.cmyk.astype(np.float64)
     if sort == "density" or _dark(page.cmyk[share > 0], sensors):
         ink *= 1 - share[..., None]
+    elif sort == "spot":
+        here = share > 0
+        ink[here, 3] = _black(page.cmyk[here], share[here], sensors[0])
     else:  # on top of the other inks: a hole in them would show white beside it where planes are out of register
         ink[..., 3] += share * (255 - ink[..., 3])
     # Tints keep their mean: a loss of 1 % of a tint is less than a step.
     cmyk = np.floor(ink + rng.random(ink.shape)).clip(0, 255).astype(np.uint8)
     cmyk[share == 0] = page.cmyk[share == 0]
     return replace(page, cmyk=cmyk)
+
+
+def _black(cmyk: NDArray[np.uint8], share: NDArray[np.floating], sensor: SensorModel) -> NDArray[np.float64]:
+    """How much black pixels (pixels, 4) need, (pixels,), for so much of each to be as light as solid black on it."""
+    black = np.repeat(cmyk[:, None], 256, axis=1)
+    black[..., 3] = np.arange(256)
+    light = looked_up(black.reshape(-1, 4), sensor)[0].reshape(-1, 256)
+    bare = looked_up(cmyk, sensor)[0]
+    wanted = bare + share * (light[:, -1] - bare)
+    return np.abs(light - wanted[:, None]).argmin(axis=1).astype(np.float64)
 
 
 def _dark(cmyk: NDArray[np.uint8], sensors: Sequence[SensorModel]) -> bool:

@@ -103,7 +103,7 @@ def with_defect(
         reach = max(int(strength / geometry.pixel_pitch_mm) + 4, 4)
         near = tuple(slice(max(one[at] - reach, 0), one[at] + reach + 1) for one in (rows, columns))
         apart = np.hypot(x[near[1]] - x[columns[at]], (y[near[0]] - y[rows[at]])[:, None])
-        cover[near] = np.clip(0.5 + (strength / 2 - apart) / geometry.pixel_pitch_mm, 0, 1)
+        cover[near] = disc(apart, diameter_mm=strength, pixel_mm=geometry.pixel_pitch_mm)
     elif sort == "streak":
         across = np.clip(0.5 + (STREAK_MM / 2 - np.abs(x - x[columns[at]])) / geometry.pixel_pitch_mm, 0, 1)
         cover[...] = of_area * across * (strength / 100)
@@ -127,3 +127,11 @@ def with_defect(
             image += cover * (there - image)
     top = np.array([sensor.top_code_dn for sensor in press.sensors], np.float32)[:, None, None]
     return np.clip(np.rint(changed), 0, top).astype(np.uint16)
+
+
+def disc(apart_mm: NDArray[np.floating], *, diameter_mm: float, pixel_mm: float) -> NDArray[np.floating]:
+    """Which share of pixels a disc covers whose middle lies so far from theirs: an edge one pixel wide, that leaves its
+    area as it is (with its edge at the radius itself it would be larger by pi pixel^2 / 12).
+    """
+    edge_mm = np.sqrt(max(diameter_mm**2 / 4 - pixel_mm**2 / 12, 0.0))
+    return np.clip(0.5 + (edge_mm - apart_mm) / pixel_mm, 0, 1)

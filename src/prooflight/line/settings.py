@@ -26,8 +26,8 @@ class Settings:
     """Threads that inspect; kernels let go of the interpreter's lock."""
     ahead: int = 16
     """Sheets whose designs are made ready ahead; the pager thinks of the next 8."""
-    preparers: int = 1
-    """Threads that make designs ready."""
+    preparers: int = 2
+    """Threads that make designs ready, and yield to those that inspect; one does not keep up with 3 designs/s."""
     ahead_bytes: int = 4_000_000_000
     """Of memory for designs."""
     stall_s: float = STALL_S

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.pieces import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def hardened(cmyk: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """
     cmyk = np.ascontiguousarray(cmyk)
     rows, about = len(cmyk), np.ones((3, 3), np.uint8)
-    out = np.empty_like(cmyk)
+    out = unset(cmyk.shape[:2]).view(np.uint8).reshape(cmyk.shape)
     for top in range(0, rows, BAND_ROWS):
         bottom, above = min(top + BAND_ROWS, rows), min(top, 1)
         band = cmyk[top - above : bottom + 1]

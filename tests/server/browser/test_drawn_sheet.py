@@ -28,8 +28,11 @@ SEEN: Final = """() => {
   const told = JSON.parse(document.getElementById("picture").textContent);
   const canvas = document.querySelector("figure[data-layer=scan] canvas");
   const [wide, high] = [canvas.width, canvas.height];
-  const [scan, expected, difference] = ["scan", "expected", "difference"].map((layer) =>
-    document.querySelector(`figure[data-layer=${layer}] canvas`).getContext("2d").getImageData(0, 0, wide, high).data);
+  const [scan, expected, difference] = ["scan", "expected", "difference"].map((layer) => {
+    const copy = new OffscreenCanvas(wide, high).getContext("2d", { willReadFrequently: true });
+    copy.drawImage(document.querySelector(`figure[data-layer=${layer}] canvas`), 0, 0);
+    return copy.getImageData(0, 0, wide, high).data;
+  });
   let [left, top, right, bottom, count, apart, bare, x, y] = [wide, high, 0, 0, 0, 0, 0, 0, 0];
   for (let at = 0; at < scan.length; at += 4) {
     if (![scan, expected, difference].every((one) => one[at + 3] === 255)) continue;
@@ -50,7 +53,7 @@ SEEN: Final = """() => {
   };
 }"""
 """What the canvases show: how far scan and expected page lie apart on average, and where the scan is lighter, in pixels
-of the sheet's picture; null: not yet.
+of the sheet's picture; null: not yet. Copies are read: browsers warn of a canvas that is read again and again.
 """
 
 

@@ -409,44 +409,6 @@ def test_waiting_passes_over_the_last_as_well_where_reading_lags_behind() -> Non
     assert waiting.take(lambda: 9.0, behind=lambda: True) == (None, [0])
 
 
-@pytest.mark.parametrize(
-    ("elapsed_s", "waited_s", "more", "taken"),
-    [
-        (0.3, 0.1, 0, False),  # one is looked at twice, and the next can wait
-        (0.1, 0.1, 0, True),  # it takes no longer than others do
-        (0.3, 0.1, 1, True),  # two wait
-        (0.5, 0.3, 0, True),  # it has waited enough
-    ],
-)
-def test_the_next_sheet_leaves_the_processors_to_one_that_takes_long(
-    elapsed_s: float, waited_s: float, more: int, taken: bool
-) -> None:
-    """An inspection usually takes 0.2 s here, and a sheet waits for 0.2 s; by a clock that stands still."""
-    clock, asked = Clock(), threading.Event()
-
-    def now_s() -> float:
-        if threading.current_thread() is not threading.main_thread():
-            asked.set()
-        return clock.now_s
-
-    waiting: Waiting[int] = Waiting(9, source_waits=False, patience_s=0.2, usual_s=lambda: 0.2, clock=now_s)
-    waiting.put(0, 9.0)
-    assert waiting.take(lambda: 0.0) == (0, [])
-    clock.now_s = elapsed_s - waited_s
-    for item in range(1, 2 + more):
-        waiting.put(item, 9.0)
-    clock.now_s = elapsed_s
-    found: list[int | None] = []
-    other = threading.Thread(target=lambda: found.append(waiting.take(lambda: 0.0)[0]), daemon=True)
-    other.start()
-    assert asked.wait(PATIENCE_S)
-    with waiting._changed:  # the other thread has it, or waits
-        assert (len(waiting) == more) == taken
-    waiting.done()
-    other.join(PATIENCE_S)
-    assert found == [1]
-
-
 def test_a_reader_that_lags_passes_sheets_on_instead_of_judging_each_too_late() -> None:
     """Every block is read 3 s after its lines: each sheet is already lost, and none keeps the next from being read."""
     clock = Clock()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -38,28 +37,13 @@ class Waiting(Generic[Item]):
     where there is no room the oldest sheet goes, for its time is up first; and a sheet whose verdict would come too
     late is passed over while a younger one waits, for it would only make that one late as well. What goes is
     returned, so that nobody loses sight of it.
-
-    One that takes longer than usual, for it is looked at twice, gets all processors for as long as the next may wait,
-    for its verdict is due first: the next, where it waits alone, is not begun beside it for ``patience_s``.
     """
 
-    def __init__(
-        self,
-        room: int,
-        *,
-        source_waits: bool,
-        patience_s: float = 0.0,
-        usual_s: Callable[[], float] = lambda: 0.0,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """usual_s: what an inspection takes, mostly. clock: of sheets' and inspections' beginnings."""
+    def __init__(self, room: int, *, source_waits: bool) -> None:
         self._room, self._source_waits = room, source_waits
-        self._patience_s, self._usual_s, self._clock = patience_s, usual_s, clock
-        self._items: deque[tuple[Item, float, float]] = deque()
+        self._items: deque[tuple[Item, float]] = deque()
         self._changed = threading.Condition()
         self._closed = False
-        self._begun_s: dict[int, float] = {}
-        """When each thread took the sheet that it inspects."""
 
     def __len__(self) -> int:
         return len(self._items)
@@ -72,7 +56,7 @@ class Waiting(Generic[Item]):
             gone = []
             while len(self._items) >= self._room and not self._source_waits:
                 gone.append(self._items.popleft()[0])
-            self._items.append((item, deadline_s, self._clock()))
+            self._items.append((item, deadline_s))
             self._changed.notify_all()
             return gone
 
@@ -85,34 +69,14 @@ class Waiting(Generic[Item]):
         younger sheets wait unread.
         """
         with self._changed:
-            while not self._closed and (wait_s := self._to_wait_s()) is not None:
-                self._changed.wait(wait_s or None)
+            while not self._items and not self._closed:
+                self._changed.wait()
             gone = []
             while self._items and self._items[0][1] < ready_s() and (len(self._items) > 1 or behind()):
                 gone.append(self._items.popleft()[0])
             taken = self._items.popleft()[0] if self._items else None
-            if taken is not None:
-                self._begun_s[threading.get_ident()] = self._clock()
             self._changed.notify_all()
             return taken, gone
-
-    def done(self) -> None:
-        """The sheet that this thread took has its verdict."""
-        with self._changed:
-            self._begun_s.pop(threading.get_ident(), None)
-            self._changed.notify_all()
-
-    def _to_wait_s(self) -> float | None:
-        """How long the oldest sheet waits for the one that is inspected; 0: none is there; None: it waits no longer."""
-        if not self._items:
-            return 0.0
-        if not self._begun_s or len(self._items) > 1:
-            return None
-        now_s = self._clock()
-        if now_s - min(self._begun_s.values()) < self._usual_s():
-            return None
-        left_s = self._items[0][2] + self._patience_s - now_s
-        return left_s if left_s > 0 else None
 
     def close(self) -> None:
         """No more sheets come; those that wait may still be taken."""
@@ -123,7 +87,7 @@ class Waiting(Generic[Item]):
     def clear(self) -> list[Item]:
         """Take all that wait."""
         with self._changed:
-            gone = [item for item, _, _ in self._items]
+            gone = [item for item, _ in self._items]
             self._items.clear()
             self._changed.notify_all()
             return gone

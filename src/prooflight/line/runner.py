@@ -67,9 +67,6 @@ _log = logging.getLogger(__name__)
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
 """By each thread that inspects."""
-PATIENCE: Final = 0.4
-"""Of the deadline, for which a sheet waits for the one before where that takes longer than usual: a sheet that is
-looked at twice takes nearly all the time it has on one processor, and half of it on two."""
 MIND_S: Final = 0.25
 """How often it is asked whether the source has fallen silent, or a person has stopped the run."""
 DOUBTED: Final = 3
@@ -112,12 +109,7 @@ class Running:
         self._tell, self._notice, self._saw, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self.tally = Tally()
-        self._waiting: Waiting[Sheet] = Waiting(
-            settings.room,
-            source_waits=settings.source_waits,
-            patience_s=0.0 if settings.source_waits else PATIENCE * settings.deadline_s,
-            usual_s=lambda: self.tally.typical_s("inspect"),
-        )
+        self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = KnownThumbnails(book)
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
@@ -385,7 +377,6 @@ class Running:
                 self._done.put(self._inspect(sheet))
             finally:
                 self.tally.count(BUSY, by=-1)
-                self._waiting.done()
 
     def _inspect_s(self) -> float:
         """What an inspection is reckoned to take; not the whole deadline, or a slow start would end all trying."""

@@ -111,11 +111,7 @@ def with_defect(
         cover[...] = of_area
     cover = cv2.GaussianBlur(cover, (0, 0), BLUR_PIXELS)
     changed = dn.astype(np.float32)
-    seen = [
-        (cover * (image - sensor.column_offset_dn) / sensor.column_gain).sum() / sensor.white_dn
-        for image, sensor in zip(changed, press.sensors, strict=True)
-    ]
-    dark = float(np.mean(seen)) < DARK * float(cover.sum())
+    dark = sort != "density" and _dark(changed, cover, press)
     for image, sensor in zip(changed, press.sensors, strict=True):
         offset, gain = sensor.column_offset_dn, sensor.column_gain
         if sort == "density":
@@ -127,6 +123,15 @@ def with_defect(
             image += cover * (there - image)
     top = np.array([sensor.top_code_dn for sensor in press.sensors], np.float32)[:, None, None]
     return np.clip(np.rint(changed), 0, top).astype(np.uint16)
+
+
+def _dark(dn: NDArray[np.float32], cover: NDArray[np.float32], press: Press) -> bool:
+    """Whether a scan (sensors, lines, pixels) [DN] shows less than ``DARK`` of paper's light, weighed by ``cover``."""
+    seen = [
+        (cover * (image - sensor.column_offset_dn) / sensor.column_gain).sum() / sensor.white_dn
+        for image, sensor in zip(dn, press.sensors, strict=True)
+    ]
+    return float(np.mean(seen)) < DARK * float(cover.sum())
 
 
 def disc(apart_mm: NDArray[np.floating], *, diameter_mm: float, pixel_mm: float) -> NDArray[np.floating]:

@@ -84,10 +84,9 @@ def _running(picture: NDArray[np.uint8], symbology: str, *, along_lines: bool) -
         try_downscale=False,
         try_invert=False,
     )
+    last = picture.shape[1] - 1
     for one in map(_symbol, found):
-        last = picture.shape[1] - 1
-        corners = one.corners if along_lines else tuple((last - y, x) for x, y in one.corners)
-        yield replace(one, corners=corners)
+        yield one if along_lines else replace(one, corners=tuple((last - y, x) for x, y in one.corners))
 
 
 def _halved(found: list[Symbol]) -> Iterator[Symbol]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from prooflight.pages.parallel import _Crew, _page, due, shared_out
+from prooflight.pages.parallel import _Crew, _crew_of, _page, due, shared_out
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -42,11 +42,10 @@ def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
 
 def test_parts_of_the_page_due_first_are_done_first_and_of_one_page_in_turn() -> None:
     crew, gate, done = _Crew(1), threading.Event(), list[str]()
-    held = crew.submit(lambda: gate.wait(20), -math.inf)
+    crew.do([lambda: gate.wait(20)], -math.inf, gate.is_set)
     parts = [("late", math.inf), ("a1", 3.0), ("b1", 1.0), ("a2", 3.0), ("b2", 1.0)]
-    last = [crew.submit(partial(done.append, name), due_s) for name, due_s in parts]
+    last = [crew.do([partial(done.append, name)], due_s, gate.is_set)[0] for name, due_s in parts]
     gate.set()
-    assert held.result(20)
     for one in last:
         one.result(20)
     assert done == ["b1", "b2", "a1", "a2", "late"]
@@ -54,11 +53,70 @@ def test_parts_of_the_page_due_first_are_done_first_and_of_one_page_in_turn() ->
 
 def test_what_is_overdue_comes_last() -> None:
     now = 0.0
-    with due(5.0, lambda: now):
+    with due(5.0, lambda: now, processors=3):
         assert _page.due_s() == 5.0
         now = 6.0
         assert _page.due_s() == math.inf
-    assert not hasattr(_page, "due_s")
+    assert _page.due_s() == math.inf
+    assert _page.crew is None
+
+
+def test_pages_and_their_parts_take_no_more_processors_than_there_are() -> None:
+    under_way, most, guard = [0], [0], threading.Lock()
+
+    def work() -> None:
+        with guard:
+            under_way[0] += 1
+            most[0] = max(most[0], under_way[0])
+        time.sleep(0.002)
+        with guard:
+            under_way[0] -= 1
+
+    def page(due_s: float) -> None:
+        with due(due_s, lambda: 0.0, processors=2):
+            for _ in range(4):
+                work()
+                shared_out([work] * 4, threads=2)
+
+    pages = [threading.Thread(target=page, args=(due_s,)) for due_s in (3.0, 1.0, 2.0, 4.0)]
+    for thread in pages:
+        thread.start()
+    for thread in pages:
+        thread.join(20)
+    assert most[0] == 2
+
+
+def test_the_page_due_first_is_given_the_next_processor() -> None:
+    gate, held, done = threading.Event(), threading.Barrier(3), list[str]()
+
+    def holds() -> None:
+        with due(0.0, lambda: 0.0, processors=2):
+            held.wait(20)
+            gate.wait(20)
+
+    def page(name: str, due_s: float) -> None:
+        with due(due_s, lambda: 0.0, processors=2):
+            done.append(name)
+
+    first = [threading.Thread(target=holds) for _ in range(2)]
+    for thread in first:
+        thread.start()
+    held.wait(20)
+    waiting = [threading.Thread(target=page, args=one) for one in (("late", 8.0), ("soon", 7.0))]
+    crew = _crew_of(2)
+    for at, thread in enumerate(waiting, start=1):
+        thread.start()
+        until = time.monotonic() + 20
+        while len(crew._asked) < at and time.monotonic() < until:
+            time.sleep(0.001)
+    crew.leave()  # as if a page ended; it is taken back below
+    waiting[1].join(20)
+    assert done[0] == "soon"
+    crew.wait(-math.inf)
+    gate.set()
+    for thread in (*first, *waiting):
+        thread.join(20)
+    assert done == ["soon", "late"]
 
 
 def test_what_a_task_raises_is_raised() -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import queue
 import threading
 import time
@@ -388,7 +389,7 @@ class Running:
         self.tally.took("queue", begun_s - sheet.arrived_s)
         try:
             inspector, ready, used = self._prefetcher.get(sheet.job_page)
-            with due(sheet.deadline_s, self._clock):
+            with due(sheet.deadline_s, self._clock, processors=os.cpu_count() or 1):
                 result = inspector.inspect(
                     ready,
                     sheet.seen.scan,

@@ -11,10 +11,11 @@ from collections import deque
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
+from heapq import heappop, heappush
 from itertools import count
 from multiprocessing.connection import wait
-from queue import PriorityQueue
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from prooflight.errors import ProoflightError
@@ -31,63 +32,124 @@ KILLED = "its worker process was killed, perhaps for want of memory"
 
 
 class _Crew:
-    """Threads for all pages under way: they take parts of the page that is due first, so that it is done first, and no
-    more threads run than asked for.
+    """Processors for all pages under way. Whoever works on a page needs one, and who is due first is given the next
+    that is free: no more run than asked for, and the page that is due first is done first.
     """
 
-    def __init__(self, threads: int) -> None:
-        self._parts: PriorityQueue[tuple[float, int, Callable[[], None]]] = PriorityQueue()
-        self._turn = count()
-        for number in range(threads):
+    def __init__(self, processors: int) -> None:
+        self._free, self._turn = processors, count()
+        self._asked: list[tuple[float, int, Callable[[], None]]] = []
+        self._guard = threading.Lock()
+        self._parts: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        for number in range(processors):
             threading.Thread(target=self._work, name=f"crew-{number}", daemon=True).start()
 
-    def submit(self, task: Callable[[], Result], due_s: float) -> Future[Result]:
-        """Have a part done; due_s: of its page, by the clock that all pages are due by."""
-        done: Future[Result] = Future()
+    def ask(self, begin: Callable[[], None], due_s: float) -> None:
+        """Have ``begin`` called once there is a processor for it; it must be quick. due_s: of its page, by the clock
+        that all pages are due by.
+        """
+        with self._guard:
+            heappush(self._asked, (due_s, next(self._turn), begin))
+            self._give()
 
-        def work() -> None:
+    def wait(self, due_s: float) -> None:
+        """Wait for a processor for this thread."""
+        given = threading.Event()
+        self.ask(given.set, due_s)
+        given.wait()
+
+    def leave(self) -> None:
+        """Give a processor back."""
+        with self._guard:
+            self._free += 1
+            self._give()
+
+    def do(
+        self, tasks: Sequence[Callable[[], Result]], due_s: float, then: Callable[[], None]
+    ) -> list[Future[Result]]:
+        """Have a page's parts done; then: called behind the last, before its processor is given to another."""
+        left, every = count(len(tasks) - 1, -1), [Future[Result]() for _ in tasks]
+
+        def part(task: Callable[[], Result], done: Future[Result]) -> None:
             try:
                 done.set_result(task())
             except BaseException as error:
                 done.set_exception(error)
+            if next(left) == 0:
+                then()
 
-        self._parts.put((due_s, next(self._turn), work))
-        return done
+        for task, done in zip(tasks, every, strict=True):
+            self.ask(partial(self._parts.put, partial(part, task, done)), due_s)
+        return every
+
+    def _give(self) -> None:
+        while self._free and self._asked:
+            self._free -= 1
+            heappop(self._asked)[2]()
 
     def _work(self) -> None:
         while True:
-            self._parts.get()[2]()
+            self._parts.get()()
+            self.leave()
 
 
 _made = cache(_Crew)
 _making = threading.Lock()
-_page = threading.local()
-"""Of each thread: what says when the page is due on which it works."""
+
+
+class _Page(threading.local):
+    """Of each thread: the page on which it works."""
+
+    crew: _Crew | None = None
+    """That its processor is of; None: it works without being given one."""
+
+    def due_s(self) -> float:
+        """When its verdict is due."""
+        return math.inf
+
+
+_page = _Page()
+
+
+def _crew_of(processors: int) -> _Crew:
+    with _making:  # or two threads that are the first would have a crew each
+        return _made(processors)
 
 
 @contextmanager
-def due(time_s: float, clock: Callable[[], float]) -> Iterator[None]:
-    """Parts that this thread shares out meanwhile are done before those of pages due later.
+def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterator[None]:
+    """Work on a page: this thread, and the parts that it shares out, go before those of pages due later.
 
     What is overdue comes last: nothing is won by it any more, and it would make the next pages late as well.
     """
-    _page.due_s = lambda: time_s if clock() <= time_s else math.inf
+    _page.due_s = lambda: time_s if clock() <= time_s else math.inf  # type: ignore[method-assign]
+    _page.crew = _crew_of(processors)
+    _page.crew.wait(_page.due_s())
     try:
         yield
     finally:
-        del _page.due_s
+        _page.crew.leave()
+        del _page.crew, _page.due_s
 
 
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
     """What the tasks give, in their order, that many run at once; the tasks must not share out in turn."""
     tasks = list(tasks)
-    if threads == 1 or len(tasks) == 1:
+    if threads == 1 or len(tasks) <= 1:
         return [task() for task in tasks]
-    due_s = _page.due_s() if hasattr(_page, "due_s") else math.inf
-    with _making:  # or two threads that are the first would have a crew each
-        crew = _made(threads)
-    running = [crew.submit(task, due_s) for task in tasks]
-    return [done.result() for done in running]
+    own, due_s, ended = _page.crew, _page.due_s(), threading.Event()
+
+    def then() -> None:
+        if own is None:
+            ended.set()
+        else:
+            own.ask(ended.set, due_s)
+
+    done = _crew_of(threads).do(tasks, due_s, then)
+    if own is not None:
+        own.leave()
+    ended.wait()
+    return [one.result() for one in done]
 
 
 def in_order(

@@ -141,7 +141,7 @@ def test_residuals_of_a_longer_scan_are_refused() -> None:
     )
     amounts = [np.zeros(shape, np.float32) for shape in ((4, 3), (4,), (4, 2))]
     inks = InkImages(gain=areas, dot=areas, texture=image, cover=areas)
-    rest = image, row, image > 0, inks, bells, FittedAmounts(weights, row, *amounts), image.copy()
+    rest = image, row, image > 0, inks, bells, FittedAmounts(weights, row, *amounts), 0, 20, image.copy()
     residuals(image, *rest)
     with pytest.raises(ValueError, match=r"expected is of shape \(20, 12\) and should be \(L, P\)"):
         residuals(np.zeros((25, 12), np.float32), *rest)

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache, partial
 from heapq import heappop, heappush
-from itertools import count
+from itertools import count, pairwise
 from multiprocessing.connection import wait
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -150,6 +150,12 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
         own.leave()
     ended.wait()
     return [one.result() for one in done]
+
+
+def parts_of(extent: int, parts: int) -> list[tuple[int, int]]:
+    """First and last, not included, of that many parts that are about as long; fewer where there is not so much."""
+    bounds = [part * extent // parts for part in range(parts + 1)]
+    return [(first, last) for first, last in pairwise(bounds) if first < last]
 
 
 def in_order(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from prooflight.kernels.registration.shared_edges import (
     shared_costs,
     without_light,
 )
+from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Workspace, pixel_noise
@@ -73,6 +75,8 @@ class Patches:
     """As light: inverse variance, of planes in register. [1/DN^2]"""
     most: float = np.inf
     """Cost at which a patch counts half."""
+    threads: int = 1
+    """That share patches out."""
     scale: float = 1.0
     """Of costs, so that their differences are logarithms of odds."""
     misfit: float = 0.0
@@ -92,6 +96,7 @@ class Patches:
         parts: NDArray[np.float64],
         *,
         lost: NDArray[np.bool_] | None = None,
+        threads: int = 1,
     ) -> Self | None:
         """The patches that a scan of a page that lies so shows; None if they are too few.
 
@@ -121,6 +126,7 @@ class Patches:
             light=np.stack(light).astype(np.float32),
             moves=(moves - whole)[seen] * landmarks.ratio,
             base=np.empty(np.shape(light), np.float32),
+            threads=threads,
         )
         self.sharpen(IN_REGISTER)
         return self
@@ -179,16 +185,19 @@ class Patches:
         right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
         shifts = self._centred(many)
         halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
-        sums = np.empty((len(self.light), len(many), len(self.packed), SUMS), np.float32)
-        for index, (sensor, taps) in enumerate(zip(landmarks.sensors, landmarks.taps, strict=True)):
+        parts = parts_of(len(self.packed), self.threads)
+
+        def summed(index: int, part: slice) -> NDArray[np.float32]:
+            sensor, taps = landmarks.sensors[index], landmarks.taps[index]
             patches = SensorPatches(
-                light=self.light[index],
-                base=self.base[index],
-                packed=self.packed,
+                light=self.light[index, part],
+                base=self.base[index, part],
+                packed=self.packed[part],
                 margin=overlaps.margin,
-                origins=self.origins,
-                moves=self.moves,
+                origins=self.origins[part],
+                moves=self.moves[part],
             )
+            sums = np.empty((len(many), len(patches.packed), SUMS), np.float32)
             fringe_sums(
                 patches,
                 right,
@@ -199,8 +208,15 @@ class Patches:
                 pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
                 Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
                 not self.left,
-                sums[index],
+                sums,
             )
+            return sums
+
+        every = range(len(self.light))
+        found = shared_out(
+            [partial(summed, index, slice(*part)) for index in every for part in parts], threads=self.threads
+        )
+        sums = np.concatenate(found, axis=1).reshape(len(many), len(every), -1, SUMS).swapaxes(0, 1)
         left = np.empty((len(many), len(self.packed), 6))
         level_sd = np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors])
         without_light(sums.reshape(len(sums), -1, SUMS), level_sd, GAIN_SD, left.reshape(-1, 6))

@@ -55,14 +55,15 @@ def register_by_fringes(
     planes_mm: NDArray[np.float64],
     plane_parts: NDArray[np.float64],
     lost: NDArray[np.bool_] | None = None,
+    threads: int = 1,
 ) -> FringeRegister | None:
     """Register of the planes that share edges, in a scan (sensors, lines, pixels) [DN] registered before.
 
     placement, planes_mm (4, 2) and plane_parts (2, 4): as ``Registration`` has them. lost (sensors, lines): lines that
-    were not seen. None where planes lie further off
-    than those of good prints, or too little of the page is seen: prediction must not follow a misprint.
+    were not seen. threads: that share patches out. None where planes lie further off than those of good prints, or too
+    little of the page is seen: prediction must not follow a misprint.
     """
-    patches = Patches.of(overlaps, landmarks, scan, placement, plane_parts, lost=lost)
+    patches = Patches.of(overlaps, landmarks, scan, placement, plane_parts, lost=lost, threads=threads)
     if patches is None:
         return None
     found = _searched(patches, _rounded(overlaps, planes_mm))

@@ -103,10 +103,18 @@ def judged(
     fit = fit_nuisances(
         placed, planes=planes, pixel_mm=pitch, prior=PrintPrior(), residual_variance=ResidualVariance()
     )
-    left, weight, of_edges, noise = residual_images(placed, fit, residual_variance=ResidualVariance())
+    light = placed.light()
+    left, weight, of_edges, noise = residual_images(placed, fit, light, residual_variance=ResidualVariance())
     raw = left.copy()
     sums = summed(
-        placed, left, weight, of_edges, geometry=geometry, page_width_mm=page.width_mm, prior=PrintPrior()
+        placed,
+        light,
+        left,
+        weight,
+        of_edges,
+        geometry=geometry,
+        page_width_mm=page.width_mm,
+        prior=PrintPrior(),
     )
     return Judged(fit=fit, sums=sums, left=raw, weight=weight, noise=noise)
 

@@ -34,6 +34,7 @@ from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.slants import tiles_known
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
+from prooflight.pages.parallel import parts_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,12 +77,15 @@ def test_tiles_sum_what_their_pixels_say(seed: int, side: int) -> None:
     rows, columns = 23 // side, 37 // side
     found = np.empty((4, len(MODES) + 1, rows, columns), np.float32)
     two = [of, images(seed + 1)]
-    tile_sums(
-        ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}),
-        side,
-        np.arange(len(MODES)),
-        found,
-    )
+    for first, last in parts_of(rows, 3):
+        tile_sums(
+            ResidualImages(**{name: np.stack([one[name] for one in two]) for name in of}),
+            side,
+            np.arange(len(MODES)),
+            first,
+            last,
+            found,
+        )
     said = products(two[0], 10) + products(two[1], 10)
     cut = said[..., : rows * side, : columns * side]
     asked = cut.reshape(4, len(MODES), rows, side, columns, side).sum(axis=(3, 5))
@@ -100,7 +104,11 @@ def test_columns_of_a_turned_page_lie_on_each_other(seed: int) -> None:
     of = images(seed)
     shift = np.random.default_rng(seed).integers(-3, 4, 23)
     found = np.zeros((4, 10, 2, 37), np.float32)
-    line_sums(ResidualImages(**of), np.array([0.7], np.float32), shift, 12, np.arange(10), found[None])
+    for segment in range(2):
+        part = segment, segment + 1
+        line_sums(
+            ResidualImages(**of), np.array([0.7], np.float32), shift, 12, np.arange(10), *part, found[None]
+        )
     said = products(of, 4)[:, :10] * (of["of_edges"] <= np.float32(0.7))
     asked = np.zeros((4, 10, 2, 37))
     for line in range(2, 21):
@@ -259,7 +267,8 @@ def test_residuals_are_what_the_fit_leaves(seed: int) -> None:
     fitted = FittedAmounts(
         shape=colours.weights(amounts), columns=columns, gain=gains, dot=dots, planes=planes
     )
-    residuals(measured, expected, offset, inside, inks, colours.bells(), fitted, found)
+    for first, last in parts_of(shape[0], 3):
+        residuals(measured, expected, offset, inside, inks, colours.bells(), fitted, first, last, found)
     kernel = np.exp(-((cover[None] - centres[:, :, None, None]) ** 2).sum(axis=1) / 0.25)
     relative = np.einsum("i,ij,jyx->yx", amounts, root, kernel) + columns
     v, u = np.meshgrid(*(2 * (np.arange(n) + 0.5) / n - 1 for n in shape), indexing="ij")
@@ -333,7 +342,8 @@ def test_variances_are_what_they_are_said_to_be(seed: int) -> None:
     inside = rng.random(shape) < 0.9
     shares = VarianceShares._make(map(np.float32, (1.2, 0.004, 0.0009, 0.002, 0.02, white)))
     sure, of_edges = np.empty((2, *shape), np.float32)
-    variances(light, variance, texture, inside, shares, sure, of_edges)
+    for first, last in parts_of(shape[0], 3):
+        variances(light, variance, texture, inside, shares, first, last, sure, of_edges)
 
     wide = light.astype(np.float64)
     across, along = (np.gradient(wide, axis=axis) for axis in (1, 0))

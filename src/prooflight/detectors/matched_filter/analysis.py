@@ -198,7 +198,7 @@ def analyse(
     if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
     else:
-        placement, planes_mm = _followed(prepared, scan, found, lost)
+        placement, planes_mm = _followed(prepared, scan, found, lost, threads)
     where = pixel_map(page, at, placement)
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
@@ -223,13 +223,17 @@ def analyse(
         pixel_mm=at.pixel_pitch_mm,
         prior=prior,
         residual_variance=residual_variance,
+        threads=threads,
     )
-    taken = fit.emptied() if residual_variance.exact else fit
-    left, weight, of_edges, noise = residual_images(placed, taken, residual_variance=residual_variance)
+    taken, light = fit.emptied() if residual_variance.exact else fit, placed.light()
+    left, weight, of_edges, noise = residual_images(
+        placed, taken, light, residual_variance=residual_variance, threads=threads
+    )
 
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
             with_added(placed, prepared.added, threads=threads) if ADDED.intersection(modes) else placed,
+            light,
             left,
             weight,
             of_edges,
@@ -242,7 +246,7 @@ def analyse(
 
     glyphs = NOTHING
     if prepared.glyphs is not None:
-        glyphs = weighed(prepared.glyphs, left, weight, placed.light(), where, threads=threads)
+        glyphs = weighed(prepared.glyphs, left, weight, light, where, threads=threads)
     return ScanAnalysis(
         found=found,
         fit=fit,
@@ -287,6 +291,7 @@ def _followed(
     scan: NDArray[np.uint16],
     found: Registration,
     lost: NDArray[np.bool_] | None,
+    threads: int,
 ) -> tuple[Placement, NDArray[np.float64]]:
     """The placement and the planes (4, 2) [mm] that prediction follows."""
     if prepared.overlaps is None or not found.found:
@@ -299,6 +304,7 @@ def _followed(
         planes_mm=found.planes_mm,
         plane_parts=found.plane_parts,
         lost=lost,
+        threads=threads,
     )
     if fringes is None:
         return found.placement, found.planes_mm

@@ -111,34 +111,34 @@ def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
 @kernel(
     "measured (L, P), expected (L, P), offset (P), inside (L, P), inks.gain (4, L, P), inks.dot (4, L, P), "
     "inks.cover (4, L, P), bells (4, LEVELS, SHAPES), fitted.shape (SHAPES), fitted.columns (P), "
-    "fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), out (L, P)",
+    "fitted.gain (4, 3), fitted.dot (4), fitted.planes (4, 2), first, last, out (L, P)",
+    where="0 <= first, last <= L",
     fastmath=True,
     error_model="numpy",
 )
-def residuals(measured, expected, offset, inside, inks, bells, fitted, out):  # type: ignore[no-untyped-def]
+def residuals(  # type: ignore[no-untyped-def]
+    measured, expected, offset, inside, inks, bells, fitted, first, last, out
+):
     """What is left of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
 
-    inks: ``InkImages``; bells: as ``block_sums``; fitted: ``FittedAmounts``.
+    inks: ``InkImages``; bells: as ``block_sums``; fitted: ``FittedAmounts``. Lines first .. last - 1 are written.
     """
     lines, pixels = measured.shape
     gain, dot, cover = inks.gain, inks.dot, inks.cover
     weights, columns, gains, dots, planes = fitted
-    relative, last = np.zeros(pixels, np.float32), np.full(INKS + 1, np.float32(-1))
-    printed = np.zeros(INKS, np.bool_)
-    for ink in range(INKS):
-        for line in range(lines):
-            printed[ink] = printed[ink] or shows(cover[ink, line])
-    for line in range(lines):
+    relative, found = np.zeros(pixels, np.float32), np.empty(INKS + 1, np.float32)
+    for line in range(first, last):
         row = out[line]
+        found[:] = np.float32(-1)
         if line == 0 or line == lines - 1:
             row[:] = np.float32(0)
             continue
         c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
-        shape_row(c, m, y, k, inside[line], bells, weights, last, relative)
+        shape_row(c, m, y, k, inside[line], bells, weights, found, relative)
         take_row(measured[line], expected[line], offset, relative, columns, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
         for ink in range(INKS):
-            if printed[ink]:
+            if shows(gain[ink, line]) or shows(dot[ink, line]):
                 at_centre = gains[ink, 0] + gains[ink, 2] * v
                 areas = cover[ink, line - 1], cover[ink, line], cover[ink, line + 1]
                 amounts = at_centre, gains[ink, 1], dots[ink], planes[ink, 0], planes[ink, 1]
@@ -200,13 +200,16 @@ def variance_row(light, variance, texture, slope, depth, shares, rest, level):  
 
 
 @kernel(
-    "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, out (L, P), of_edges (L, P)",
+    "light (L, P), variance (L, P), texture (L, P), inside (L, P), shares, first, last, out (L, P), of_edges (L, P)",
+    where="0 <= first, last <= L",
     error_model="numpy",
 )
-def variances(light, variance, texture, inside, shares, out, of_edges):  # type: ignore[no-untyped-def]
+def variances(  # type: ignore[no-untyped-def]
+    light, variance, texture, inside, shares, first, last, out, of_edges
+):
     """Inverse variance of residuals of one sensor, (lines, pixels) [1/DN^2], and the edges' share of it; 0 outside.
 
-    What is dark counts for no variance in that share.
+    What is dark counts for no variance in that share. Lines first .. last - 1 are written.
 
     scale x temporal variance + edge x mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s =
     share + dark x log(white / light)^2; shares: ``VarianceShares``.
@@ -216,15 +219,15 @@ def variances(light, variance, texture, inside, shares, out, of_edges):  # type:
     squares, parts = np.zeros((3, pixels), np.float32), np.empty((2, pixels), np.float32)
     slope, depth = np.zeros(pixels, np.float32), np.empty(pixels, np.float32)
     rest, level = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
-    for line in range(lines):
+    begin = max(first, 2)
+    for line in range(first, last):
         sure, steep = out[line], of_edges[line]
         sure[:] = np.float32(0)
         steep[:] = np.float32(0)
-        for near in range(1 if line == 2 else line + 1, line + 2):
-            if 2 <= line < lines - 2:
-                square_row(light[near - 1], light[near], light[near + 1], squares[near % 3])
         if line < 2 or line >= lines - 2:
             continue
+        for near in range(line - 1 if line == begin else line + 1, line + 2):
+            square_row(light[near - 1], light[near], light[near + 1], squares[near % 3])
         a, b, c = squares[(line - 1) % 3], squares[line % 3], squares[(line + 1) % 3]
         for x in range(1, pixels - 1):
             near = a[x - 1] + a[x] + a[x + 1] + b[x - 1] + b[x] + b[x + 1] + c[x - 1] + c[x] + c[x + 1]
@@ -283,10 +286,14 @@ def sum_of(row):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "residual (L, P), weight (L, P), light (L, P), side, out (5, _, _)", fastmath=True, error_model="numpy"
+    "residual (L, P), weight (L, P), light (L, P), side, first, last, out (5, R, _)",
+    where="0 <= first, last <= R",
+    fastmath=True,
+    error_model="numpy",
 )
-def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-def]
-    """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns).
+def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore[no-untyped-def]
+    """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns), rows first ..
+    last - 1.
 
     Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along; r is kept
     below 8 sigma. The last tiles take what is left over.
@@ -294,27 +301,31 @@ def slope_sums(residual, weight, light, side, out):  # type: ignore[no-untyped-d
     lines, pixels = residual.shape
     rows, columns = out.shape[1], out.shape[2]
     sums, made = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
-    for row in range(rows):
+    for row in range(first, last):
         sums[:] = np.float32(0)
-        last = lines - 2 if row == rows - 1 else (row + 1) * side
-        for line in range(max(row * side, 2), min(last, lines - 2)):
+        stop = lines - 2 if row == rows - 1 else (row + 1) * side
+        for line in range(max(row * side, 2), min(stop, lines - 2)):
             around = light[line - 1], light[line], light[line + 1]
             add_slopes(residual[line], weight[line], *around, made, sums)
         for i in range(5):
             for column in range(columns):
-                stop = pixels if column == columns - 1 else (column + 1) * side
-                out[i, row, column] += sum_of(sums[i, column * side : stop])
+                end = pixels if column == columns - 1 else (column + 1) * side
+                out[i, row, column] += sum_of(sums[i, column * side : end])
 
 
 @kernel(
-    "residual (L, P), weight (L, P), light (L, P), across_by (L, P), along_by (L, P)",
+    "residual (L, P), weight (L, P), light (L, P), across_by (L, P), along_by (L, P), first, last",
+    where="0 <= first, last <= L",
     fastmath=True,
     error_model="numpy",
 )
-def take_slopes(residual, weight, light, across_by, along_by):  # type: ignore[no-untyped-def]
-    """Take local displacements, fields (lines, pixels) [pixels], out of one sensor's residuals, in place."""
+def take_slopes(residual, weight, light, across_by, along_by, first, last):  # type: ignore[no-untyped-def]
+    """Take local displacements, fields (lines, pixels) [pixels], out of one sensor's residuals, in place.
+
+    Of lines first .. last - 1.
+    """
     lines, pixels = residual.shape
-    for line in range(2, lines - 2):
+    for line in range(max(first, 2), min(last, lines - 2)):
         for x in range(2, pixels - 2):
             if weight[line, x] > 0:
                 across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
@@ -322,14 +333,22 @@ def take_slopes(residual, weight, light, across_by, along_by):  # type: ignore[n
                 residual[line, x] -= across * across_by[line, x] + along * along_by[line, x]
 
 
-@kernel("residual (L, P), weight (L, P), light (L, P), known, out (P)", fastmath=True, error_model="numpy")
-def column_gains(residual, weight, light, known, out):  # type: ignore[no-untyped-def]
-    """Relative gain of each column of one sensor from its residuals, (pixels,) [-]; known: 1 / prior variance."""
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), known, first, last, out (P)",
+    where="0 <= first, last <= P",
+    fastmath=True,
+    error_model="numpy",
+)
+def column_gains(residual, weight, light, known, first, last, out):  # type: ignore[no-untyped-def]
+    """Relative gain of each column of one sensor from its residuals, (pixels,) [-]; known: 1 / prior variance.
+
+    Of pixels first .. last - 1.
+    """
     lines, pixels = residual.shape
     power = np.full(pixels, known)
-    out[:] = 0
+    out[first:last] = 0
     for line in range(2, lines - 2):
-        for x in range(pixels):
+        for x in range(first, last):
             w = weight[line, x]
             if w > 0:
                 r = residual[line, x]
@@ -338,15 +357,20 @@ def column_gains(residual, weight, light, known, out):  # type: ignore[no-untype
                     r *= np.float32(3) / np.sqrt(z2)
                 out[x] += light[line, x] * r * w
                 power[x] += light[line, x] * light[line, x] * w
-    for x in range(pixels):
+    for x in range(first, last):
         out[x] /= power[x]
 
 
-@kernel("residual (L, P), weight (L, P), light (L, P), gains (P)", fastmath=True, error_model="numpy")
-def take_columns(residual, weight, light, gains):  # type: ignore[no-untyped-def]
-    """Take column gains (pixels,) out of one sensor's residuals, in place."""
-    lines, pixels = residual.shape
-    for line in range(lines):
+@kernel(
+    "residual (L, P), weight (L, P), light (L, P), gains (P), first, last",
+    where="0 <= first, last <= L",
+    fastmath=True,
+    error_model="numpy",
+)
+def take_columns(residual, weight, light, gains, first, last):  # type: ignore[no-untyped-def]
+    """Take column gains (pixels,) out of one sensor's residuals, in place, of lines first .. last - 1."""
+    pixels = residual.shape[1]
+    for line in range(first, last):
         for x in range(pixels):
             if weight[line, x] > 0:
                 residual[line, x] -= light[line, x] * gains[x]

@@ -94,12 +94,14 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
 @kernel(
     "images.residual (L, P), images.weight (L, P), images.light (L, P), images.white (P), "
     "images.add (4, L, P), images.gain (4, L, P), images.of_edges (L, P), most_edges (N), shift (L), "
-    "segment_lines, which (M), out (N, 4, M, _, P)",
+    "segment_lines, which (M), first, last, out (N, 4, M, G, P)",
+    where="0 <= first, last <= G",
     fastmath=True,
     error_model="numpy",
 )
-def line_sums(images, most_edges, shift, segment_lines, which, out):  # type: ignore[no-untyped-def]
-    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels).
+def line_sums(images, most_edges, shift, segment_lines, which, first, last, out):  # type: ignore[no-untyped-def]
+    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels), those
+    of segments first .. last - 1.
 
     which (modes,): numbers of modes, none beyond ``VOID``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part
     of P^2 / V. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
@@ -109,7 +111,8 @@ def line_sums(images, most_edges, shift, segment_lines, which, out):  # type: ig
     lines, pixels = residual.shape
     rows = np.empty((most_edges.size, 4, pixels), np.float32)
     void = np.empty(pixels, np.float32)
-    for line in range(2, lines - 2):
+    end = lines if last == out.shape[3] else last * segment_lines
+    for line in range(max(first * segment_lines, 2), min(end, lines - 2)):
         segment = min(line // segment_lines, out.shape[3] - 1)
         by = shift[line]
         left, right = max(by, 0), min(pixels + by, pixels)
@@ -203,10 +206,11 @@ def add_tile_row(images, first, last, side, which, rows, made, sums, out):  # ty
 @kernel(
     "images.residual (S, L, P), images.weight (S, L, P), images.light (S, L, P), images.white (S, P), "
     "images.add (S, 4, L, P), images.gain (S, 4, L, P), images.of_edges (S, L, P), side, "
-    "which (M), out (4, M + 1, L // side, P // side)"
+    "which (M), first, last, out (4, M + 1, L // side, P // side)",
+    where="0 <= first, last <= L // side",
 )
-def tile_sums(images, side, which, out):  # type: ignore[no-untyped-def]
-    """Sums over tiles of all sensors, written to out (4, modes + 1, tile rows, tile columns).
+def tile_sums(images, side, which, first, last, out):  # type: ignore[no-untyped-def]
+    """Sums over tiles of all sensors, written to out (4, modes + 1, tile rows, tile columns), rows first .. last - 1.
 
     images: ``ResidualImages`` of all sensors; which (modes,): numbers of modes. As ``line_sums``, r kept below 10
     sigma; the last mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of
@@ -218,12 +222,12 @@ def tile_sums(images, side, which, out):  # type: ignore[no-untyped-def]
     made = np.empty((3, side, pixels), np.float32)
     sums = np.empty((4, pixels), np.float32)
     here = np.empty((4, which.size + 1, out.shape[3]), np.float32)
-    for tile in range(out.shape[2]):
+    for tile in range(first, last):
         here[:] = np.float32(0)
-        first, last = max(tile * side, 2), min((tile + 1) * side, lines - 2)
+        begin, end = max(tile * side, 2), min((tile + 1) * side, lines - 2)
         for s in range(residual.shape[0]):
             own = ResidualImages(residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s])
-            add_tile_row(own, first, last, side, which, rows, made, sums, here)
+            add_tile_row(own, begin, end, side, which, rows, made, sums, here)
         out[:, :, tile] = here
 
 

@@ -9,6 +9,7 @@ with that prior.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -26,6 +27,7 @@ from prooflight.kernels.residuals.fit import (
     SUMS,
     block_sums,
 )
+from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.registration.field import Prior
 
 if TYPE_CHECKING:
@@ -303,13 +305,15 @@ def fit_nuisances(
     pixel_mm: float,
     prior: PrintPrior,
     residual_variance: ResidualVariance,
+    threads: int = 1,
 ) -> Fit:
     """Amounts of every nuisance in one scan.
 
-    planes (4, 2): register of planes as registration found it, the start of theirs. [pixels]
+    planes (4, 2): register of planes as registration found it, the start of theirs. [pixels] threads: that share its
+    blocks out.
     """
     noise = np.ones(len(scan.sensors))
-    model = _Model.of(_summed(scan), prior, pixel_mm, planes)
+    model = _Model.of(_summed(scan, threads), prior, pixel_mm, planes)
     white_dn = np.array([sensor.white_dn for sensor in scan.sensors])
     amounts, sd, robust, lost = model.solved(noise, residual_variance, white_dn)
     found = model.layout.parts(amounts * model.scale)
@@ -359,7 +363,7 @@ class _Blocks:
         return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
-def _summed(scan: PlacedScan) -> _Blocks:
+def _summed(scan: PlacedScan, threads: int) -> _Blocks:
     inside, colours = scan.seen_by_all(), scan.colours
     rows, columns = (extent // BLOCK for extent in inside.shape)
     cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
@@ -372,19 +376,26 @@ def _summed(scan: PlacedScan) -> _Blocks:
     corners = np.ascontiguousarray(place.T * BLOCK)
     sums = np.empty((len(scan.sensors), used.size, SUMS), np.float32)
     bells = colours.bells()
-    for index, sensor in enumerate(scan.sensors):
-        block_sums(
-            scan.measured_dn[index],
-            scan.seen.expected_dn[index],
-            sensor.column_offset_dn,
-            scan.seen.variance_dn2[index],
-            scan.modes.inks(index),
-            inside,
-            bells,
-            corners,
-            BLOCK,
-            sums[index],
-        )
+    shared_out(
+        [
+            partial(
+                block_sums,
+                scan.measured_dn[index],
+                scan.seen.expected_dn[index],
+                sensor.column_offset_dn,
+                scan.seen.variance_dn2[index],
+                scan.modes.inks(index),
+                inside,
+                bells,
+                corners[first:last],
+                BLOCK,
+                sums[index, first:last],
+            )
+            for index, sensor in enumerate(scan.sensors)
+            for first, last in parts_of(used.size, threads)
+        ],
+        threads=threads,
+    )
     shape = sums[..., SHAPE_AT : SHAPE_AT + len(colours.centres)] @ colours.root.T
     pixels = sums[..., 0].astype(np.float64)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -18,6 +19,7 @@ from prooflight.kernels.residuals.residuals import (
     take_slopes,
     variances,
 )
+from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.printed import PrintedPage
 
 if TYPE_CHECKING:
@@ -47,23 +49,29 @@ NOISE_FACTORS: Final = (0.4, 2.6)
 
 
 def residual_images(
-    scan: PlacedScan, fit: Fit, *, residual_variance: ResidualVariance
+    scan: PlacedScan,
+    fit: Fit,
+    light: NDArray[np.float32],
+    *,
+    residual_variance: ResidualVariance,
+    threads: int = 1,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
     """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
 
-    (sensors, lines, pixels) but for the last.
+    (sensors, lines, pixels) but for the last. light: ``PlacedScan.light``. threads: that share its lines out.
 
     The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
     """
     seen, modes, sensors = scan.seen, scan.modes, scan.sensors
-    pixels = scan.where.inside.shape[1]
+    lines, pixels = scan.where.inside.shape
     u = (np.arange(pixels) + 0.5) / pixels
     lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
-    noise, bells, light = np.ones(len(sensors)), scan.colours.bells(), scan.light()
-    for index, sensor in enumerate(sensors):
-        inside = scan.inside(index)
+    noise, bells = np.ones(len(sensors)), scan.colours.bells()
+    inside = [scan.inside(index) for index in range(len(sensors))]
+
+    def taken(index: int, first: int, last: int) -> None:
         fitted = FittedAmounts(
             shape=scan.colours.weights(fit.shape[index]),
             columns=(fit.white[index] + lamp).astype(np.float32),
@@ -74,41 +82,57 @@ def residual_images(
         residuals(
             scan.measured_dn[index],
             seen.expected_dn[index],
-            sensor.column_offset_dn,
-            inside,
+            sensors[index].column_offset_dn,
+            inside[index],
             modes.inks(index),
             bells,
             fitted,
+            first,
+            last,
             left[index],
         )
-        noise[index] = noise_factor(
-            left[index],
-            seen.variance_dn2[index],
-            light[index],
-            modes.texture[index],
-            inside,
-            residual_variance,
-        )
+
+    def weighed(index: int, first: int, last: int) -> None:
         amounts = (
             noise[index],
             residual_variance.edge,
             residual_variance.contrast,
             residual_variance.share,
             residual_variance.dark,
-            sensor.white_dn,
+            sensors[index].white_dn,
         )
-        shares = VarianceShares._make(map(np.float32, amounts))
         variances(
             light[index],
             seen.variance_dn2[index],
             modes.texture[index],
-            inside,
-            shares,
+            inside[index],
+            VarianceShares._make(map(np.float32, amounts)),
+            first,
+            last,
             weight[index],
             of_edges[index],
         )
+
+    stripes = [(index, *part) for index in range(len(sensors)) for part in parts_of(lines, threads)]
+    shared_out([partial(taken, *stripe) for stripe in stripes], threads=threads)
+    noise[:] = shared_out(
+        [
+            partial(
+                noise_factor,
+                left[index],
+                seen.variance_dn2[index],
+                light[index],
+                modes.texture[index],
+                inside[index],
+                residual_variance,
+            )
+            for index in range(len(sensors))
+        ],
+        threads=threads,
+    )
+    shared_out([partial(weighed, *stripe) for stripe in stripes], threads=threads)
     for _ in range(0 if residual_variance.exact else LOCAL_ROUNDS):
-        _take_local_moves(left, weight, light)
+        _take_local_moves(left, weight, light, threads)
     return left, weight, of_edges, noise
 
 
@@ -128,15 +152,19 @@ def in_register(
 
 
 def _take_local_moves(
-    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32]
+    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32], threads: int
 ) -> None:
     """Take out of the residuals what a smooth field of small displacements explains, in place."""
     lines, pixels = left.shape[1:]
     side = LOCAL_PIXELS
     shape = (max(lines // side, 1), max(pixels // side, 1))
     sums = np.zeros((5, *shape), np.float32)
-    for index in range(len(light)):
-        slope_sums(left[index], weight[index], light[index], side, sums)
+
+    def said(first: int, last: int) -> None:
+        for index in range(len(light)):
+            slope_sums(left[index], weight[index], light[index], side, first, last, sums)
+
+    shared_out([partial(said, *part) for part in parts_of(shape[0], threads)], threads=threads)
     ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
     known = 1 / LOCAL_SD**2
     xx, yy = xx + known, yy + known
@@ -145,8 +173,12 @@ def _take_local_moves(
     fields = [
         cv2.resize(np.asarray(one, np.float32), (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in by
     ]
-    for index in range(len(light)):
-        take_slopes(left[index], weight[index], light[index], *fields)
+
+    def taken(first: int, last: int) -> None:
+        for index in range(len(light)):
+            take_slopes(left[index], weight[index], light[index], *fields, first, last)
+
+    shared_out([partial(taken, *part) for part in parts_of(lines, threads)], threads=threads)
 
 
 def noise_factor(

@@ -24,7 +24,7 @@ from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
-from prooflight.pages.parallel import shared_out
+from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -121,6 +121,7 @@ class Sums:
 
 def summed(
     scan: PlacedScan,
+    light: NDArray[np.float32],
     left: NDArray[np.float32],
     weight: NDArray[np.float32],
     of_edges: NDArray[np.float32],
@@ -133,7 +134,8 @@ def summed(
 ) -> Sums:
     """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way.
 
-    looked_at: those of ``MODES`` that are summed up, light the first. threads: that share it out.
+    light: ``PlacedScan.light``. looked_at: those of ``MODES`` that are summed up, light the first. threads: that share
+    it out.
     """
     left = left.copy()
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
@@ -142,40 +144,45 @@ def summed(
     which = np.array([MODES.index(name) for name in looked_at])
     which_lines = which[which < len(LINE_MODES)]
     tiles = unset((4, which.size + 1, lines // side, pixels // side))
-    parts = np.array_split(which_lines, min(threads, which_lines.size))
-    columns = [np.zeros((2, 4, part.size, SEGMENTS, pixels), np.float32) for part in parts]
+    columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
-    light = scan.light()
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
     add = modes.gain if modes.add is None else modes.add  # not looked at, and only of the right shape
     images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
-    column_gains_found = np.empty((len(sensors), pixels), np.float32)
-    for index, gains in enumerate(column_gains_found):
-        own = ResidualImages._make(image[index] for image in images)
-        segment, least = -(-lines // SEGMENTS), np.array([1, FLAT], np.float32)
-        shared_out(
-            [
-                partial(line_sums, own, least, shift, segment, part, out)
-                for part, out in zip(parts, columns, strict=True)
-            ],
-            threads=threads,
-        )
-        column_gains(left[index], weight[index], light[index], np.float32(1 / prior.column**2), gains)
-        # What is smooth across is lamp or scum, not a column's own gain.
-        gains -= ndimage.uniform_filter1d(
-            gains, round(COLUMN_MM / geometry.pixel_pitch_mm) | 1, mode="nearest"
-        )
-        take_columns(left[index], weight[index], light[index], gains)
+    gains = np.empty((len(sensors), pixels), np.float32)
+    segment, least = -(-lines // SEGMENTS), np.array([1, FLAT], np.float32)
+
+    def down(first: int, last: int) -> None:
+        for index in range(len(sensors)):
+            own = ResidualImages._make(image[index] for image in images)
+            line_sums(own, least, shift, segment, which_lines, first, last, columns)
+
+    def gained(index: int, first: int, last: int) -> None:
+        known = np.float32(1 / prior.column**2)
+        column_gains(left[index], weight[index], light[index], known, first, last, gains[index])
+
+    def taken(index: int, first: int, last: int) -> None:
+        take_columns(left[index], weight[index], light[index], gains[index], first, last)
+
+    every = range(len(sensors))
+    tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
+    tasks += [partial(gained, index, *part) for index in every for part in parts_of(pixels, threads)]
+    shared_out(tasks, threads=threads)
+    # What is smooth across is lamp or scum, not a column's own gain.
+    near = round(COLUMN_MM / geometry.pixel_pitch_mm) | 1
+    gains -= ndimage.uniform_filter1d(gains, near, mode="nearest")
+    tasks = [partial(taken, index, *part) for index in every for part in parts_of(lines, threads)]
+    shared_out(tasks, threads=threads)
     shifts = np.zeros((INKS, 4))
 
-    def tiled() -> None:
-        tile_sums(images, side, which, tiles)
-
     def shifted() -> None:
-        if looked_at == MODES:
-            shifts[:] = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
+        shifts[:] = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
 
-    shared_out([tiled, shifted], threads=threads)
+    tasks = [partial(shifted)] if looked_at == MODES else []
+    tasks += [
+        partial(tile_sums, images, side, which, *part, tiles) for part in parts_of(lines // side, 2 * threads)
+    ]
+    shared_out(tasks, threads=threads)
     size = (pixels // side, lines // side)
     cover = np.stack(
         [
@@ -183,7 +190,7 @@ def summed(
             for c in modes.cover
         ]
     )
-    whole, flat = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
+    whole, flat = columns
     return Sums(
         tiles=tiles,
         columns=whole,
@@ -195,7 +202,7 @@ def summed(
         left_mm=-geometry.left_mm(page_width_mm),
         top_mm=-geometry.lead_in_mm,
         prior=prior,
-        column_gains=column_gains_found,
+        column_gains=gains,
         modes=looked_at,
     )
 

@@ -11,8 +11,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from prooflight.pages.parallel import _Crew, _crew_of, _page, due, shared_out
+from prooflight.pages import parallel
+from prooflight.pages.parallel import _Crew, _crew_of, _page, due, parts_of, shared_out
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -117,6 +120,22 @@ def test_the_page_due_first_is_given_the_next_processor() -> None:
     for thread in (*first, *waiting):
         thread.join(20)
     assert done == ["soon", "late"]
+
+
+def test_a_process_of_pages_does_their_parts_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "_held", [print])
+    assert set(shared_out([threading.get_ident] * 8, threads=2)) == {threading.get_ident()}
+    monkeypatch.undo()
+    assert threading.get_ident() not in shared_out([threading.get_ident] * 8, threads=2)
+
+
+@given(st.integers(0, 50), st.integers(1, 9))
+def test_parts_lie_one_behind_the_other_and_are_about_as_long(extent: int, parts: int) -> None:
+    found = parts_of(extent, parts)
+    assert [at for part in found for at in range(*part)] == list(range(extent))
+    assert len(found) == min(parts, extent)
+    lengths = [last - first for first, last in found]
+    assert max(lengths, default=0) - min(lengths, default=0) <= 1
 
 
 def test_what_a_task_raises_is_raised() -> None:

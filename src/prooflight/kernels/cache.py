@@ -132,6 +132,12 @@ def kept(function: Callable[..., Any]) -> KernelCache:
     return KernelCache(function)
 
 
+def is_kept(kernel: Any) -> bool:
+    """Whether some compiled form of a kernel is kept, of this or of an older version of it."""
+    index = getattr(getattr(kernel.compiled, "_cache", None), "_cache_file", None)
+    return index is not None and Path(index._index_path).exists()  # noqa: SLF001 - numba does not say it
+
+
 def _locked(handle: int) -> bool:
     """Whether this process holds the lock now; it goes with the process, however that ends."""
     if sys.platform == "win32":

@@ -133,9 +133,12 @@ def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterat
 
 
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
-    """What the tasks give, in their order, that many run at once; the tasks must not share out in turn."""
+    """What the tasks give, in their order, that many run at once; the tasks must not share out in turn.
+
+    In a process of ``in_order`` one after the other: other pages take the other processors.
+    """
     tasks = list(tasks)
-    if threads == 1 or len(tasks) <= 1:
+    if threads == 1 or len(tasks) <= 1 or _held:
         return [task() for task in tasks]
     own, due_s, ended = _page.crew, _page.due_s(), threading.Event()
 
@@ -178,6 +181,7 @@ def in_order(
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
     if processes == 1 or len(waiting) < fewest:
+        _settle()
         yield from map(work, waiting)
         return
     done = 0
@@ -226,12 +230,16 @@ _held: list[Callable[[Any], Any]] = []
 """In a worker process alone: the work that it was started for."""
 
 
-def _hold(work: Callable[[Any], Any]) -> None:
+def _settle() -> None:
     from prooflight.pages.process import settle_process  # loads much that no other process needs
 
+    settle_process()
+
+
+def _hold(work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    settle_process()
+    _settle()
     _held[:] = [work]
 
 

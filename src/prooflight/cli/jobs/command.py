@@ -109,14 +109,16 @@ def demo(
     sheets = demonstration.plan(len(sizes), pages, seed=seed)
     work = demonstration.PrintAndInspect(job=source, press=press, world=into, seed=seed, titles=titles)
     started = time.perf_counter()
-    entries = list(_shown(in_order(work, sheets), len(sheets), "printing and inspecting", quiet=json))
+    done = _shown(
+        in_order(work.with_worlds(sheets), sheets), len(sheets), "printing and inspecting", quiet=json
+    )
+    entries, compared = zip(*done, strict=True)
     pages_per_s = len(entries) / (time.perf_counter() - started)
     inspector = Inspector.of(press, demonstration.DETECTOR[into])
     summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
-    good = next((sheet for sheet in sheets if sheet.first_kind is None), None)
-    worlds = work.worlds(good) if good and into == "press" else None
+    worlds = next(filter(None, compared), None)
     shown_zones = None
     if zones:
         from prooflight.cli.jobs import demo_zones

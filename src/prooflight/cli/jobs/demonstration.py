@@ -145,6 +145,11 @@ class PrintAndInspect:
             press=self.press,
         )
 
+    def with_worlds(self, sheets: Sequence[Print]) -> _WithWorlds:
+        """The same work, which of the first good print also says why this world is not the paper's."""
+        first = next((sheet.index for sheet in sheets if sheet.first_kind is None), None)
+        return _WithWorlds(work=self, compared=first if self.world == "press" else None)
+
     def _laid(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))
 
@@ -173,3 +178,13 @@ class PrintAndInspect:
             except RequestError:
                 continue  # this kind shows nothing on this page
         raise AssertionError  # the last request is for a good print, which never fails
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _WithWorlds:
+    work: PrintAndInspect
+    compared: int | None
+    """Place in the run of the print that is shown in both worlds."""
+
+    def __call__(self, sheet: Print) -> tuple[PageEntry, TwoWorlds | None]:
+        return self.work(sheet), self.work.worlds(sheet) if sheet.index == self.compared else None

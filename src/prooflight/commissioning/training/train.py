@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.training.adapting import fit_for
+from prooflight.commissioning.training.compiling import compile_beside
 from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
@@ -36,9 +37,8 @@ if TYPE_CHECKING:
 
 FEWEST: Final = 24
 """Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
-FEWEST_DAYS: Final = 3
-"""From which on they are shared out. Two take little longer one after the other than processes take to start, and where
-no kernel is compiled yet, the first of them compiles it for all processes that follow."""
+FEWEST_DAYS: Final = 2
+"""From which on they are shared out."""
 PILOT_SHARE: Final = 1 / 8
 PILOT: Final = (6, 40)
 DEFAULT_RATE: Final = 0.01
@@ -83,6 +83,7 @@ def trained(
     designs.
     """
     plan, ranking = Plan.of(designs), shipped_ranking()
+    compile_beside(press, pages)
 
     def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]

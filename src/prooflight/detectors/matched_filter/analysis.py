@@ -191,10 +191,31 @@ def analyse(
     Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
     alone. looked_at: those of ``MODES`` that are summed up at once, light the first. threads: that share its parts out.
     """
-    page, prior, residual_variance = prepared.page, prepared.prior, residual_variance or ResidualVariance()
-    geometry, at = prepared.landmarks.geometry, prepared.binned_geometry
+    return analyse_found(
+        prepared,
+        scan,
+        register(prepared.landmarks, scan, lost=lost, threads=threads),
+        lost=lost,
+        residual_variance=residual_variance or ResidualVariance(),
+        looked_at=looked_at,
+        threads=threads,
+    )
+
+
+def analyse_found(
+    prepared: PreparedPage,
+    scan: NDArray[np.uint16],
+    found: Registration,
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    residual_variance: ResidualVariance,
+    looked_at: tuple[str, ...] = MODES,
+    threads: int = 1,
+) -> ScanAnalysis:
+    """``analyse`` of a scan in which the page was found."""
+    page, prior, at = prepared.page, prepared.prior, prepared.binned_geometry
+    geometry = prepared.landmarks.geometry
     bins = bins_of(geometry)
-    found = register(prepared.landmarks, scan, lost=lost, threads=threads)
     if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import threading
@@ -43,6 +44,15 @@ def touch(size_bytes: int) -> None:
     It stays with the process after ``settle_process``. Where the first pages take it bit by bit, each waits for that.
     """
     np.full(min(size_bytes, TOUCHED_BYTES), 1, np.uint8)
+
+
+def spare_collector() -> None:
+    """Have the collector of cyclic garbage never look again at what is there now.
+
+    To look at all that a run has ready takes it a tenth of a second, in which no thread gets the interpreter.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def step_back() -> None:

@@ -41,9 +41,9 @@ class StressWork:
     All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
     Columns: design, kind (of the misprint, with its variant; "" where good), severity, nuisance ("" where none), day,
-    values (statistics,), boxes (statistics, 4) [mm], portrait, another, places (PLACES, 4) [mm, NaN: none]. Beside them
-    ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names`` of the
-    statistics.
+    values (statistics,), boxes (statistics, 4) [mm], portrait, another, glyphs, places (PLACES, 4) [mm, NaN: none].
+    Beside them ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names``
+    of the statistics.
     """
 
     scene: Scene

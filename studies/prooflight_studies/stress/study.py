@@ -18,6 +18,8 @@ from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
+from prooflight.detectors.matched_filter.glyphs.promise import together
+from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.press.press_file import TWO_SENSORS, PressFile
@@ -279,11 +281,32 @@ def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetec
         false_alarm_rate=ours.promise.asked,
         misprint_rate=ours.misprint_rate,
         real=True,
+        glyphs=rows["glyphs"][here],
     )
 
 
-def _scores(ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]) -> NDArray[np.float64]:
-    return certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
+def _scores(
+    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The ranking's, and those of ranking and glyphs together, which lie above its threshold where a page alarms."""
+    ranking = certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
+    return ranking, _with_glyphs(ours, ranking, rows, here)
+
+
+def _with_glyphs(
+    ours: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    if ours.glyphs is None:
+        return ranking
+    # A scan that shows another page is asked for no glyph.
+    glyphs = np.where(rows["another"][here], NONE, rows["glyphs"][here])
+    threshold = ours.glyphs.threshold
+    return np.array(
+        [
+            together(*one, threshold)
+            for one in zip(ranking, np.full(len(ranking), ours.threshold), glyphs, strict=True)
+        ]
+    )
 
 
 def _judged_runs(
@@ -291,8 +314,8 @@ def _judged_runs(
 ) -> tuple[NDArray[np.bool_], list[int | None]]:
     """Which pages alarm; and of each run, after how many it says that its promise does not hold (None: it does not)."""
     found: list[int | None] = []
-    pages, score = Pages.of(rows).rows(here), _scores(ours, rows, here)
-    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), score)
+    pages, (ranking, score) = Pages.of(rows).rows(here), _scores(ours, rows, here)
+    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), ranking)
     day = rows["day"][here]
     for number, one in enumerate(np.unique(day)):
         test, rng = ExchangeabilityTest.of(ours), stream(seed, "stress-ties", number)
@@ -308,13 +331,14 @@ def _judged_runs(
 
 def _mark(ours: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
     here = rows["kind"] == kind
-    caught = int((_scores(ours, rows, here) > ours.threshold).sum())
-    return {"kind": str(kind), "count": int(here.sum()), "caught": caught}
+    ranking, score = _scores(ours, rows, here)
+    caught, without = (int((one > ours.threshold).sum()) for one in (score, ranking))
+    return {"kind": str(kind), "count": int(here.sum()), "caught": caught, "without_glyphs": without}
 
 
 def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> dict[str, Any]:
     here = where & (rows["kind"] != "")
-    hit = _scores(ours, rows, here) > ours.threshold
+    hit = _scores(ours, rows, here)[1] > ours.threshold
     upper = rows["severity"][here] >= 1 / 3
     return {
         "count": int(hit.size),
@@ -330,7 +354,7 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
 
 def _plain(every: dict[str, Rows]) -> Rows:
     """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
-    columns = ("design", "day", "kind", "severity", "values", "portrait", "another", "widening")
+    columns = ("design", "day", "kind", "severity", "values", "portrait", "another", "glyphs", "widening")
     parts = []
     for name, rows in every.items():
         here = (rows["nuisance"] == "") & ((rows["kind"] == "") | (name == "wrong"))
@@ -341,7 +365,8 @@ def _plain(every: dict[str, Rows]) -> Rows:
 def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
     """False alarms, misses, kinds named and c(1) of the detector as it was built.
 
-    c(1) is at the threshold that costs least on the good pages and misprints that the ranking was judged by.
+    Named is what the ranking names; what glyphs alone say is none of the twelve kinds. c(1) is at the threshold that
+    costs least on the good pages and misprints that the ranking was judged by.
     """
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
@@ -351,6 +376,7 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
         score[here] = certain_score(model, those, another)
         said = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
         named[here] = said == those.kind
+    by_ranking, score = score > ours.threshold, _with_glyphs(ours, score, rows, np.ones(score.size, bool))
     bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
     judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
     cost = bootstrap_cost(
@@ -359,11 +385,13 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     return {
         "good": int((~bad).sum()),
         "alarms": int((alarm & ~bad).sum()),
+        "alarms_by_glyphs": int((alarm & ~by_ranking & ~bad).sum()),
         "misprints": int(bad.sum()),
         "caught": int((alarm & bad).sum()),
+        "caught_by_glyphs": int((alarm & ~by_ranking & bad).sum()),
         "upper_misprints": int((bad & upper).sum()),
         "upper_caught": int((alarm & bad & upper).sum()),
-        "named": int((named & alarm & bad).sum()),
+        "named": int((named & by_ranking & bad).sum()),
         "designs": int(np.unique(pages.design).size),
         "days": int(np.unique(rows["day"]).size),
         "cost": cost,

@@ -42,7 +42,7 @@ from prooflight.line.sheets.records import MissingPage, SeenPage
 from prooflight.line.status import VERDICTS, Phase, Status, Tally
 from prooflight.pages.files import page_name
 from prooflight.pages.parallel import due
-from prooflight.pages.process import spare_collector, touch
+from prooflight.pages.process import collector_spared, touch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
@@ -184,9 +184,10 @@ class Running:
             finisher.start()
             minder.start()
             self._prepare()
-            for thread in inspectors:
-                thread.start()
-            self._read_all()
+            with collector_spared():
+                for thread in inspectors:
+                    thread.start()
+                self._read_all()
         except Exception as error:
             self._fault(error)
         finally:
@@ -231,7 +232,6 @@ class Running:
             if (error := turn.exception()) is not None:
                 _log.error("a warm-up failed", exc_info=error)  # its sheets will say so themselves
                 break
-        spare_collector()
 
     def _read_all(self) -> None:
         """Read until the lines end; whatever ends them, what has passed until then is inspected."""

@@ -6,7 +6,8 @@ import gc
 import os
 import sys
 import threading
-from typing import Final
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -14,6 +15,9 @@ import scipy.linalg  # noqa: F401  before its threads can be limited, a library 
 from threadpoolctl import threadpool_limits
 
 from prooflight.pages.heap import keep_memory
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SWITCH_S: Final = 5e-4
 """For which a thread may keep the interpreter while another waits: a tenth of Python's own. A page calls a thousand
@@ -46,13 +50,18 @@ def touch(size_bytes: int) -> None:
     np.full(min(size_bytes, TOUCHED_BYTES), 1, np.uint8)
 
 
-def spare_collector() -> None:
-    """Have the collector of cyclic garbage never look again at what is there now.
+@contextmanager
+def collector_spared() -> Iterator[None]:
+    """Have the collector of cyclic garbage not look at what is there now.
 
     To look at all that a run has ready takes it a tenth of a second, in which no thread gets the interpreter.
     """
     gc.collect()
     gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def step_back() -> None:

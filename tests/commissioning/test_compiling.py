@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,6 +73,7 @@ def test_only_where_nothing_is_compiled(
     pages: Designs = OnePage(make_page(1))
     compile_beside(press, pages)
     assert len(started.work) == processes
+    assert all(pickle.loads(pickle.dumps(given))[0] is given[0] for given in started.work)
 
 
 def test_not_where_there_is_one_processor(

@@ -38,17 +38,17 @@ MOVED = Placement(shift_mm=(0.1, 0.1), skew_deg=0.01)
 def compile_beside(press: Press, pages: Designs) -> None:
     """Begin, where the last kernel of them was never compiled and there is a processor for it; returns at once.
 
-    The process ends by itself, or with this one.
+    The process ends by itself, or with this one. It is given a page: whoever makes the pages need not be picklable.
     """
     if is_kept(shares_of) or (os.cpu_count() or 1) < 2:
         return
     context = multiprocessing.get_context("spawn")
-    context.Process(target=_compile, args=(press, pages), daemon=True).start()
+    context.Process(target=_compile, args=(press, fitted(pages.page(0), press.geometry)), daemon=True).start()
 
 
-def _compile(press: Press, pages: Designs) -> None:
+def _compile(press: Press, page: Page) -> None:
     with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is for whoever started this process
-        weigh_unfound(press, fitted(pages.page(0), press.geometry))
+        weigh_unfound(press, page)
 
 
 def weigh_unfound(press: Press, page: Page) -> float:

@@ -83,7 +83,8 @@ def trained(
     designs.
     """
     plan, ranking = Plan.of(designs), shipped_ranking()
-    compile_beside(press, pages)
+    if processes != 1:
+        compile_beside(press, pages)
 
     def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]

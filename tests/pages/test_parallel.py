@@ -23,6 +23,13 @@ def test_results_come_in_the_order_of_the_tasks(threads: int) -> None:
     assert shared_out([partial(pow, n, 2) for n in range(20)], threads=threads) == [n**2 for n in range(20)]
 
 
+def _run_out(threads: list[threading.Thread]) -> None:
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+
+
 def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
     under_way, most, guard = [0], [0], threading.Lock()
     met = threading.Barrier(2)
@@ -36,10 +43,7 @@ def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
             under_way[0] -= 1
 
     asking = [threading.Thread(target=shared_out, args=([task] * 6,), kwargs={"threads": 2}) for _ in "ab"]
-    for thread in asking:
-        thread.start()
-    for thread in asking:
-        thread.join(20)
+    _run_out(asking)
     assert most[0] == 2
 
 
@@ -82,10 +86,7 @@ def test_pages_and_their_parts_take_no_more_processors_than_there_are() -> None:
                 shared_out([work] * 4, threads=2)
 
     pages = [threading.Thread(target=page, args=(due_s,)) for due_s in (3.0, 1.0, 2.0, 4.0)]
-    for thread in pages:
-        thread.start()
-    for thread in pages:
-        thread.join(20)
+    _run_out(pages)
     assert most[0] == 2
 
 

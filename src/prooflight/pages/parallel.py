@@ -141,14 +141,8 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
     if threads == 1 or len(tasks) <= 1 or _held:
         return [task() for task in tasks]
     own, due_s, ended = _page.crew, _page.due_s(), threading.Event()
-
-    def then() -> None:
-        if own is None:
-            ended.set()
-        else:
-            own.ask(ended.set, due_s)
-
-    done = _crew_of(threads).do(tasks, due_s, then)
+    goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
+    done = _crew_of(threads).do(tasks, due_s, goes_on)
     if own is not None:
         own.leave()
     ended.wait()

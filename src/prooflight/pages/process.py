@@ -24,8 +24,8 @@ SWITCH_S: Final = 5e-4
 kernels, and after each must have the interpreter again; two threads inspect a tenth more pages so."""
 TOUCHED_BYTES: Final = 1_500_000_000
 """Well below ``heap.KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
-LEAST: Final = 19
-"""Of nice(2), the most: pages are made ready in what inspecting leaves."""
+LOWEST: Final = 19
+"""Priority, of nice(2): what inspecting leaves, in which pages are made ready."""
 
 
 def settle_process() -> None:
@@ -67,4 +67,4 @@ def collector_spared() -> Iterator[None]:
 def step_back() -> None:
     """Let this thread yield to those that inspect, where the system gives threads a priority of their own."""
     if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LEAST)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOWEST)

@@ -185,6 +185,9 @@ class Patches:
         right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
         shifts = self._centred(many)
         halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
+        noise = [
+            pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE) for sensor in landmarks.sensors
+        ]
         parts = parts_of(len(self.packed), self.threads)
 
         def summed(index: int, part: slice) -> NDArray[np.float32]:
@@ -205,7 +208,7 @@ class Patches:
                 shifts,
                 quantised_table(sensor.mean_dn),
                 taps,
-                pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE),
+                noise[index],
                 Workspace.of(self.packed.shape[2] - 2 * overlaps.margin, taps, size=PATCH_PIXELS),
                 not self.left,
                 sums,

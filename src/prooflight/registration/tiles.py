@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWindows, measure_tiles
 from prooflight.kernels.registration.rendering import EIGHT
 from prooflight.kernels.registration.solving import solve_tiles
-from prooflight.pages.parallel import shared_out
+from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
 
 if TYPE_CHECKING:
@@ -101,8 +100,7 @@ def measured(
     which say nothing. threads: that share the tiles out.
     """
     gathered = np.zeros((len(landmarks.sensors), tiles.size, SUMS + 1), np.float32)
-    bounds = np.arange(threads + 1) * tiles.size // threads
-    parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
+    parts = [slice(*part) for part in parts_of(tiles.size, threads)]
     gone = np.zeros(scan.shape[:2], bool) if lost is None else lost
     tasks = [
         partial(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.commissioning.zones.price import price_of
 from prooflight.errors import ProoflightError
-from prooflight.pages.process import settle_process
+from prooflight.pages.process import LOWEST, settle_process
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-LOWEST: Final = 19
 FULL: Final = (
     "memory ran out while the price was made; close what takes memory on this machine, and ask again"
 )

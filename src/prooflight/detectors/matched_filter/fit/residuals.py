@@ -70,15 +70,19 @@ def residual_images(
     weight, of_edges = np.empty_like(left), np.empty_like(left)
     noise, bells = np.ones(len(sensors)), scan.colours.bells()
     inside = [scan.inside(index) for index in range(len(sensors))]
+    gain, dot, planes = (amounts.astype(np.float32) for amounts in (fit.gain, fit.dot, fit.planes))
+    fitted = [
+        FittedAmounts(
+            shape=scan.colours.weights(shape),
+            columns=(white + lamp).astype(np.float32),
+            gain=gain,
+            dot=dot,
+            planes=planes,
+        )
+        for shape, white in zip(fit.shape, fit.white, strict=True)
+    ]
 
     def taken(index: int, first: int, last: int) -> None:
-        fitted = FittedAmounts(
-            shape=scan.colours.weights(fit.shape[index]),
-            columns=(fit.white[index] + lamp).astype(np.float32),
-            gain=fit.gain.astype(np.float32),
-            dot=fit.dot.astype(np.float32),
-            planes=fit.planes.astype(np.float32),
-        )
         residuals(
             scan.measured_dn[index],
             seen.expected_dn[index],
@@ -86,7 +90,7 @@ def residual_images(
             inside[index],
             modes.inks(index),
             bells,
-            fitted,
+            fitted[index],
             first,
             last,
             left[index],

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 from prooflight.detectors.matched_filter.glyphs.finding import find_glyphs, lines_of
 from prooflight.detectors.matched_filter.glyphs.letters import MARGIN, RIVALS, Letters, Optics, in_cells
 from prooflight.kernels.statistics.glyphs import NUISANCES, SHARE, Patches, PlacedGlyphs, glyph_energies
-from prooflight.pages.parallel import shared_out
+from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.predict import looked_up
 
 if TYPE_CHECKING:
@@ -174,10 +173,9 @@ def weighed(
         return NOTHING
     out = np.zeros((glyphs.count, 4))
     known = 1 / np.square(np.array(GOOD[:NUISANCES]))
-    parts = np.linspace(0, glyphs.count, threads + 1).astype(int)
     fixed = (left, weight, where.across, where.along, glyphs.patches, glyphs.placed, known)
     shared_out(
-        [partial(glyph_energies, *fixed, int(start), int(stop), out) for start, stop in pairwise(parts)],
+        [partial(glyph_energies, *fixed, *part, out) for part in parts_of(glyphs.count, threads)],
         threads=threads,
     )
     energy, pixels = out[:, 0], out[:, 1]

@@ -78,10 +78,7 @@ def by_fringes(
     assert overlaps is not None
     scan = scan_of(printed, press, placement)
     found = register(landmarks, scan)
-    fringes = register_by_fringes(
-        overlaps, landmarks, scan, found.placement, found.planes_mm, found.plane_parts
-    )
-    return found, fringes
+    return found, register_by_fringes(overlaps, landmarks, scan, found)
 
 
 def apart(planes_mm: NDArray[np.float64], page: Page) -> NDArray[np.int64]:
@@ -106,10 +103,27 @@ def test_planes_of_type_in_four_inks_are_found_to_the_raster_pixel(
 def test_what_is_predicted_then_lies_where_it_was_printed(two_sensor_press: Press) -> None:
     """Placement and planes together: each plane to a tenth of a camera pixel, 0.011 mm, what registration errs by."""
     page, steps = set_in(FOUR_INKS), np.array(INK_STEPS["all"])
-    found, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
+    _, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
     assert fringes is not None
-    lie_mm = np.array(found.placement.shift_mm) + fringes.shift_mm + fringes.planes_mm
+    lie_mm = np.array(fringes.placement.shift_mm) + fringes.planes_mm
     assert np.abs(lie_mm - steps * page.pixel_mm).max() < 0.011
+
+
+def test_what_is_in_black_lies_where_black_was_printed_below_a_title_in_colour(
+    two_sensor_press: Press,
+) -> None:
+    """Fringes are those of the title; where the page lies is told by all of it. To a tenth of a camera pixel."""
+    title, text = set_in(FOUR_INKS).cmyk, set_in(BLACK).cmyk
+    page = replace(set_in(BLACK), cmyk=np.concatenate([title[: len(title) // 3], *[text] * 4]))
+    steps = np.array([[0, 0], [0, 0], [0, 0], [0, 2]])
+    _, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
+    assert fringes is not None
+    np.testing.assert_array_equal(apart(fringes.planes_mm, page), steps[:3] - steps[3])
+    y_mm = np.array([0.5, 0.7, 0.9]) * page.height_mm
+    x_mm = np.full_like(y_mm, page.width_mm / 2)
+    seen = fringes.placement.seen_mm(x_mm, y_mm, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
+    lie_mm = np.stack([x_mm, y_mm]) - seen + fringes.planes_mm[3][:, None]
+    assert np.abs(lie_mm - steps[3][:, None] * page.pixel_mm).max() < 0.011
 
 
 @pytest.mark.parametrize("ink", range(4))

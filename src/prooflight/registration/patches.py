@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from prooflight.registration.landmarks import Landmarks
     from prooflight.registration.overlaps import Overlaps
+    from prooflight.registration.register import Registration
     from prooflight.scans.placement import Placement
 
 Steps = tuple[int, ...]
@@ -64,6 +65,10 @@ class Patches:
     landmarks: Landmarks
     parts: NDArray[np.float64]
     """(2, 4) how much each plane counts in the placement."""
+    displaced: NDArray[np.float64]
+    """(every patch of the design, 2) how far the placement displaces it. [pixels]"""
+    lines: int
+    """Of the scan."""
     packed: NDArray[np.uint32]
     """As ``Overlaps`` has them, of the patches that are seen."""
     origins: NDArray[np.float64]
@@ -92,17 +97,16 @@ class Patches:
         overlaps: Overlaps,
         landmarks: Landmarks,
         scan: NDArray[np.uint16],
-        placement: Placement,
-        parts: NDArray[np.float64],
+        found: Registration,
         *,
         lost: NDArray[np.bool_] | None = None,
         threads: int = 1,
     ) -> Self | None:
-        """The patches that a scan of a page that lies so shows; None if they are too few.
+        """The patches that a scan shows of a page found there; None if they are too few.
 
         lost (sensors, lines): lines that were not seen; no patch that lies on one counts.
         """
-        moves = _moves(overlaps, landmarks, placement, scan.shape[1])
+        moves = _moves(overlaps, landmarks, found.placement, scan.shape[1])
         whole = np.rint(moves).astype(np.int64)
         left, top = overlaps.columns + whole[:, 0], overlaps.lines + whole[:, 1]
         seen = (left >= 0) & (left + PATCH_PIXELS <= scan.shape[2])
@@ -120,7 +124,9 @@ class Patches:
         self = cls(
             overlaps=overlaps,
             landmarks=landmarks,
-            parts=parts,
+            parts=found.plane_parts,
+            displaced=moves,
+            lines=scan.shape[1],
             packed=overlaps.packed[seen],
             origins=overlaps.origins[seen],
             light=np.stack(light).astype(np.float32),
@@ -140,10 +146,12 @@ class Patches:
         """The first that costs least."""
         return many[int(np.argmin(self.costs(many)))]
 
-    def shift_pixels(self, steps: Steps) -> NDArray[np.float64]:
-        """(2,) by how much all lie further right and down than registration has it, if planes lie so."""
+    def further_pixels(self, steps: Steps, placement: Placement) -> NDArray[np.float64]:
+        """(2,) by how much they lie further right and down than a placement has them, if planes lie so."""
         self._look_at([steps])
-        return self._centred([steps])[0] / self.landmarks.ratio + self.known[steps][1:]
+        further = self._centred([steps])[0] / self.landmarks.ratio + self.known[steps][1:]
+        there = _moves(self.overlaps, self.landmarks, placement, self.lines)
+        return np.asarray((self.displaced - there).mean(axis=0) + further)
 
     def _centred(self, many: Sequence[Steps]) -> NDArray[np.float64]:
         """Where the page lies if the placement, which is of planes as they count, is right. (k, 2) [raster pixels]"""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from prooflight.registration.landmarks import Landmarks
     from prooflight.registration.overlaps import Overlaps
+    from prooflight.registration.register import Registration
     from prooflight.scans.placement import Placement
 
 ALONE: Final = 1.58
@@ -41,39 +42,39 @@ FURTHER: Final = 10.0
 class FringeRegister:
     """What fringes say of planes, for prediction; evidence is what registration says."""
 
-    shift_mm: NDArray[np.float64]
-    """(2,) by how much the print lies further right and down than registration has it."""
+    placement: Placement
+    """Where the print lies, all tiles being printed by planes that lie so."""
     planes_mm: NDArray[np.float64]
-    """(4, 2) how far each plane lies too far right and down within the print so placed."""
+    """(4, 2) how far each plane lies too far right and down within it."""
 
 
 def register_by_fringes(
     overlaps: Overlaps,
     landmarks: Landmarks,
     scan: NDArray[np.uint16],
-    placement: Placement,
-    planes_mm: NDArray[np.float64],
-    plane_parts: NDArray[np.float64],
+    found: Registration,
+    *,
     lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> FringeRegister | None:
-    """Register of the planes that share edges, in a scan (sensors, lines, pixels) [DN] registered before.
+    """Register of the planes that share edges, in a scan (sensors, lines, pixels) [DN] in which the page was found.
 
-    placement, planes_mm (4, 2) and plane_parts (2, 4): as ``Registration`` has them. lost (sensors, lines): lines that
-    were not seen. threads: that share patches out. None where planes lie further off than those of good prints, or too
-    little of the page is seen: prediction must not follow a misprint.
+    lost (sensors, lines): lines that were not seen. threads: that share patches out. None where planes lie further off
+    than those of good prints, or too little of the page is seen: prediction must not follow a misprint.
     """
-    patches = Patches.of(overlaps, landmarks, scan, placement, plane_parts, lost=lost, threads=threads)
+    if found.tiles is None:
+        return None
+    patches = Patches.of(overlaps, landmarks, scan, found, lost=lost, threads=threads)
     if patches is None:
         return None
-    found = _searched(patches, _rounded(overlaps, planes_mm))
-    if patches.misfit > MOST_MISFIT or _lies_alone(overlaps, found) or _goes_further(patches, found):
+    steps = _searched(patches, _rounded(overlaps, found.planes_mm))
+    if patches.misfit > MOST_MISFIT or _lies_alone(overlaps, steps) or _goes_further(patches, steps):
         return None
-    shift = patches.shift_pixels(found) * landmarks.pitch_mm
-    steps = np.array(found, np.float64).reshape(2, INKS).T * overlaps.pixel_mm
-    # A plane that shows nowhere there stays where registration has it.
-    planes_mm = np.where(overlaps.told[:, None], steps, planes_mm - shift)
-    return FringeRegister(shift_mm=shift, planes_mm=planes_mm)
+    planes_mm = np.array(steps, np.float64).reshape(2, INKS).T * overlaps.pixel_mm
+    placement, _ = found.tiles.placed(planes_mm, overlaps.told)
+    further_mm = patches.further_pixels(steps, placement) * landmarks.pitch_mm
+    placement, planes_mm = found.tiles.corrected(further_mm).placed(planes_mm, overlaps.told)
+    return FringeRegister(placement=placement, planes_mm=planes_mm)
 
 
 def _rounded(overlaps: Overlaps, planes_mm: NDArray[np.float64]) -> Steps:

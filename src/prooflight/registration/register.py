@@ -45,6 +45,8 @@ LEAST_PART: Final = 0.5
 """Tiles' worth of ink below which a page counts as blank."""
 LEAST_SHARE: Final = 0.05
 """Of a tile's edges, for planes to make up for others."""
+SHARED: Final = 0.2
+"""Of a tile's edges, by other planes than that which makes most of them, from which planes share them."""
 SD_TILES: Final = 12
 """Tiles whose standard deviations stand for all."""
 LEAST_AGREEING: Final = 0.15
@@ -71,6 +73,53 @@ WRONG_SKEW_DEG: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacedTiles:
+    """What a scan's tiles say, so that the page can be placed again once it is known how its planes lie."""
+
+    landmarks: Landmarks
+    pose: Pose
+    """About which displacements are small."""
+    places_mm: NDArray[np.float64]
+    """(tiles, 2) how far each lies too far right and down."""
+    precision: NDArray[np.float64]
+    """(tiles, 2, 2) [1/mm^2]"""
+    weight: NDArray[np.float64]
+    """(tiles,) share of it that each keeps."""
+    shares: NDArray[np.float64]
+    """(tiles, 2, 4) of inks in its edges across and along."""
+
+    def placed(
+        self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]
+    ) -> tuple[Placement, NDArray[np.float64]]:
+        """Where the print lies if the planes that are ``known`` (4,) lie off one another so, and where all of them lie
+        within it, (4, 2) [mm].
+
+        A tile lies where its own planes do: that of black rules by another place of the page than that of a title in
+        colour.
+        """
+        landmarks, every = self.landmarks, np.arange(self.landmarks.lines.size)
+        first = int(np.argmax(known))
+        off = self.places_mm - landmarks.moves(self.pose, every) * landmarks.pitch_mm
+        off = off - np.einsum("nap,pa->na", self.shares * known, planes_mm)
+        shares = np.where(known, 0.0, self.shares)
+        shares[..., first] = (self.shares * known).sum(axis=2)  # what they have in common
+        field = fitted(landmarks.basis, every, off, self.precision, shares, weight=self.weight)
+        of_print = field.planes_mm[first]
+        placement = _placement(landmarks, self.pose.moved(field.step), field, of_print)
+        return placement, np.where(known[:, None], planes_mm, field.planes_mm - of_print)
+
+    def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
+        """The same where tiles whose planes share edges lie further right and down by (2,) [mm].
+
+        How planes add up to a tile's place is known for edges that each makes by itself.
+        """
+        by_plane = self.shares.sum(axis=1)
+        others = by_plane.sum(axis=1) - by_plane.max(axis=1)
+        shared = others > SHARED * np.maximum(by_plane.sum(axis=1), LEAST_SHARE)
+        return replace(self, places_mm=self.places_mm + np.outer(shared, by_mm))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registration:
     """Where a page lies, and how well that is known."""
 
@@ -89,6 +138,8 @@ class Registration:
     shift_sd_mm: tuple[float, float] = (np.inf, np.inf)
     """Standard deviation of the print's place at its tiles, rms (x, y). [mm]"""
     skew_sd_deg: float = np.inf
+    tiles: PlacedTiles | None = None
+    """By which it was found; None: it was not."""
     tiles_used: int = 0
     tiles_matching: float = 0.0
     """Share of the tiles seen that look like the design. [-]"""
@@ -206,9 +257,13 @@ def _fielded(
         more = told(again, better[again] / pitch, UNSURE_PIXELS[2])
         tile_moves.put(again, more)
         places[again] = better[again] + more.moves * pitch
-    weight = trust(places - better, tile_moves.precision / np.outer(pitch, pitch))
+    precision = tile_moves.precision / np.outer(pitch, pitch)
+    weight = trust(places - better, precision)
     found, pose, _ = fit(every, tile_moves, places, weight=weight)
-    return _registration(landmarks, shares, pose, found, tile_moves, reason)
+    tiles = PlacedTiles(
+        landmarks=landmarks, pose=pose, places_mm=places, precision=precision, weight=weight, shares=shares
+    )
+    return replace(_registration(landmarks, shares, pose, found, tile_moves, reason), tiles=tiles)
 
 
 def printed_shares(shares: NDArray[np.float64], tile_moves: TileMoves) -> NDArray[np.float64]:

@@ -318,16 +318,8 @@ def _followed(
     if prepared.overlaps is None or not found.found:
         return found.placement, found.planes_mm
     fringes = register_by_fringes(
-        prepared.overlaps,
-        prepared.landmarks,
-        scan,
-        placement=found.placement,
-        planes_mm=found.planes_mm,
-        plane_parts=found.plane_parts,
-        lost=lost,
-        threads=threads,
+        prepared.overlaps, prepared.landmarks, scan, found, lost=lost, threads=threads
     )
     if fringes is None:
         return found.placement, found.planes_mm
-    x, y = (float(step) for step in np.add(found.placement.shift_mm, fringes.shift_mm))
-    return replace(found.placement, shift_mm=(x, y)), fringes.planes_mm
+    return fringes.placement, fringes.planes_mm

@@ -91,8 +91,8 @@ class Plan:
         )  # fmt: skip
 
 
-def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
-    """All figures of the page, None for parts that were not measured; known: the parts that were."""
+def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
+    """All figures of the page, None for parts that were not measured; known: the parts that were, with that seed."""
     live = [row for name in ("repeated", "different", "ours") for row in known.get(name, [])]
     # Parts that were measured before these were noted; None: not known.
     noted: dict[str, Any] = {"fringes": None, "called": None}
@@ -111,6 +111,8 @@ def running_results(known: Mapping[str, Any], *, cores: int) -> dict[str, Any]:
             soak["alarms"] = dict.fromkeys(counted, 0) | soak["alarms"]
     return {
         "cores": cores,
+        "seed": seed,
+        "parts": list(known),
         "deadline_ms": round(1000 * DEADLINE_S),
         "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
@@ -355,5 +357,5 @@ class Study:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
     def _write_page(self) -> None:
-        found = running_results(self._known(), cores=os.cpu_count() or 1)
+        found = running_results(self._known(), cores=os.cpu_count() or 1, seed=self.seed)
         write_page(self.out / "running.md", "running", found)

@@ -173,6 +173,14 @@ class Field:
         """(4, 2) how far each ink plane lies too far right and down on the page."""
         return self.solution[POSE:SMOOTH].reshape(4, 2)
 
+    def cost(self, precision: NDArray[np.float64]) -> float:
+        """Minus the logarithm of the likelihood of tiles of such precision (tiles, 2, 2), and of what was found before
+        they were seen. [1/mm^2, -]
+        """
+        misfit = np.einsum("n,ni,nij,nj->", self.weight, self.left_mm, precision, self.left_mm)
+        unlikely = np.square(self.solution / _scale(self.basis, self.count)).sum()
+        return float(misfit + unlikely) / 2
+
     def moves_mm(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
         """(tiles, 2) field and planes at all tiles, without the pose; shares (tiles, 2, 4)."""
         amplitudes = self.solution[SMOOTH:].reshape(2, self.count)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.kernels.registration.shared_edges import EDGES, PAIRS, shared_edges
 from prooflight.registration.landmarks import light_left, raster_windows
 
@@ -54,6 +55,10 @@ class Overlaps:
     def reach(self) -> int:
         """How far planes may be displaced. [raster pixels]"""
         return self.margin - 1
+
+    def planes_mm(self, steps: tuple[int, ...]) -> NDArray[np.float64]:
+        """(4, 2) how far planes lie too far right and down that lie so many raster pixels off, as ``Steps``."""
+        return np.array(steps, np.float64).reshape(2, INKS).T * self.pixel_mm
 
 
 def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:

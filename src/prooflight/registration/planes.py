@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from prooflight.registration.landmarks import Landmarks
     from prooflight.registration.overlaps import Overlaps
-    from prooflight.registration.register import Registration
+    from prooflight.registration.register import PlacedTiles, Registration
     from prooflight.scans.placement import Placement
 
 ALONE: Final = 1.58
-"""Of the most that good planes are off: further than that off all others they lie in one print of a hundred (three
-planes) or a thousand (four)."""
+"""Of the most that good planes are off: further than that off all three others one lies in one print of a thousand. Of
+three planes one would in one of a hundred, which is too many."""
 MOST_MISFIT: Final = 1.0
 """Cost of a pixel above which a page does not look as designed (0.05 to 0.25 on good prints), wherever planes lie."""
 HOLLOW: Final = 0.2
@@ -35,7 +35,8 @@ HOLLOW: Final = 0.2
 TRIED: Final = 4
 """Steps of three planes or more, or starts, that are tried."""
 FURTHER: Final = 10.0
-"""Logarithm of the odds from which a plane lies further off than good prints' do: a misprint's."""
+"""Logarithm of the odds from which a plane lies further off than good prints' do, a misprint's; up to which fringes
+leave open where it lies."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,14 +68,28 @@ def register_by_fringes(
     patches = Patches.of(overlaps, landmarks, scan, found, lost=lost, threads=threads)
     if patches is None:
         return None
-    steps = _searched(patches, _rounded(overlaps, found.planes_mm))
+    steps = _told_by_tiles(patches, found.tiles, _searched(patches, _rounded(overlaps, found.planes_mm)))
     if patches.misfit > MOST_MISFIT or _lies_alone(overlaps, steps) or _goes_further(patches, steps):
         return None
-    planes_mm = np.array(steps, np.float64).reshape(2, INKS).T * overlaps.pixel_mm
+    planes_mm = overlaps.planes_mm(steps)
     placement, _ = found.tiles.placed(planes_mm, overlaps.told)
     further_mm = patches.further_pixels(steps, placement) * landmarks.pitch_mm
     placement, planes_mm = found.tiles.corrected(further_mm).placed(planes_mm, overlaps.told)
     return FringeRegister(placement=placement, planes_mm=planes_mm)
+
+
+def _told_by_tiles(patches: Patches, tiles: PlacedTiles, found: Steps) -> Steps:
+    """Of what fringes leave open, one plane a raster pixel further or not, that which the page's tiles fit best.
+
+    A plane that shows in few patches, and there beside others alone, may make up all the rest of the page.
+    """
+    near = [found, *_singles(patches, found, 0), *_singles(patches, found, 1)]
+    costs = dict(zip(near, patches.costs(near), strict=True))
+    open_ = [steps for steps in near if costs[steps] < costs[found] + FURTHER]
+    if len(open_) == 1:
+        return found
+    overlaps = patches.overlaps
+    return min(open_, key=lambda steps: costs[steps] + tiles.cost(overlaps.planes_mm(steps), overlaps.told))
 
 
 def _rounded(overlaps: Overlaps, planes_mm: NDArray[np.float64]) -> Steps:
@@ -110,7 +125,7 @@ def _descended(patches: Patches, best: Steps) -> Steps:
     while True:
         before = best
         # An axis is gone down to its end before the other's turn; planes go askew where neither goes down any more.
-        for near in (_singles, _pairs, _many) if axes < 2 else (_askew,):
+        for near in (_singles, _pairs, _many) if axes < 2 else (_askew, _mirrored):
             best = patches.likeliest([best, *near(patches, best, axis)])
             if best != before:
                 break
@@ -165,6 +180,15 @@ def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     ]
 
 
+def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
+    """All planes as far off the other way, along either axis or both: of thin strokes either side's fringes look alike,
+    and the way from one to the other leads uphill.
+    """
+    across, along = steps[:INKS], steps[INKS:]
+    back = tuple(-step for step in across), tuple(-step for step in along)
+    return [(*back[0], *along), (*across, *back[1]), (*back[0], *back[1])]
+
+
 def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
     """Planes and the ways in which they may go a raster pixel further."""
     return [
@@ -183,10 +207,10 @@ def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:
 
 
 def _lies_alone(overlaps: Overlaps, found: Steps) -> bool:
-    """Whether a plane lies far off all others, which of three or more hardly any good print's does."""
+    """Whether a plane lies far off all three others, which hardly any good print's does."""
     for axis in np.array(found).reshape(2, INKS)[:, overlaps.told]:
         apart = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
-        if axis.size > 2 and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
+        if axis.size == INKS and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
             return True
     return False
 

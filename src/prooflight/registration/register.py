@@ -97,6 +97,18 @@ class PlacedTiles:
         A tile lies where its own planes do: that of black rules by another place of the page than that of a title in
         colour.
         """
+        field, of_print = self._field(planes_mm, known)
+        placement = _placement(self.landmarks, self.pose.moved(field.step), field, of_print)
+        return placement, np.where(known[:, None], planes_mm, field.planes_mm - of_print)
+
+    def cost(self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]) -> float:
+        """Minus the logarithm of the likelihood of tiles where planes lie so, and of such a page beforehand. [-]"""
+        return self._field(planes_mm, known)[0].cost(self.precision)
+
+    def _field(
+        self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]
+    ) -> tuple[Field, NDArray[np.float64]]:
+        """The field, and how far the print lies off its sheet, (2,) [mm]."""
         landmarks, every = self.landmarks, np.arange(self.landmarks.lines.size)
         first = int(np.argmax(known))
         off = self.places_mm - landmarks.moves(self.pose, every) * landmarks.pitch_mm
@@ -104,9 +116,7 @@ class PlacedTiles:
         shares = np.where(known, 0.0, self.shares)
         shares[..., first] = (self.shares * known).sum(axis=2)  # what they have in common
         field = fitted(landmarks.basis, every, off, self.precision, shares, weight=self.weight)
-        of_print = field.planes_mm[first]
-        placement = _placement(landmarks, self.pose.moved(field.step), field, of_print)
-        return placement, np.where(known[:, None], planes_mm, field.planes_mm - of_print)
+        return field, field.planes_mm[first]
 
     def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
         """The same where tiles whose planes share edges lie further right and down by (2,) [mm].

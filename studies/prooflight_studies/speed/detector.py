@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from prooflight.detectors.base import PlannedPage
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.statistics.families import (
     remaining_statistics,
@@ -12,6 +13,7 @@ from prooflight.detectors.matched_filter.statistics.families import (
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
+from prooflight.inspection.codes.finding import page_codes
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
@@ -61,7 +63,7 @@ class _Scanned:
         sensors, geometry = press.sensors, press.geometry
         expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
         in_place = predict(page, sensors=sensors, geometry=geometry)
-        known = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True)
+        known = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
         _ = known.added.images
         return cls(known=known, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads)
 
@@ -80,8 +82,9 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     """Each step and its camera megapixels; "whole": from a scan to its statistics, of a page prepared or a fresh one.
 
     "First look": what every page is looked at for; "both looks": what one takes that is passed on. Prediction follows
-    planes' fringes, as a press does unless it is told otherwise (``[inspection] fringes``). Of all sensors together one
-    megapixel is counted, so that two sensors show what they cost.
+    planes' fringes, as a press does unless it is told otherwise (``[inspection] fringes``), and glyphs are weighed. A
+    fresh design is searched for codes besides, as ``Inspector.prepare`` does. Of all sensors together one megapixel is
+    counted, so that two sensors show what they cost.
     """
     sensors, geometry = press.sensors, press.geometry
     expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
@@ -89,8 +92,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     scatter = Scatter.white()
 
     def prepared() -> PreparedPage:
-        in_place = predict(page, sensors=sensors, geometry=geometry, threads=1)
-        return prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True)
+        planned = PlannedPage(page, press.station(1))
+        page_codes(planned, sensors, geometry)
+        return prepare_page(
+            page, planned.expected, sensors=sensors, geometry=geometry, fringes=True, glyphs=True
+        )
 
     def analysed(known: PreparedPage) -> ScanAnalysis:
         return analyse(known, scan, looked_at=SCREEN_MODES)

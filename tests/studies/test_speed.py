@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from prooflight.kernels.compiled import kernel
 from prooflight.prediction.predict import looked_up
 from prooflight_studies.speed import start as speed_start
 from prooflight_studies.speed import study as speed
+from prooflight_studies.speed.cores import counted, page_cost, page_costs
 from prooflight_studies.speed.device_profile import LAB_WHITE, cmyk_to_lab
 from prooflight_studies.speed.picture import PICTURE, write_speed_page
 
@@ -33,11 +35,31 @@ def test_every_step_stands_beside_its_baselines(
     for page in ("text", "mixed", "photo"):
         assert names[f"look-up, {page}"].ratio == names[f"predict, {page}"].ratio == 1
         assert f"lcms2, {page}" in names
-    write_speed_page(rows, tmp_path)
+    costs = page_costs(press, quick=True)
+    write_speed_page(rows, costs, tmp_path)
     assert (tmp_path / "images" / PICTURE).stat().st_size > 10_000
     assert f"| lcms2, photo | {names['lcms2, photo'].mpx_per_cpu_s:,.1f} |" in (
         tmp_path / "performance.md"
     ).read_text(encoding="utf-8")
+
+
+def test_arrays_that_no_cache_holds_count_as_moved() -> None:
+    large, small = np.zeros((600, 1000), np.float32), np.zeros(1000, np.float32)
+    copied = kernel("of (L, P), row (P), out (L, P)")(_copied)
+    with counted() as moved:
+        copied(large, small, np.empty_like(large))
+    copied(large, small, np.empty_like(large))
+    assert moved == [2 * large.nbytes]
+
+
+def _copied(of, row, out):  # type: ignore[no-untyped-def]
+    out[:] = of + row
+
+
+def test_as_many_pages_are_carried_as_cores_or_memory_carry() -> None:
+    """0.1 s and 1 GB a page: 10 a core and second, and of 51.2 GB/s 80 %, 41 a second."""
+    cost = page_cost("look", cpu_s=0.1, moved_bytes=10**9)
+    assert cost.pages_per_s["2 channels of DDR4-3200"] == (10, 20, 40, 41.0, 41.0, 41.0, 41.0)
 
 
 def test_lcms2_looks_up_the_table_that_prediction_does(press: Press) -> None:

@@ -36,9 +36,10 @@ def bench(
         starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])
         show.step(f"first verdict {median(starts):.1f} s after the start of a warm installation")
     if docs is not None:
+        from prooflight_studies.speed.cores import page_costs
         from prooflight_studies.speed.picture import write_speed_page
 
-        write_speed_page(rows, docs)
+        write_speed_page(rows, page_costs(press, quick=quick), docs)
     if json:
         show.print_json(rows)
         return

@@ -11,11 +11,13 @@ from matplotlib.figure import Figure
 
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.picture import write_figure
+from prooflight_studies.speed.cores import CORES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from prooflight_studies.speed.cores import PageCost
     from prooflight_studies.speed.study import SpeedRow
 
 PICTURE: Final = "performance.png"
@@ -30,9 +32,10 @@ def machine() -> str:
     return f"{os.cpu_count()} cores, {platform.machine()}, {vectors}{load}"
 
 
-def write_speed_page(rows: Sequence[SpeedRow], folder: Path) -> None:
+def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
-    write_page(folder / "performance.md", "speed", {"machine": machine(), "picture": PICTURE, "rows": rows})
+    found = {"machine": machine(), "picture": PICTURE, "rows": rows, "cores": CORES, "costs": costs}
+    write_page(folder / "performance.md", "speed", found)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)
 

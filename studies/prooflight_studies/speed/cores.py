@@ -1,0 +1,103 @@
+"""What a page moves through memory, counted, and what many cores would then carry: on paper."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.kernels.compiled import Kernel
+from prooflight_studies.speed.detector import detector_works
+from prooflight_studies.speed.study import REPEATS, bench_pages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from prooflight.press.artefact import Press
+
+LEAST_BYTES: Final = 2**21 + 1
+"""Of an array that comes from memory; assumed: a smaller one (a table, a row, a patch) stays in a core's cache."""
+WORKS: Final = {
+    "first look": "our detector: whole, first look, mixed",
+    "both looks": "our detector: whole, both looks, mixed",
+    "first look, fresh design": "our detector: whole, first look, fresh design, mixed",
+}
+CORES: Final = (1, 2, 4, 8, 16, 32, 64)
+MEMORIES: Final = {
+    "2 channels of DDR4-3200": 51.2,
+    "8 channels of DDR4-3200": 204.8,
+    "12 channels of DDR5-4800": 460.8,
+}
+"""What memory can move: channels x 8 bytes x transfers a second (JEDEC). [GB/s]"""
+REACHED: Final = 0.8
+"""Of that, which reading reaches. (assumed: what STREAM shows of such machines)"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageCost:
+    """What one page of one sensor takes."""
+
+    work: str
+    cpu_s: float
+    gigabytes: float
+    """Handed to compiled loops in arrays that no core's cache holds, each counted once a call."""
+    pages_per_s: Mapping[str, tuple[float, ...]]
+    """By memory, for each of ``CORES``: as many as cores or memory carry, whichever is fewer."""
+
+
+def page_costs(press: Press, *, quick: bool = False) -> list[PageCost]:
+    """Of a mixed page, one thread."""
+    works = detector_works("mixed", bench_pages(press, quick=quick)["mixed"], press)
+    found = []
+    for name, of in WORKS.items():
+        work, _ = works[of]
+        with counted() as moved:
+            work()
+        times = []
+        for _ in range(REPEATS):
+            started = time.process_time()
+            work()
+            times.append(time.process_time() - started)
+        found.append(page_cost(name, cpu_s=float(np.median(times)), moved_bytes=moved[0]))
+    return found
+
+
+def page_cost(work: str, *, cpu_s: float, moved_bytes: int) -> PageCost:
+    """From what was measured."""
+    gigabytes = moved_bytes / 1e9
+    return PageCost(
+        work=work,
+        cpu_s=round(cpu_s, 3),
+        gigabytes=round(gigabytes, 2),
+        pages_per_s={
+            memory: tuple(
+                round(min(cores / cpu_s, REACHED * gb_per_s / max(gigabytes, 1e-9)), 1) for cores in CORES
+            )
+            for memory, gb_per_s in MEMORIES.items()
+        },
+    )
+
+
+@contextmanager
+def counted() -> Iterator[list[int]]:
+    """Bytes that compiled loops are handed meanwhile, in the one element of a list."""
+    plain, moved = Kernel.__call__, [0]
+
+    def call(kernel: Kernel, *arguments: Any, **named: Any) -> Any:
+        moved[0] += sum(map(_bytes_of, (*arguments, *named.values())))
+        return plain(kernel, *arguments, **named)
+
+    Kernel.__call__ = call  # type: ignore[method-assign, assignment]
+    try:
+        yield moved
+    finally:
+        Kernel.__call__ = plain  # type: ignore[method-assign]
+
+
+def _bytes_of(argument: Any) -> int:
+    if isinstance(argument, np.ndarray):
+        return argument.nbytes if argument.nbytes >= LEAST_BYTES else 0
+    return sum(map(_bytes_of, argument)) if isinstance(argument, tuple) else 0

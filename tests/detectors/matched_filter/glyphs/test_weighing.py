@@ -19,6 +19,7 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
     WeighedPage,
     nuisances,
     prepare_glyphs,
+    usual_about,
     weighed,
     without_nuisances,
 )
@@ -162,6 +163,30 @@ def test_another_digit_is_found_where_it_stands(
     dot = round(1.5 * press.dpi / 25.4 / 7)
     assert x == pytest.approx(((4 + 2 * place) * 3 + 2.5) * dot * page.pixel_mm, abs=0.5)
     assert glyphs.line[worst.glyph] == 1
+
+
+def test_the_usual_energy_is_that_of_the_glyphs_about_one() -> None:
+    """Of a row of 40 glyphs the twelve about the fourth are the others of the first thirteen that are seen."""
+    box_mm = np.column_stack([2.0 * np.arange(40), np.zeros(40), np.ones((40, 2))])
+    pixels = np.full(40, 10.0)
+    energy = 10.0 * np.arange(40)
+    assert usual_about(box_mm, energy, pixels, 3) == np.median([*range(3), *range(4, 13)])
+    assert usual_about(box_mm, energy, np.where(np.arange(40) == 0, 0.0, pixels), 3) == np.median(
+        [1, 2, *range(4, 14)]
+    )
+    assert usual_about(box_mm[:1], energy[:1], pixels[:1], 0) == 0
+
+
+def test_where_all_letters_scatter_one_says_less(press: Press, page: Page, glyphs: PageGlyphs) -> None:
+    """A print whose first line lies 0.3 mm too low, which the page's other lines do not tell."""
+    cmyk = page.cmyk.copy()
+    below = round((glyphs.box_mm[0, 1] + 2.5) / page.pixel_mm)
+    down = round(0.3 / page.pixel_mm)
+    cmyk[down:below] = page.cmyk[: below - down]
+    here = asked(press, page, glyphs, residual(press, page, replace(page, cmyk=cmyk)))
+    one = ROWS[0][:4] + "3" + ROWS[0][5:]
+    wrong = asked(press, page, glyphs, residual(press, page, sheet([one, *ROWS[1:]], press.dpi)))
+    assert 4 * here.score < wrong.score
 
 
 def test_a_page_without_glyphs_is_asked_nothing(press: Press, page: Page) -> None:

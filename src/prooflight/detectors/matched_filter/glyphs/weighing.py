@@ -43,7 +43,10 @@ more of what whole inks and planes do (``PrintPrior``), and what registration le
 LEAST_SPREAD: Final = 4.0
 """s^2: how much wider than stated good prints' residuals are at letters; see decision 32."""
 OF_ENERGY: Final = 4.0
-"""s^2 over the energy of a pixel of a page's middle glyph: few glyphs scatter much more than most."""
+"""s^2 over the energy of a pixel of the middle glyph of a page, or of those nearest: few glyphs scatter much more than
+most, and where a page lies a little elsewhere than registration has it all that stand there do."""
+NEAREST: Final = 12
+"""Glyphs about one: a line's neighbours and those above and below, two words' worth. (assumed)"""
 OF_NOTHING: Final = 2.0
 """s^2 of glyphs that are missing: what ink as a whole does is stated (``GOOD``)."""
 SHARES: Final = (0.5, 1.0)
@@ -186,7 +189,8 @@ def weighed(
     ratios: list[NDArray[np.float64]] = []
     found: list[WeighedGlyph] = []
     for glyph in asked:
-        ratio, deviation, missing = weigh(glyphs, int(glyph), left, weight, light[0], out[glyph, 2:], spread)
+        about = max(spread, OF_ENERGY * usual_about(glyphs.box_mm, energy, pixels, int(glyph)))
+        ratio, deviation, missing = weigh(glyphs, int(glyph), left, weight, light[0], out[glyph, 2:], about)
         if ratio.size:
             worst = int(ratio.argmax())
             ratios.append(ratio)
@@ -205,6 +209,20 @@ def weighed(
     mean = np.exp(every - most).sum() / (glyphs.count * (RIVALS + 1))
     found.sort(key=lambda one: -one.ratio)
     return WeighedPage(score=max(most + float(np.log(mean)), NONE), found=tuple(found))
+
+
+def usual_about(
+    box_mm: NDArray[np.float64], energy: NDArray[np.float64], pixels: NDArray[np.float64], glyph: int
+) -> float:
+    """Energy of a pixel of the middle one of the ``NEAREST`` glyphs that are seen about one of them; 0: none is."""
+    others = np.flatnonzero(pixels > 0)
+    others = others[others != glyph]
+    if not others.size:
+        return 0.0
+    middle = box_mm[:, :2] + box_mm[:, 2:] / 2
+    away = np.square(middle[others] - middle[glyph]).sum(axis=1)
+    near = others[np.argsort(away, kind="stable")[:NEAREST]]
+    return float(np.median(energy[near] / pixels[near]))
 
 
 def weigh(

@@ -79,8 +79,8 @@ class PlacedTiles:
     landmarks: Landmarks
     pose: Pose
     """About which displacements are small."""
-    places_mm: NDArray[np.float64]
-    """(tiles, 2) how far each lies too far right and down."""
+    off_mm: NDArray[np.float64]
+    """(tiles, 2) how far each lies too far right and down of where the pose has it."""
     precision: NDArray[np.float64]
     """(tiles, 2, 2) [1/mm^2]"""
     weight: NDArray[np.float64]
@@ -109,13 +109,11 @@ class PlacedTiles:
         self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]
     ) -> tuple[Field, NDArray[np.float64]]:
         """The field, and how far the print lies off its sheet, (2,) [mm]."""
-        landmarks, every = self.landmarks, np.arange(self.landmarks.lines.size)
-        first = int(np.argmax(known))
-        off = self.places_mm - landmarks.moves(self.pose, every) * landmarks.pitch_mm
-        off = off - np.einsum("nap,pa->na", self.shares * known, planes_mm)
+        every, first = np.arange(len(self.off_mm)), int(np.argmax(known))
+        off = self.off_mm - np.einsum("nap,pa->na", self.shares * known, planes_mm)
         shares = np.where(known, 0.0, self.shares)
         shares[..., first] = (self.shares * known).sum(axis=2)  # what they have in common
-        field = fitted(landmarks.basis, every, off, self.precision, shares, weight=self.weight)
+        field = fitted(self.landmarks.basis, every, off, self.precision, shares, weight=self.weight)
         return field, field.planes_mm[first]
 
     def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
@@ -126,7 +124,7 @@ class PlacedTiles:
         by_plane = self.shares.sum(axis=1)
         others = by_plane.sum(axis=1) - by_plane.max(axis=1)
         shared = others > SHARED * np.maximum(by_plane.sum(axis=1), LEAST_SHARE)
-        return replace(self, places_mm=self.places_mm + np.outer(shared, by_mm))
+        return replace(self, off_mm=self.off_mm + np.outer(shared, by_mm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -270,8 +268,9 @@ def _fielded(
     precision = tile_moves.precision / np.outer(pitch, pitch)
     weight = trust(places - better, precision)
     found, pose, _ = fit(every, tile_moves, places, weight=weight)
+    off = places - landmarks.moves(pose, every) * pitch
     tiles = PlacedTiles(
-        landmarks=landmarks, pose=pose, places_mm=places, precision=precision, weight=weight, shares=shares
+        landmarks=landmarks, pose=pose, off_mm=off, precision=precision, weight=weight, shares=shares
     )
     return replace(_registration(landmarks, shares, pose, found, tile_moves, reason), tiles=tiles)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.kernels.compiled import Kernel
+from prooflight_studies.speed.compare import in_turns
 from prooflight_studies.speed.detector import detector_works
 from prooflight_studies.speed.study import REPEATS, bench_pages
 
@@ -51,17 +52,13 @@ class PageCost:
 def page_costs(press: Press, *, quick: bool = False) -> list[PageCost]:
     """Of a mixed page, one thread."""
     works = detector_works("mixed", bench_pages(press, quick=quick)["mixed"], press)
+    asked = {name: works[of][0] for name, of in WORKS.items()}
+    times = in_turns(asked, REPEATS, clock=time.process_time)
     found = []
-    for name, of in WORKS.items():
-        work, _ = works[of]
+    for name, work in asked.items():
         with counted() as moved:
             work()
-        times = []
-        for _ in range(REPEATS):
-            started = time.process_time()
-            work()
-            times.append(time.process_time() - started)
-        found.append(page_cost(name, cpu_s=float(np.median(times)), moved_bytes=moved[0]))
+        found.append(page_cost(name, cpu_s=float(np.median(times[name])), moved_bytes=moved[0]))
     return found
 
 

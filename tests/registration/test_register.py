@@ -15,7 +15,6 @@ from prooflight.registration import landmarks as landmarks_module
 from prooflight.registration import register as register_module
 from prooflight.registration import search
 from prooflight.registration.field import Basis, Waves, fitted
-from prooflight.registration.landmarks import TILE_PIXELS
 from prooflight.registration.pose import Pose, slopes
 from prooflight.registration.register import Prior, prepare, printed_shares, register
 from prooflight.registration.tiles import TileMoves, Workspace, measured
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from prooflight.registration.register import Landmarks, Registration
 
 DPI = 481.8
+TILE = 32
 
 
 def landmarks_of(page: Page, press: Press) -> Landmarks:
@@ -270,13 +270,13 @@ def test_tiles_are_rendered_as_numpy_does_it(press: Press, ratio: float, off: tu
     rng = np.random.default_rng(3)
     width = -(-(int(34 * ratio) + count + 3) // 16) * 16
     window = rng.normal(size=(width, width)).astype(np.float32)
-    out = np.empty((3, TILE_PIXELS, TILE_PIXELS), np.float32)
+    out = np.empty((3, TILE, TILE), np.float32)
     x, y = 1.3 + off[0], 1.6 + off[1]
-    render_tile(window, x, y, taps, Workspace.of(width, taps), out)
+    render_tile(window, x, y, taps, Workspace.of(width, taps, size=TILE), out)
 
     def weights(begin: float, table: NDArray[np.float32]) -> NDArray[np.float64]:
-        matrix = np.zeros((TILE_PIXELS, width))
-        for pixel in range(TILE_PIXELS):
+        matrix = np.zeros((TILE, width))
+        for pixel in range(TILE):
             first, share = divmod(begin + pixel * ratio, 1)
             matrix[pixel, int(first) : int(first) + count] = table[int(share * len(table))]
         return matrix

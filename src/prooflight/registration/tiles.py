@@ -12,7 +12,7 @@ from prooflight.kernels.registration.measuring import SUMS, SensorLight, TileWin
 from prooflight.kernels.registration.rendering import EIGHT
 from prooflight.kernels.registration.solving import solve_tiles
 from prooflight.pages.parallel import parts_of, shared_out
-from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE, TILE_PIXELS
+from prooflight.registration.landmarks import GRADIENT_NOISE, SIGNAL_NOISE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +42,7 @@ class Workspace(NamedTuple):
     starts: NDArray[np.int64]
 
     @classmethod
-    def of(cls, width: int, taps: SensorTaps, *, size: int = TILE_PIXELS) -> Self:
+    def of(cls, width: int, taps: SensorTaps, *, size: int) -> Self:
         """For windows so wide, of tiles of size x size pixels."""
         pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
         blocks = size // EIGHT
@@ -164,5 +164,6 @@ def _measure(
         lines=landmarks.lines,
         columns=landmarks.columns,
     )
-    workspace = Workspace.of(landmarks.windows.shape[3], taps)
-    measure_tiles(scan[index], lost[index], light, windows, taps, tiles, moves, TILE_PIXELS, workspace, sums)
+    size = landmarks.tile_pixels
+    workspace = Workspace.of(landmarks.windows.shape[3], taps, size=size)
+    measure_tiles(scan[index], lost[index], light, windows, taps, tiles, moves, size, workspace, sums)

@@ -35,7 +35,14 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     fit_nuisances,
     page_colours,
 )
-from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
+from prooflight.detectors.matched_filter.fit.residuals import (
+    by_prediction,
+    in_register,
+    local_moves,
+    nearer,
+    residual_images,
+    take_moves,
+)
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
 from prooflight.detectors.matched_filter.glyphs.weighing import NOTHING, prepare_glyphs, weighed
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
@@ -57,7 +64,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import PageZones
-    from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.overlaps import Overlaps
     from prooflight.registration.register import Landmarks, Registration
@@ -250,6 +256,15 @@ def analyse_found(
     left, weight, of_edges, noise = residual_images(
         placed, taken, light, residual_variance=residual_variance, threads=threads
     )
+    if not residual_variance.exact:
+        # One linear step leaves a good deal of edges that are sharper than a pixel: they are predicted anew.
+        moves = local_moves(left, weight, light, threads=threads)
+        again = _predicted(
+            prepared, printed, nearer(placement, moves, at, page.width_mm), exact=False, threads=threads
+        )
+        by_prediction(left, weight, seen.expected_dn, again.expected_dn, threads=threads)
+        moves = local_moves(left, weight, light, threads=threads)
+        take_moves(left, weight, light, moves, threads=threads)
 
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
@@ -280,7 +295,7 @@ def analyse_found(
 
 
 def _predicted(
-    prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool, threads: int
+    prepared: PreparedPage, printed: Page, placement: Placement, *, exact: bool, threads: int
 ) -> Prediction:
     """What binned pixels must show.
 

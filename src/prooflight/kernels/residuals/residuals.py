@@ -334,6 +334,19 @@ def take_slopes(residual, weight, light, across_by, along_by, first, last):  # t
 
 
 @kernel(
+    "residual (L, P), weight (L, P), before (L, P), after (L, P), first, last",
+    where="0 <= first, last <= L",
+    error_model="numpy",
+)
+def foretell_anew(residual, weight, before, after, first, last):  # type: ignore[no-untyped-def]
+    """Residuals of one sensor by what is expected ``after``, not ``before``, in place; of lines first .. last - 1."""
+    for line in range(first, last):
+        for x in range(residual.shape[1]):
+            change = after[line, x] - before[line, x]
+            residual[line, x] -= change if weight[line, x] > 0 else np.float32(0)
+
+
+@kernel(
     "residual (L, P), weight (L, P), light (L, P), known, first, last, out (P)",
     where="0 <= first, last <= P",
     fastmath=True,

@@ -26,24 +26,35 @@ def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignor
         out[x] = total
 
 
-@kernel("columns (4, M, S, W), length, known, wide, out (3, M, S - length + 1, W)")
-def levelled_parts(columns, length, known, wide, out):  # type: ignore[no-untyped-def]
-    """N', D' and the edges' part of D', out (3, modes, parts, w), of segments of columns (4, modes, segments, w).
+@kernel(
+    "columns (4, M, S, W), length, step, known, wide, out (4, M, Q, W)",
+    where="0 < length, 0 < step, (Q - 1) * step + length <= S",
+)
+def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-untyped-def]
+    """N', D', the edges' part of D' and what uneven light adds to N', out (4, modes, parts, w), of ``length`` segments
+    each of columns (4, modes, segments, w), one part every ``step`` of them.
 
     What light as a whole does, known: 1 / its prior variance, and the mean amount over ``wide`` columns about each are
-    taken out of N'.
+    taken out of N'. Light that is by a share s more in one segment alone leaves s (C_s - D0_s C / D0): the squares of
+    that, without s, are added up.
     """
     modes, parts, width = out.shape[1], out.shape[2], out.shape[3]
     sums, common = np.empty((4, width), np.float32), np.empty((2, width), np.float32)
     prefix, push, power = np.empty(width + 1), np.empty(width), np.empty(width)
     for part in range(parts):
+        begin, end = part * step, part * step + length
         for mode in range(modes):
             for i in range(4):
-                sums[i] = columns[i, mode, part]
-                for k in range(part + 1, part + length):
+                sums[i] = columns[i, mode, begin]
+                for k in range(begin + 1, end):
                     sums[i] += columns[i, mode, k]
-            own, rest, edges = out[0, mode, part], out[1, mode, part], out[2, mode, part]
-            own[:], rest[:], edges[:] = sums[0], sums[1], sums[3]
+            own, rest, edges, uneven = (
+                out[0, mode, part],
+                out[1, mode, part],
+                out[2, mode, part],
+                out[3, mode, part],
+            )
+            own[:], rest[:], edges[:], uneven[:] = sums[0], sums[1], sums[3], np.float32(0)
             if mode == 0:
                 common[0], common[1] = sums[0], sums[1]
             else:
@@ -51,6 +62,11 @@ def levelled_parts(columns, length, known, wide, out):  # type: ignore[no-untype
                     level = common[1, x] + known
                     own[x] -= sums[2, x] * (common[0, x] / level)
                     rest[x] = max(sums[1, x] - sums[2, x] ** 2 / level, np.float32(0))
+                for k in range(begin, end):
+                    light, shared = columns[1, 0, k], columns[2, mode, k]
+                    for x in range(width):
+                        apart = shared[x] - light[x] * (sums[2, x] / (common[1, x] + known))
+                        uneven[x] += apart * apart
             for x in range(width):
                 edges[x] *= min(rest[x] / max(sums[1, x], np.float32(1e-9)), np.float32(1))
             running(own, wide // 2, wide - wide // 2 - 1, True, prefix, push)

@@ -173,7 +173,7 @@ class Fit:
 class ResidualVariance:
     """What good prints scatter by besides the fit; by default on an office-class press: assumed."""
 
-    edge: float = 0.004
+    edge: float = 0.001
     """Variance by the squared slope. [pixels^2]"""
     contrast: float = 0.0009
     """Variance by a halftone's at unit contrast."""

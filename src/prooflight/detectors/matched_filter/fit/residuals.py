@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -14,19 +15,23 @@ from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.residuals import (
     FittedAmounts,
     VarianceShares,
+    foretell_anew,
     residuals,
     slope_sums,
     take_slopes,
     variances,
 )
 from prooflight.pages.parallel import parts_of, shared_out
-from prooflight.prediction.printed import PrintedPage
+from prooflight.pages.planes import displaced
+from prooflight.scans.placement import Warp
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan, ResidualVariance
     from prooflight.pages.raster import Page
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
 
 MOST_PLANE: Final = 1.75
 """Of the most that good planes are off: from each other they are off by up to twice that."""
@@ -35,7 +40,9 @@ LOCAL_SMOOTH: Final = 1.0
 """Tiles over which local displacements are smoothed (standard deviation)."""
 LOCAL_SD: Final = 0.15
 """Of displacements that registration leaves. [pixels]"""
-LOCAL_ROUNDS: Final = 2
+NEARER: Final = 0.7
+"""Of such displacements, how much the page is placed anew by: an edge that is sharper than a pixel seems to have moved
+by up to twice as much as it has. (of 0.7 and 1, on designs of their own)"""
 FLAT_SIGMAS: Final = 2.0
 """Neighbours that differ by less are flat."""
 LEAST_FLAT: Final = 500
@@ -58,7 +65,8 @@ def residual_images(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
     """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
 
-    (sensors, lines, pixels) but for the last. light: ``PlacedScan.light``. threads: that share its lines out.
+    (sensors, lines, pixels) but for the last. light: ``PlacedScan.light``. threads: that share its lines out. Where the
+    page lies off where it was predicted is in it (``local_moves``).
 
     The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
     """
@@ -135,14 +143,12 @@ def residual_images(
         threads=threads,
     )
     shared_out([partial(weighed, *stripe) for stripe in stripes], threads=threads)
-    for _ in range(0 if residual_variance.exact else LOCAL_ROUNDS):
-        _take_local_moves(left, weight, light, threads)
     return left, weight, of_edges, noise
 
 
 def in_register(
     page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
-) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
+) -> tuple[Page, NDArray[np.float64]]:
     """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
 
     By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
@@ -152,13 +158,15 @@ def in_register(
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm
-    return PrintedPage(page=page, planes=steps), planes_mm - steps * page.pixel_mm
+    return displaced(page, steps), planes_mm - steps * page.pixel_mm
 
 
-def _take_local_moves(
-    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32], threads: int
-) -> None:
-    """Take out of the residuals what a smooth field of small displacements explains, in place."""
+def local_moves(
+    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32], *, threads: int = 1
+) -> NDArray[np.float32]:
+    """The smooth field of small displacements that explains residuals best: how far right and down the light that was
+    predicted would have to move, (2, rows, columns) at squares of ``LOCAL_PIXELS`` [pixels].
+    """
     lines, pixels = left.shape[1:]
     side = LOCAL_PIXELS
     shape = (max(lines // side, 1), max(pixels // side, 1))
@@ -173,16 +181,66 @@ def _take_local_moves(
     known = 1 / LOCAL_SD**2
     xx, yy = xx + known, yy + known
     whole = xx * yy - xy * xy
-    by = [(yy * ax - xy * ay) / whole, (xx * ay - xy * ax) / whole]
-    fields = [
-        cv2.resize(np.asarray(one, np.float32), (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in by
-    ]
+    return -np.stack([(yy * ax - xy * ay) / whole, (xx * ay - xy * ax) / whole])
+
+
+def take_moves(
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    light: NDArray[np.float32],
+    moves: NDArray[np.float32],
+    *,
+    threads: int = 1,
+) -> None:
+    """Take displacements, as ``local_moves`` finds them, out of the residuals, in place and to first order."""
+    lines, pixels = left.shape[1:]
+    fields = [-cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
 
     def taken(first: int, last: int) -> None:
         for index in range(len(light)):
             take_slopes(left[index], weight[index], light[index], *fields, first, last)
 
     shared_out([partial(taken, *part) for part in parts_of(lines, threads)], threads=threads)
+
+
+def by_prediction(
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    before_dn: NDArray[np.float32],
+    after_dn: NDArray[np.float32],
+    *,
+    threads: int = 1,
+) -> None:
+    """Residuals by another prediction (sensors, lines, pixels) than before, in place; what was fitted stays."""
+
+    def foretold(first: int, last: int) -> None:
+        for index in range(len(left)):
+            foretell_anew(left[index], weight[index], before_dn[index], after_dn[index], first, last)
+
+    shared_out([partial(foretold, *part) for part in parts_of(left.shape[1], threads)], threads=threads)
+
+
+def nearer(
+    placement: Placement, moves: NDArray[np.float32], geometry: ScanGeometry, page_width_mm: float
+) -> Placement:
+    """The placement with ``NEARER`` of what residuals say (``local_moves``) that the page lies off it."""
+    pitch_mm = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
+    first_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])
+    middle = (LOCAL_PIXELS - 1) / 2
+    field = Warp(nodes_mm=np.moveaxis(moves, 0, -1), pitch_mm=LOCAL_PIXELS, first_mm=(middle, middle))
+    step_mm = LOCAL_PIXELS * float(pitch_mm.min())
+    places = [
+        np.arange(0, (extent + 1) * LOCAL_PIXELS * pitch + step_mm, step_mm)
+        for extent, pitch in zip(moves.shape[:0:-1], pitch_mm, strict=True)
+    ]
+    x, y = np.meshgrid(*places)
+    nodes = np.stack(field.at(x / pitch_mm[0], y / pitch_mm[1]), axis=-1) * (NEARER * pitch_mm)
+    if placement.warp is not None:
+        nodes += np.stack(placement.warp.at(x + first_mm[0], y + first_mm[1]), axis=-1)
+    warp = Warp(
+        nodes_mm=nodes.astype(np.float32), pitch_mm=step_mm, first_mm=(float(first_mm[0]), float(first_mm[1]))
+    )
+    return replace(placement, warp=warp)
 
 
 def noise_factor(

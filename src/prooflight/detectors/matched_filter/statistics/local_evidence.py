@@ -46,12 +46,18 @@ WIDTHS: Final = (1, 2, 4, 8, 16)
 """Of streaks. [pixels at 0.254 mm]"""
 WIDTH_UNIT_MM: Final = 0.254
 SPANS: Final = ("quarter", "half", "full")
-SEGMENTS: Final = 4
-SPAN_SEGMENTS: Final = (1, 2, SEGMENTS)
+QUARTER: Final = 4
+"""Segments of a quarter of the page's height, of which every span begins with one."""
+SEGMENTS: Final = 4 * QUARTER
+"""Of columns: in one of them, 19 mm of A4, light is taken to be alike, and from one to the next not. (worlds.toml:
+paper is cloudy over 5 to 20 mm)"""
+SPAN_SEGMENTS: Final = (QUARTER, 2 * QUARTER, SEGMENTS)
 BASELINE_MM: Final = 24.0
 SMALL: Final = 4
 """Boxes of at most so many tiles are looked at after the smooth level about them was taken out."""
 LEVEL_MM: Final = 3.0
+UNEVEN_MM: Final = 20.0
+"""Along a row, over which light is taken to be alike."""
 COLUMN_MM: Final = 8.0
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
@@ -296,31 +302,58 @@ def smooth_level(sums: Sums) -> NDArray[np.float32]:
 def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
     """Streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
 
-    Which width, which span, and N', D', edges of line modes: (3, modes, parts, pixels).
+    Which width, which span, and N', D', edges of line modes: (3, modes, parts, pixels); what light that differs down a
+    column may add to N' lessens all three (``beside_uneven``).
     """
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     found = []
     for length in SPAN_SEGMENTS:
         modes, _, pixels = sums.columns.shape[1:]
-        parts = np.empty((3, modes, SEGMENTS - length + 1, pixels), np.float32)
-        levelled_parts(sums.columns, length, np.float32(1 / sums.prior.place**2), wide, parts)
+        parts = np.empty((4, modes, (SEGMENTS - length) // QUARTER + 1, pixels), np.float32)
+        levelled_parts(sums.columns, length, QUARTER, np.float32(1 / sums.prior.place**2), wide, parts)
         found.append(parts)
     for w, width in enumerate(WIDTHS):
         count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
         for s, parts in enumerate(found):
             maps = np.empty_like(parts)
             widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
-            yield w, s, maps
+            # Light differs from column to column less than down a column: as if they all had the same.
+            yield w, s, beside_uneven(maps[0], maps[1], maps[2], count * sums.prior.place**2 * maps[3])
 
 
-def rows(sums: Sums) -> tuple[NDArray[np.float32], ...]:
-    """N', D', edges (modes, tile rows) over the whole width, the local level taken out."""
-    own, power, edges = without_common(sums.tiles[:, : len(sums.modes)].sum(axis=-1), sums.prior.place)
+def beside_uneven(
+    own: NDArray[np.float32],
+    power: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    variance: NDArray[np.floating],
+) -> NDArray[np.float32]:
+    """N', D' and edges (3, ...) of places of whose N' light that is not even has so much variance besides.
+
+    N'' = s N', D'' = s D', s = D' / (D' + variance): D'' is what is known still, N'' / D'' the same amount.
+    """
+    sure = power / (power + variance + np.float32(1e-9))
+    return np.asarray(np.stack([own, power, edges]) * sure, np.float32)
+
+
+def rows(sums: Sums) -> NDArray[np.float32]:
+    """N', D', edges (3, modes, tile rows) over the whole width, the local level taken out.
+
+    As of columns, what light that differs along a row may add to N' lessens all three.
+    """
+    tiles = sums.tiles[:, : len(sums.modes)]
+    own, power, edges = without_common(tiles.sum(axis=-1), sums.prior.place)
     wide = round(2 * PERIODS_MM[1] / sums.tile_mm) | 1
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
-    return np.asarray(own - push / (sure + 1e-6) * power, np.float32), power, edges
+    own = np.asarray(own - push / (sure + 1e-6) * power, np.float32)
+    parts = np.arange(0, tiles.shape[-1], round(UNEVEN_MM / sums.tile_mm))
+    light = np.add.reduceat(tiles[1, 0], parts, axis=-1)
+    shared = np.add.reduceat(tiles[2, 1:], parts, axis=-1)
+    of_light = shared.sum(axis=-1) / (light.sum(axis=-1) + np.float32(1 / sums.prior.place**2))
+    apart = np.zeros(own.shape, np.float32)
+    apart[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
+    return beside_uneven(own, power, edges, sums.prior.place**2 * apart)
 
 
 def periodogram(

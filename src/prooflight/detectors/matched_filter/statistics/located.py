@@ -12,6 +12,7 @@ from prooflight.detectors.matched_filter.fit.binning import binned
 from prooflight.detectors.matched_filter.statistics.boxes import cells_of, ghosts
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     GHOST_BOXES_MM,
+    QUARTER,
     SEGMENTS,
     SPAN_SEGMENTS,
     SPANS,
@@ -94,7 +95,7 @@ def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator
 def _streak_mm(sums: Sums, part: int, column: int, width: int, span: int) -> Box:
     height_mm, width_mm = sums.tiles.shape[2] * sums.tile_mm, width * WIDTH_UNIT_MM
     x = (column + 0.5) * sums.pixel_mm + sums.left_mm
-    top = part / SEGMENTS * height_mm + sums.top_mm
+    top = part * QUARTER / SEGMENTS * height_mm + sums.top_mm
     return x - width_mm / 2, top, width_mm, SPAN_SEGMENTS[span] / SEGMENTS * height_mm
 
 

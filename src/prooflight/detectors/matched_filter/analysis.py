@@ -71,6 +71,12 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
+PREDICTED_ANEW: Final = 2
+"""Times, at most, that a page is predicted where its residuals say that it lies ..."""
+FAR_PIXELS: Final = 0.1
+"""... and how far off some part of it must lie for the second; not one ..."""
+STILL_ASKED: Final = 0.75
+"""... that asks for so much of what it did before: what a page's edge and uneven light ask for stays as it is."""
 ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
 
 
@@ -257,14 +263,7 @@ def analyse_found(
         placed, taken, light, residual_variance=residual_variance, threads=threads
     )
     if not residual_variance.exact:
-        # One linear step leaves a good deal of edges that are sharper than a pixel: they are predicted anew.
-        moves = local_moves(left, weight, light, threads=threads)
-        again = _predicted(
-            prepared, printed, nearer(placement, moves, at, page.width_mm), exact=False, threads=threads
-        )
-        by_prediction(left, weight, seen.expected_dn, again.expected_dn, threads=threads)
-        moves = local_moves(left, weight, light, threads=threads)
-        take_moves(left, weight, light, moves, threads=threads)
+        _take_moves(prepared, printed, placement, seen, left, weight, light, threads=threads)
 
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
@@ -292,6 +291,35 @@ def analyse_found(
         summed=sums_of,
         glyphs=glyphs,
     )
+
+
+def _take_moves(
+    prepared: PreparedPage,
+    printed: Page,
+    placement: Placement,
+    seen: Prediction,
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    light: NDArray[np.float32],
+    *,
+    threads: int,
+) -> None:
+    """Take out of the residuals, in place, that parts of the page lie a little off ``placement``.
+
+    One linear step leaves a good deal of edges that are sharper than a pixel: they are predicted anew where they seem
+    to lie, and once more if that was the way to go and some lie elsewhere still. What is left then is small.
+    """
+    before, width_mm = seen.expected_dn, prepared.page.width_mm
+    moves = local_moves(left, weight, light, threads=threads)
+    for _ in range(PREDICTED_ANEW):
+        placement = nearer(placement, moves, prepared.binned_geometry, width_mm)
+        after = _predicted(prepared, printed, placement, exact=False, threads=threads).expected_dn
+        by_prediction(left, weight, before, after, threads=threads)
+        before, moves, asked = after, local_moves(left, weight, light, threads=threads), moves
+        far = np.abs(moves) > FAR_PIXELS
+        if not (far & (np.abs(moves) < STILL_ASKED * np.abs(asked))).any():
+            break
+    take_moves(left, weight, light, moves, threads=threads)
 
 
 def _predicted(

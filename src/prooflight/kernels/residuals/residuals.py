@@ -257,7 +257,7 @@ def add_slopes(residual, weight, above, light, below, made, sums):  # type: igno
     push, across, along = made[0], made[1], made[2]
     for x in range(residual.size):
         r, w = residual[x], weight[x]
-        push[x] = r * w * min(np.float32(1), np.float32(8) / np.sqrt(r * r * w + _FLOOR))
+        push[x] = r * w * min(np.float32(1), np.float32(16) / np.sqrt(r * r * w + _FLOOR))
     for x in range(1, residual.size - 1):
         across[x] = (light[x + 1] - light[x - 1]) * np.float32(0.5)
     across[0] = across[residual.size - 1] = np.float32(0)
@@ -296,7 +296,7 @@ def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore
     last - 1.
 
     Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along; r is kept
-    below 8 sigma. The last tiles take what is left over.
+    below 16 sigma. The last tiles take what is left over.
     """
     lines, pixels = residual.shape
     rows, columns = out.shape[1], out.shape[2]

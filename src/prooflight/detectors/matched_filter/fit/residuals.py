@@ -225,21 +225,18 @@ def nearer(
 ) -> Placement:
     """The placement with ``NEARER`` of what residuals say (``local_moves``) that the page lies off it."""
     pitch_mm = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
-    first_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])
-    middle = (LOCAL_PIXELS - 1) / 2
-    field = Warp(nodes_mm=np.moveaxis(moves, 0, -1), pitch_mm=LOCAL_PIXELS, first_mm=(middle, middle))
-    step_mm = LOCAL_PIXELS * float(pitch_mm.min())
-    places = [
-        np.arange(0, (extent + 1) * LOCAL_PIXELS * pitch + step_mm, step_mm)
-        for extent, pitch in zip(moves.shape[:0:-1], pitch_mm, strict=True)
-    ]
-    x, y = np.meshgrid(*places)
-    nodes = np.stack(field.at(x / pitch_mm[0], y / pitch_mm[1]), axis=-1) * (NEARER * pitch_mm)
+    middle, step_mm = (LOCAL_PIXELS - 1) / 2, LOCAL_PIXELS * float(pitch_mm.min())
+    corner_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])
+    first_mm = corner_mm + middle * pitch_mm
+    squares = np.array(moves.shape[:0:-1])
+    count = np.ceil((squares - 1) * LOCAL_PIXELS * pitch_mm / step_mm).astype(np.int64) + 1
+    x_mm, y_mm = np.meshgrid(*(step_mm * np.arange(n) for n in count))
+    field = Warp(nodes_mm=np.moveaxis(moves, 0, -1), pitch_mm=LOCAL_PIXELS)
+    nodes = np.stack(field.at(x_mm / pitch_mm[0], y_mm / pitch_mm[1]), axis=-1) * (NEARER * pitch_mm)
     if placement.warp is not None:
-        nodes += np.stack(placement.warp.at(x + first_mm[0], y + first_mm[1]), axis=-1)
-    warp = Warp(
-        nodes_mm=nodes.astype(np.float32), pitch_mm=step_mm, first_mm=(float(first_mm[0]), float(first_mm[1]))
-    )
+        nodes += np.stack(placement.warp.at(x_mm + first_mm[0], y_mm + first_mm[1]), axis=-1)
+    first_x, first_y = first_mm.tolist()
+    warp = Warp(nodes_mm=nodes.astype(np.float32), pitch_mm=step_mm, first_mm=(first_x, first_y))
     return replace(placement, warp=warp)
 
 

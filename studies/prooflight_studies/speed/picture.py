@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.picture import write_figure
-from prooflight_studies.speed.cores import CORES
+from prooflight_studies.speed.cores import CORES, REACHED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +34,7 @@ def machine() -> str:
 
 def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
-    found = {"machine": machine(), "picture": PICTURE, "rows": rows, "cores": CORES, "costs": costs}
+    found = {"machine": machine(), "picture": PICTURE, "rows": rows, "cores": CORES, "reached": REACHED, "costs": costs}
     write_page(folder / "performance.md", "speed", found)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)

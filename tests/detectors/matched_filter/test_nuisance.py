@@ -40,6 +40,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 )
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
+from prooflight.prediction.printed import PrintedPage
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.scans import ideal_scan
 
@@ -217,7 +218,9 @@ def test_a_page_of_few_colours_is_followed_and_judged_as_others() -> None:
 def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tints: Page) -> None:
     planes = np.zeros((4, 2))
     planes[CYAN] = 0.06, -1.0
-    page, left = in_register(tints, planes, good_mm=0.114)
+    printed, left = in_register(tints, planes, good_mm=0.114)
+    assert isinstance(printed, PrintedPage)
+    page = printed.composed()
     pixel = tints.pixel_mm
     assert left[CYAN] == pytest.approx((0.06 - pixel, -1.0 + 4 * pixel))
     assert np.array_equal(page.cmyk[:-4, 1:, CYAN], tints.cmyk[4:, :-1, CYAN])

@@ -150,7 +150,7 @@ def demo(
     )
     show.people.print(
         f"{totals['pages']} sheets, {totals['misprints']} misprints printed, {totals['caught']} caught, "
-        f"{totals['false_alarms']} false alarms, {pages_per_s:.2f} sheets/s simulated and inspected"
+        f"false alarms: {totals['false_alarms']}; {pages_per_s:.2f} sheets/s simulated and inspected"
     )
     show.people.print("Open", show.strong(report))
 

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import PageZones
+    from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.overlaps import Overlaps
     from prooflight.registration.register import Landmarks, Registration
@@ -295,7 +296,7 @@ def analyse_found(
 
 def _take_moves(
     prepared: PreparedPage,
-    printed: Page,
+    printed: Page | PrintedPage,
     placement: Placement,
     seen: Prediction,
     left: NDArray[np.float32],
@@ -323,7 +324,7 @@ def _take_moves(
 
 
 def _predicted(
-    prepared: PreparedPage, printed: Page, placement: Placement, *, exact: bool, threads: int
+    prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool, threads: int
 ) -> Prediction:
     """What binned pixels must show.
 

@@ -22,7 +22,7 @@ from prooflight.kernels.residuals.residuals import (
     variances,
 )
 from prooflight.pages.parallel import parts_of, shared_out
-from prooflight.pages.planes import displaced
+from prooflight.prediction.printed import PrintedPage
 from prooflight.scans.placement import Warp
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def residual_images(
 
 def in_register(
     page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
-) -> tuple[Page, NDArray[np.float64]]:
+) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
     """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
 
     By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
@@ -158,7 +158,7 @@ def in_register(
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm
-    return displaced(page, steps), planes_mm - steps * page.pixel_mm
+    return PrintedPage(page=page, planes=steps), planes_mm - steps * page.pixel_mm
 
 
 def local_moves(

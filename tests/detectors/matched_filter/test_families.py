@@ -14,8 +14,10 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
     SEGMENTS,
+    UNEVEN_MM,
     Scatter,
     Sums,
+    rows,
 )
 from prooflight.detectors.matched_filter.statistics.located import (
     of_boxes,
@@ -125,6 +127,63 @@ def test_a_streak_is_said_where_it_is(reference: Reference) -> None:
     assert kind_of(best.statistic) == "streak"
     assert best.box[0] + best.box[2] / 2 == pytest.approx(61 * TILE_MM / 2 - 1.0, abs=0.5)
     assert best.box[3] == pytest.approx(ROWS * TILE_MM)
+
+
+LIGHT_POWER, INK_POWER = 1e6, 1e4
+"""Of paper, and of what little ink there is: a tenth of paper's signal, wherever it stands."""
+
+
+def lit_columns(ink_in: slice, brighter: slice, by: float) -> Sums:
+    """No noise: ink in some segments of every column, and light that is ``by`` brighter in some of one column."""
+    sums = drawn(9)
+    void = LINE_MODES.index("void")
+    sums.columns[:] = 0
+    sums.columns[1, 0] = LIGHT_POWER
+    sums.columns[1, void, ink_in] = INK_POWER
+    sums.columns[2, void, ink_in] = np.sqrt(LIGHT_POWER * INK_POWER)
+    sums.columns[0, 0, brighter, 60] = by * LIGHT_POWER
+    sums.columns[0, void, brighter, 60] = by * sums.columns[2, void, brighter, 60]
+    return sums
+
+
+def greatest_void(sums: Sums) -> float:
+    found = [one for one in of_streaks(sums, Scatter.white(), GOOD_PRINTS) if one.statistic.mode == "void"]
+    return max(one.value for one in found if one.statistic.part == "full")
+
+
+def test_ink_that_stands_where_paper_is_brighter_is_not_gone() -> None:
+    """In one segment alone, so that taking out what light does in the whole column leaves most of it."""
+    sums, place = lit_columns(slice(2, 3), slice(2, 3), by := 2 * PrintPrior().place), PrintPrior().place
+    apart = 1 - 1 / SEGMENTS
+    noise = by * apart * np.sqrt(LIGHT_POWER)  # T, were light even
+    uneven = noise / np.sqrt(1 + place**2 * apart**2 * LIGHT_POWER)
+    assert noise > 4
+    assert greatest_void(sums) == pytest.approx(uneven, rel=0.1)
+    assert uneven < 2
+
+
+def test_ink_that_is_gone_all_down_a_column_still_is_where_paper_is_even() -> None:
+    sums, void = lit_columns(slice(0, SEGMENTS), slice(0, 0), 0.0), LINE_MODES.index("void")
+    sums.columns[2, void] = 0  # and beside light, not instead of it
+    sums.columns[0, void, :, 60] = 0.1 * INK_POWER
+    assert greatest_void(sums) == pytest.approx(0.1 * np.sqrt(SEGMENTS * INK_POWER), rel=0.1)
+
+
+def test_rows_of_little_ink_say_little_where_light_differs_along_them() -> None:
+    sums, void, place = drawn(9), MODES.index("void"), PrintPrior().place
+    sums.tiles[:] = 0
+    sums.tiles[1, 0] = LIGHT_POWER
+    sums.tiles[1, void, :, :4] = INK_POWER
+    sums.tiles[2, void, :, :4] = np.sqrt(LIGHT_POWER * INK_POWER)
+    parts = [round(UNEVEN_MM / TILE_MM), COLUMNS - round(UNEVEN_MM / TILE_MM)]  # ink is in the first
+    shared, light = 4 * np.sqrt(LIGHT_POWER * INK_POWER), COLUMNS * LIGHT_POWER
+    power = 4 * INK_POWER - shared**2 / light
+    uneven = 2 * (place * shared * parts[1] / COLUMNS) ** 2  # as much more in the one as less in the other
+    np.testing.assert_allclose(rows(sums)[1, void], power**2 / (power + uneven), rtol=5e-3)
+    assert uneven > 8 * power
+    sums.tiles[1, void] = INK_POWER
+    sums.tiles[2, void] = 0
+    np.testing.assert_allclose(rows(sums)[1, void], COLUMNS * INK_POWER, rtol=1e-4)
 
 
 def test_waves_rise_above_their_neighbours() -> None:

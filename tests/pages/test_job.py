@@ -257,6 +257,24 @@ def test_pages_of_a_pdf_are_drawn_at_the_resolution_that_their_press_states(
         assert job.page(1).cmyk[50, [48, 49, 50], 3].tolist() == [255, 153, 0]
 
 
+def test_edges_of_a_pdf_lie_off_by_what_a_rip_rounds_and_those_of_a_raster_do_not(
+    write_pdf: Callable[..., Path], tmp_path: Path
+) -> None:
+    pdf = write_pdf("0 0 0 1 k 0 0 49.6 100 re f")
+    of_600 = 25.4 / 600 / np.sqrt(12)
+    with (
+        JobSource(path=pdf, dpi=72).open() as unknown,
+        JobSource(path=pdf, dpi=72, drawn_dpi=1200).open() as job,
+    ):
+        assert unknown.page(1).edge_sd_mm == pytest.approx(of_600)
+        assert job.page(1).edge_sd_mm == pytest.approx(of_600 / 2)
+    files.write_tiff(flat(10), tmp_path / "p1.tif")
+    with JobSource(path=tmp_path / "p1.tif", dpi=72).open() as rasters:
+        assert rasters.page(1).edge_sd_mm == 0
+    with JobSource(path=pdf, dpi=72, layout=Layout(sides=2)).open() as sheets:
+        assert sheets.page(1).edge_sd_mm == pytest.approx(of_600)
+
+
 def test_what_pages_say_of_places_is_asked_of_pages_and_not_of_sides(write_pdf: Callable[..., Path]) -> None:
     path = write_pdf("0 0 0 1 k 10 10 20 20 re f")
     with JobSource(path=path, dpi=100.0).open() as job:

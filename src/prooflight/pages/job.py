@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,7 +17,7 @@ from prooflight.pages import files
 from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
-from prooflight.pages.raster import Page
+from prooflight.pages.raster import MM_PER_INCH, Page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,6 +29,16 @@ if TYPE_CHECKING:
 FINER: Final = 2
 """A PDF of which nobody says at what resolution its press prints it is drawn at so many times that of its raster
 (`prooflight study resolution`). Three times as finely called no fewer good prints misprints."""
+UNKNOWN_DPI: Final = 600.0
+"""Resolution at which such a press is taken to print. (assumed: no press of letters prints more coarsely)"""
+
+
+def edge_sd_mm(rip_dpi: float | None) -> float:
+    """``Page.edge_sd_mm`` of a PDF by a press that rips it itself, at a known resolution or not.
+
+    Every RIP rounds edges to pixels by a rule of its own: to anywhere within one (variance of a uniform distribution).
+    """
+    return MM_PER_INCH / (rip_dpi or UNKNOWN_DPI) / math.sqrt(12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,13 +200,13 @@ class Job:
     def _own_page(self, number: int) -> Page:
         """As it stands in its file."""
         path, place = self._places[number - 1]
-        pdf = self._pdfs.get(path)
+        pdf, source = self._pdfs.get(path), self.source
         if pdf is None:
             page = files.read_page(path, place)
         else:
-            source = self.source
             drawn_dpi = source.drawn_dpi or FINER * source.dpi
             page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light)
+            page = replace(page, edge_sd_mm=edge_sd_mm(source.drawn_dpi))
         return replace(page, name=files.page_name(number), number=number)
 
 

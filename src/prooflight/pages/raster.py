@@ -31,6 +31,8 @@ class Page:
     """File-name stem that this page's scans and verdicts carry, e.g. ``p0007``."""
     number: int
     """Place in the job, from 1."""
+    edge_sd_mm: float = 0.0
+    """How far edges lie off where the press prints them, because it draws the page itself; standard deviation. [mm]"""
 
     def __post_init__(self) -> None:
         if (

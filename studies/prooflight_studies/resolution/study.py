@@ -7,7 +7,7 @@ itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.errors import InputError, RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import in_full
+from prooflight.pages.job import edge_sd_mm
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
@@ -127,12 +128,13 @@ def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
             if width_mm > press.geometry.field_mm:
                 return None
             light = press.ink_light
-            drawn = {
+            expected = {
                 (0, finer): job.page(
                     1, press.dpi, drawn_dpi=None if finer == 1 else finer * press.dpi, light=light
                 )
                 for finer in FINER
             }
+            drawn = {key: replace(page, edge_sd_mm=edge_sd_mm(None)) for key, page in expected.items()}
             drawn |= {(dpi, 1): job.page(1, dpi) for dpi in PRINTED_DPI if dpi}
             return {key: press.geometry.lay(page) for key, page in drawn.items()}
     except InputError:

@@ -34,7 +34,14 @@ def machine() -> str:
 
 def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
-    found = {"machine": machine(), "picture": PICTURE, "rows": rows, "cores": CORES, "reached": REACHED, "costs": costs}
+    found = {
+        "machine": machine(),
+        "picture": PICTURE,
+        "rows": rows,
+        "cores": CORES,
+        "reached": REACHED,
+        "costs": costs,
+    }
     write_page(folder / "performance.md", "speed", found)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)

@@ -229,6 +229,13 @@ def test_planes_go_back_by_whole_raster_pixels_and_no_further_than_good_ones(tin
     assert same is tints
 
 
+def test_edges_that_lie_off_besides_add_to_their_variance_but_where_good_prints_are_exact() -> None:
+    known = ResidualVariance(edge=0.0009)
+    assert known.with_edges_off(0.04).edge == pytest.approx(0.0025)
+    assert known.with_edges_off(0.0) == known
+    assert ResidualVariance.none().with_edges_off(0.04).exact
+
+
 # --- one amount, in closed form ---
 
 WHITE = 0.01

@@ -229,6 +229,7 @@ def analyse_found(
     page, prior, at = prepared.page, prepared.prior, prepared.binned_geometry
     geometry = prepared.landmarks.geometry
     bins = bins_of(geometry)
+    residual_variance = residual_variance.with_edges_off(page.edge_sd_mm / at.pixel_pitch_mm)
     if residual_variance.exact:
         placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
     else:

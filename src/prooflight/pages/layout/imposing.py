@@ -174,7 +174,7 @@ def imposed(pages: Sequence[Page], layout: Layout, number: int) -> Page:
     plain = layout.places_a_side == 1 and not layout.rotate and layout.sheet_mm is None
     if plain:
         raster = first.cmyk[::-1, ::-1] if back and layout.backs == "turned" else first.cmyk
-        return _side(np.ascontiguousarray(raster), first, layout, number)
+        return _side(np.ascontiguousarray(raster), pages, layout, number)
     size = first.cmyk.shape[1], first.cmyk.shape[0]
     gutter = _pixels(layout.gutter_mm[0], first), _pixels(layout.gutter_mm[1], first)
     side_mm = side_size((first.width_mm, first.height_mm), layout)
@@ -191,11 +191,17 @@ def imposed(pages: Sequence[Page], layout: Layout, number: int) -> Page:
             short = size[1] - own.shape[0], size[0] - own.shape[1]
             own = np.pad(own, ((0, short[0]), (0, short[1]), (0, 0)))
         raster[y : y + height, x : x + width] = np.rot90(own, k=-place.turns)
-    return _side(raster, first, layout, number)
+    return _side(raster, pages, layout, number)
 
 
-def _side(raster: NDArray[np.uint8], first: Page, layout: Layout, number: int) -> Page:
-    return Page(cmyk=raster, dpi=first.dpi, name=layout.side_name(number), number=number)
+def _side(raster: NDArray[np.uint8], pages: Sequence[Page], layout: Layout, number: int) -> Page:
+    return Page(
+        cmyk=raster,
+        dpi=pages[0].dpi,
+        name=layout.side_name(number),
+        number=number,
+        edge_sd_mm=max(page.edge_sd_mm for page in pages),
+    )
 
 
 def _pixels(length_mm: float, page: Page) -> int:

@@ -193,6 +193,10 @@ class ResidualVariance:
         """Whether good prints are as predicted: in their place, of the inks foretold."""
         return self == ResidualVariance.none()
 
+    def with_edges_off(self, sd_pixels: float) -> ResidualVariance:
+        """The same of a page whose edges lie off by so much besides; of one that is exact none do."""
+        return self if self.exact else replace(self, edge=self.edge + sd_pixels**2)
+
     def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
         """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
         depth = np.log(white / np.clip(light, 0.01 * white, white))

@@ -8,6 +8,14 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
+from prooflight.detectors.matched_filter.fit.moves import (
+    LOCAL_PIXELS,
+    NEARER,
+    by_prediction,
+    local_moves,
+    nearer,
+    take_moves,
+)
 from prooflight.detectors.matched_filter.fit.nuisance import (
     PlacedScan,
     PrintPrior,
@@ -15,15 +23,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     fit_nuisances,
     page_colours,
 )
-from prooflight.detectors.matched_filter.fit.residuals import (
-    LOCAL_PIXELS,
-    NEARER,
-    by_prediction,
-    local_moves,
-    nearer,
-    residual_images,
-    take_moves,
-)
+from prooflight.detectors.matched_filter.fit.residuals import residual_images
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.placement import IN_PLACE, Placement, Warp

@@ -28,6 +28,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     pixel_map,
     prepare_modes,
 )
+from prooflight.detectors.matched_filter.fit.moves import by_prediction, local_moves, nearer, take_moves
 from prooflight.detectors.matched_filter.fit.nuisance import (
     PlacedScan,
     PrintPrior,
@@ -35,14 +36,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     fit_nuisances,
     page_colours,
 )
-from prooflight.detectors.matched_filter.fit.residuals import (
-    by_prediction,
-    in_register,
-    local_moves,
-    nearer,
-    residual_images,
-    take_moves,
-)
+from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
 from prooflight.detectors.matched_filter.glyphs.weighing import NOTHING, prepare_glyphs, weighed
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed

@@ -1,0 +1,108 @@
+"""By how much parts of a page lie off where they were predicted, as residuals say, and residuals without that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.kernels.residuals.residuals import foretell_anew, slope_sums, take_slopes
+from prooflight.pages.parallel import parts_of, shared_out
+from prooflight.scans.placement import Warp
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.scans.geometry import ScanGeometry
+    from prooflight.scans.placement import Placement
+
+LOCAL_PIXELS: Final = 16
+LOCAL_SMOOTH: Final = 1.0
+"""Tiles over which local displacements are smoothed (standard deviation)."""
+LOCAL_SD: Final = 0.15
+"""Of displacements that registration leaves. [pixels]"""
+NEARER: Final = 0.7
+"""Of such displacements, how much the page is placed anew by: an edge that is sharper than a pixel seems to have moved
+by up to twice as much as it has. (of 0.7 and 1, on designs of their own)"""
+
+
+def local_moves(
+    left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32], *, threads: int = 1
+) -> NDArray[np.float32]:
+    """The smooth field of small displacements that explains residuals best: how far right and down the light that was
+    predicted would have to move, (2, rows, columns) at squares of ``LOCAL_PIXELS`` [pixels].
+    """
+    lines, pixels = left.shape[1:]
+    side = LOCAL_PIXELS
+    shape = (max(lines // side, 1), max(pixels // side, 1))
+    sums = np.zeros((5, *shape), np.float32)
+
+    def said(first: int, last: int) -> None:
+        for index in range(len(light)):
+            slope_sums(left[index], weight[index], light[index], side, first, last, sums)
+
+    shared_out([partial(said, *part) for part in parts_of(shape[0], threads)], threads=threads)
+    ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
+    known = 1 / LOCAL_SD**2
+    xx, yy = xx + known, yy + known
+    whole = xx * yy - xy * xy
+    return -np.stack([(yy * ax - xy * ay) / whole, (xx * ay - xy * ax) / whole])
+
+
+def take_moves(
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    light: NDArray[np.float32],
+    moves: NDArray[np.float32],
+    *,
+    threads: int = 1,
+) -> None:
+    """Take displacements, as ``local_moves`` finds them, out of the residuals, in place and to first order."""
+    lines, pixels = left.shape[1:]
+    fields = [-cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
+
+    def taken(first: int, last: int) -> None:
+        for index in range(len(light)):
+            take_slopes(left[index], weight[index], light[index], *fields, first, last)
+
+    shared_out([partial(taken, *part) for part in parts_of(lines, threads)], threads=threads)
+
+
+def by_prediction(
+    left: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    before_dn: NDArray[np.float32],
+    after_dn: NDArray[np.float32],
+    *,
+    threads: int = 1,
+) -> None:
+    """Residuals by another prediction (sensors, lines, pixels) than before, in place; what was fitted stays."""
+
+    def foretold(first: int, last: int) -> None:
+        for index in range(len(left)):
+            foretell_anew(left[index], weight[index], before_dn[index], after_dn[index], first, last)
+
+    shared_out([partial(foretold, *part) for part in parts_of(left.shape[1], threads)], threads=threads)
+
+
+def nearer(
+    placement: Placement, moves: NDArray[np.float32], geometry: ScanGeometry, page_width_mm: float
+) -> Placement:
+    """The placement with ``NEARER`` of what residuals say (``local_moves``) that the page lies off it."""
+    pitch_mm = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
+    middle, step_mm = (LOCAL_PIXELS - 1) / 2, LOCAL_PIXELS * float(pitch_mm.min())
+    corner_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])
+    first_mm = corner_mm + middle * pitch_mm
+    squares = np.array(moves.shape[:0:-1])
+    count = np.ceil((squares - 1) * LOCAL_PIXELS * pitch_mm / step_mm).astype(np.int64) + 1
+    x_mm, y_mm = np.meshgrid(*(step_mm * np.arange(n) for n in count))
+    field = Warp(nodes_mm=np.moveaxis(moves, 0, -1), pitch_mm=LOCAL_PIXELS)
+    nodes = np.stack(field.at(x_mm / pitch_mm[0], y_mm / pitch_mm[1]), axis=-1) * (NEARER * pitch_mm)
+    if placement.warp is not None:
+        nodes += np.stack(placement.warp.at(x_mm + first_mm[0], y_mm + first_mm[1]), axis=-1)
+    first_x, first_y = first_mm.tolist()
+    warp = Warp(nodes_mm=nodes.astype(np.float32), pitch_mm=step_mm, first_mm=(first_x, first_y))
+    return replace(placement, warp=warp)

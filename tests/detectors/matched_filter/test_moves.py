@@ -52,10 +52,8 @@ def seen_at(press: Press, page: Page, placement: Placement) -> Prediction:
 
 
 def placed_in(press: Press, page: Page, scan: NDArray[np.uint16]) -> PlacedScan:
-    own, where = (
-        prepare_modes(page, sensors=press.sensors, geometry=press.geometry),
-        pixel_map(page, press.geometry, IN_PLACE),
-    )
+    own = prepare_modes(page, sensors=press.sensors, geometry=press.geometry)
+    where = pixel_map(page, press.geometry, IN_PLACE)
     return PlacedScan(
         measured_dn=scan,
         seen=seen_at(press, page, IN_PLACE),
@@ -96,7 +94,7 @@ def test_rules_that_lie_a_little_off_are_all_but_gone_once_predicted_anew(press:
     assert energy(left) < energy(linear) / 4
 
 
-def test_what_was_fitted_stays_and_what_is_unknown_too(press: Press, rules: Page) -> None:
+def test_what_was_fitted_stays_and_what_is_unknown_too() -> None:
     rng = np.random.default_rng(2)
     before, after = rng.random((2, 1, 40, 30)).astype(np.float32)
     left = rng.random((1, 40, 30)).astype(np.float32)

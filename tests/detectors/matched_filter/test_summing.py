@@ -310,7 +310,8 @@ def test_streaks_are_sums_of_columns_less_what_lies_about_them(seed: int) -> Non
     uneven = np.stack([(one**2).sum(axis=1) for one in apart], axis=1)
     uneven[0] = 0  # light itself
     asked = np.stack([own - push / (said + 1e-6) * power, power, edges, uneven])
-    np.testing.assert_allclose(found, asked, rtol=2e-3, atol=1e-2)
+    np.testing.assert_allclose(found[:3], asked[:3], rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(found[3], asked[3], rtol=1e-3, atol=1e-2)
     wider = np.empty_like(found)
     widened(found.reshape(-1, 90), count, wider.reshape(-1, 90))
     np.testing.assert_allclose(

@@ -320,7 +320,8 @@ def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore
     error_model="numpy",
 )
 def take_slopes(residual, weight, light, across_by, along_by, first, last):  # type: ignore[no-untyped-def]
-    """Take local displacements, fields (lines, pixels) [pixels], out of one sensor's residuals, in place.
+    """Take local displacements, fields (lines, pixels) by which light lies too far right and down [pixels], out of one
+    sensor's residuals, in place.
 
     Of lines first .. last - 1.
     """
@@ -330,7 +331,7 @@ def take_slopes(residual, weight, light, across_by, along_by, first, last):  # t
             if weight[line, x] > 0:
                 across = (light[line, x + 1] - light[line, x - 1]) * np.float32(0.5)
                 along = (light[line + 1, x] - light[line - 1, x]) * np.float32(0.5)
-                residual[line, x] -= across * across_by[line, x] + along * along_by[line, x]
+                residual[line, x] += across * across_by[line, x] + along * along_by[line, x]
 
 
 @kernel(

@@ -40,6 +40,7 @@ def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-
     """
     modes, parts, width = out.shape[1], out.shape[2], out.shape[3]
     sums, common = np.empty((4, width), np.float32), np.empty((2, width), np.float32)
+    share = np.empty(width, np.float32)
     prefix, push, power = np.empty(width + 1), np.empty(width), np.empty(width)
     for part in range(parts):
         begin, end = part * step, part * step + length
@@ -48,24 +49,20 @@ def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-
                 sums[i] = columns[i, mode, begin]
                 for k in range(begin + 1, end):
                     sums[i] += columns[i, mode, k]
-            own, rest, edges, uneven = (
-                out[0, mode, part],
-                out[1, mode, part],
-                out[2, mode, part],
-                out[3, mode, part],
-            )
+            own, rest = out[0, mode, part], out[1, mode, part]
+            edges, uneven = out[2, mode, part], out[3, mode, part]
             own[:], rest[:], edges[:], uneven[:] = sums[0], sums[1], sums[3], np.float32(0)
             if mode == 0:
                 common[0], common[1] = sums[0], sums[1]
             else:
                 for x in range(width):
-                    level = common[1, x] + known
-                    own[x] -= sums[2, x] * (common[0, x] / level)
-                    rest[x] = max(sums[1, x] - sums[2, x] ** 2 / level, np.float32(0))
+                    share[x] = sums[2, x] / (common[1, x] + known)
+                    own[x] -= share[x] * common[0, x]
+                    rest[x] = max(sums[1, x] - share[x] * sums[2, x], np.float32(0))
                 for k in range(begin, end):
                     light, shared = columns[1, 0, k], columns[2, mode, k]
                     for x in range(width):
-                        apart = shared[x] - light[x] * (sums[2, x] / (common[1, x] + known))
+                        apart = shared[x] - share[x] * light[x]
                         uneven[x] += apart * apart
             for x in range(width):
                 edges[x] *= min(rest[x] / max(sums[1, x], np.float32(1e-9)), np.float32(1))

@@ -49,7 +49,7 @@ def local_moves(
     known = 1 / LOCAL_SD**2
     xx, yy = xx + known, yy + known
     whole = xx * yy - xy * xy
-    return -np.stack([(yy * ax - xy * ay) / whole, (xx * ay - xy * ax) / whole])
+    return np.stack([(xy * ay - yy * ax) / whole, (xy * ax - xx * ay) / whole])
 
 
 def take_moves(
@@ -62,13 +62,12 @@ def take_moves(
 ) -> None:
     """Take displacements, as ``local_moves`` finds them, out of the residuals, in place and to first order."""
     lines, pixels = left.shape[1:]
-    fields = [-cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
-
-    def taken(first: int, last: int) -> None:
-        for index in range(len(light)):
-            take_slopes(left[index], weight[index], light[index], *fields, first, last)
-
-    shared_out([partial(taken, *part) for part in parts_of(lines, threads)], threads=threads)
+    fields = [cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
+    stripes = [(index, part) for index in range(len(left)) for part in parts_of(lines, threads)]
+    shared_out(
+        [partial(take_slopes, left[i], weight[i], light[i], *fields, *part) for i, part in stripes],
+        threads=threads,
+    )
 
 
 def by_prediction(
@@ -80,12 +79,11 @@ def by_prediction(
     threads: int = 1,
 ) -> None:
     """Residuals by another prediction (sensors, lines, pixels) than before, in place; what was fitted stays."""
-
-    def foretold(first: int, last: int) -> None:
-        for index in range(len(left)):
-            foretell_anew(left[index], weight[index], before_dn[index], after_dn[index], first, last)
-
-    shared_out([partial(foretold, *part) for part in parts_of(left.shape[1], threads)], threads=threads)
+    stripes = [(index, part) for index in range(len(left)) for part in parts_of(left.shape[1], threads)]
+    shared_out(
+        [partial(foretell_anew, left[i], weight[i], before_dn[i], after_dn[i], *part) for i, part in stripes],
+        threads=threads,
+    )
 
 
 def nearer(

@@ -318,21 +318,16 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
             maps = np.empty_like(parts)
             widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
             # Light differs from column to column less than down a column: as if they all had the same.
-            yield w, s, beside_uneven(maps[0], maps[1], maps[2], count * sums.prior.place**2 * maps[3])
+            yield w, s, beside_uneven(maps[:3], count * sums.prior.place**2 * maps[3])
 
 
-def beside_uneven(
-    own: NDArray[np.float32],
-    power: NDArray[np.float32],
-    edges: NDArray[np.float32],
-    variance: NDArray[np.floating],
-) -> NDArray[np.float32]:
+def beside_uneven(maps: NDArray[np.float32], variance: NDArray[np.floating]) -> NDArray[np.float32]:
     """N', D' and edges (3, ...) of places of whose N' light that is not even has so much variance besides.
 
     N'' = s N', D'' = s D', s = D' / (D' + variance): D'' is what is known still, N'' / D'' the same amount.
     """
-    sure = power / (power + variance + np.float32(1e-9))
-    return np.asarray(np.stack([own, power, edges]) * sure, np.float32)
+    power = maps[1]
+    return np.asarray(maps * (power / (power + variance + np.float32(1e-9))), np.float32)
 
 
 def rows(sums: Sums) -> NDArray[np.float32]:
@@ -346,14 +341,14 @@ def rows(sums: Sums) -> NDArray[np.float32]:
     push, sure = (
         ndimage.uniform_filter1d(one.astype(np.float64), wide, mode="nearest") for one in (own, power)
     )
-    own = np.asarray(own - push / (sure + 1e-6) * power, np.float32)
+    maps = np.stack([own - push / (sure + 1e-6) * power, power, edges]).astype(np.float32)
     parts = np.arange(0, tiles.shape[-1], round(UNEVEN_MM / sums.tile_mm))
     light = np.add.reduceat(tiles[1, 0], parts, axis=-1)
     shared = np.add.reduceat(tiles[2, 1:], parts, axis=-1)
     of_light = shared.sum(axis=-1) / (light.sum(axis=-1) + np.float32(1 / sums.prior.place**2))
-    apart = np.zeros(own.shape, np.float32)
+    apart = np.zeros_like(maps[0])
     apart[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
-    return beside_uneven(own, power, edges, sums.prior.place**2 * apart)
+    return beside_uneven(maps, sums.prior.place**2 * apart)
 
 
 def periodogram(

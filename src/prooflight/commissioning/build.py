@@ -101,6 +101,7 @@ def build_press(
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,
+        floor_share=press_file.floor_share,
         origin={
             "press_file": press_file.text,
             "press_file_sha256": hashlib.sha256(press_file.text.encode()).hexdigest(),

@@ -50,6 +50,8 @@ class Station:
     costs: RunningCosts
     fringes: bool = False
     """Whether planes that share edges are followed where their fringes show them."""
+    floor_share: float = 0.0
+    """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0: none is."""
     threads: int | None = None
     """That one page may take; None: one a core."""
 

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+FLOOR_SHARE: Final = 0.1
+"""Difference from the expected light of a flat place, as a share of paper white, that is always a misprint. (assumed:
+what a person sees at once over 0.1 mm2)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

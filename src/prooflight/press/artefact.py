@@ -12,6 +12,8 @@ presses of before did, so that their digests stay: ``fringes``, ``rip_dpi``, and
 ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 8: those of other presses by how many pages made a ranking fit (``ours.reference``, ``ours.reference_pages``).
 9: the same, of statistics of pages that are predicted anew where they lie; scores of schema 8 would not fit these.
+10: in our detector, statistics of small windows by class of place (``statistics.marks``), and a screen that alone
+decides; and ``floor_share``.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
 from prooflight.detectors.base import Station
-from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import BayesDetector
 from prooflight.errors import PressError
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.pdf.taking_together import InkLight
 
-SCHEMA = 9
+SCHEMA = 10
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
@@ -88,6 +90,8 @@ class Press(Shown):
     costs: RunningCosts
     good_pages_per_false_alarm: float
     """The promise: one good page in so many may alarm."""
+    floor_share: float = FLOOR_SHARE
+    """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0: none is."""
     origin: Mapping[str, str] = field(default_factory=dict)
     """What it was made from: texts, digests, seed."""
     ink_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -134,6 +138,7 @@ class Press(Shown):
             geometry=self.geometry,
             costs=self.costs,
             fringes=self.fringes,
+            floor_share=self.floor_share,
             threads=threads,
         )
 
@@ -199,6 +204,7 @@ class Press(Shown):
             "supersampling": self.supersampling,
             "costs": asdict(self.costs),
             "good_pages_per_false_alarm": self.good_pages_per_false_alarm,
+            "floor_share": self.floor_share,
             "origin": dict(self.origin),
             "ink_facts": dict(self.ink_facts),
             "clipped": [asdict(share) for share in self.clipped],
@@ -238,6 +244,7 @@ class Press(Shown):
             appearance_srgb=arrays["appearance_srgb"],
             costs=RunningCosts(**document["costs"]),
             good_pages_per_false_alarm=document["good_pages_per_false_alarm"],
+            floor_share=document["floor_share"],
             origin=document["origin"],
             ink_arrays=part_of(arrays, INK_ARRAYS),
             ink_facts=document["ink_facts"],

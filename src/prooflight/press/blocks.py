@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from prooflight.detectors.cost import FLOOR_SHARE
 from prooflight.errors import PressFileError
 from prooflight.files.given import shortly
 from prooflight.press.outlets import PlantBlock
@@ -159,6 +160,8 @@ class DecisionBlock(_Block):
 
     good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e9)] | None = None
     """None: ours promises what counts support (``training.train.DEFAULT_RATE``), chi-square ``IN_IDEAL``."""
+    floor_percent_of_white: Annotated[float, Field(strict=True, ge=0, le=100)] = 100 * FLOOR_SHARE
+    """Difference from the expected light of a flat place, over 0.1 mm2, that is always a misprint; 0: none is."""
 
 
 class InspectionBlock(_Block):

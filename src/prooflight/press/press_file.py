@@ -101,6 +101,11 @@ class PressFile:
         return self._document.decision.good_pages_per_false_alarm is not None
 
     @property
+    def floor_share(self) -> float:
+        """Return the floor of ``[decision]`` as a share of paper white; 0: there is none."""
+        return self._document.decision.floor_percent_of_white / 100
+
+    @property
     def fringes(self) -> bool:
         """``[inspection]``: whether prediction follows planes that share edges."""
         return self._document.inspection.fringes

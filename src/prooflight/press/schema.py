@@ -114,6 +114,7 @@ class PressFacts(Block):
     clipped: tuple[ClippedFacts, ...]
     variation: dict[Name, Any]
     detectors: DetectorFacts
+    floor_share: Share
     fringes: Annotated[bool, Field(strict=True)] = False
     rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
 

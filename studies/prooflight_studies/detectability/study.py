@@ -216,4 +216,6 @@ class _Bench:
     ) -> tuple[ScanAnalysis, list[Observed]]:
         scan = day.day.recorded(day.day.seen_in_press(printed, rng), rng)
         analysis = day.analysed(self.known, scan)
-        return analysis, all_statistics(analysis.sums, analysis.fit, analysis.found, self.ours.model.scatter)
+        return analysis, all_statistics(
+            analysis.sums, analysis.marks, analysis.fit, analysis.found, self.ours.model.scatter
+        )

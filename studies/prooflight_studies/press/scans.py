@@ -96,10 +96,10 @@ class StatisticsWork:
     """A good copy and misprints of a day's designs -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
-    another (whether the scan shows another page), glyphs (``WeighedPage.score``), widening (how many times more widely
-    its page is judged), places (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true temporal sigma
-    over tables', day. Beside them ``unmade_kind``, one for each misprint that nine draws did not bring over the gate,
-    and ``names`` of the statistics.
+    another (whether the scan shows another page), glyphs (``WeighedPage.score``), floor_mm2, widening (how many times
+    more widely its page is judged), places (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true
+    temporal sigma over tables', day. Beside them ``unmade_kind``, one for each misprint that nine draws did not bring
+    over the gate, and ``names`` of the statistics.
     """
 
     scene: Scene
@@ -143,17 +143,18 @@ class StatisticsWork:
 def what_is_said(
     bench: PressDay, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
 ) -> tuple[dict[str, Any], list[str]]:
-    """What a scan says: values, boxes, portrait, another and glyphs of its row; and the names of the statistics."""
-    statistics, another, glyphs = bench.statistics(known, scan, scatter)
+    """Return values, boxes, portrait, another, glyphs and floor of a scan's row; and the names of the statistics."""
+    found = bench.evidence(known, scan, scatter)
     said = {
-        "values": values_of(statistics),
-        "boxes": np.array([one.box for one in statistics], np.float32),
+        "values": values_of(found.statistics),
+        "boxes": np.array([one.box for one in found.statistics], np.float32),
         "portrait": known.page_features,
-        "another": another,
-        "glyphs": glyphs,
+        "another": found.another,
+        "glyphs": found.glyphs,
+        "floor_mm2": found.floor_mm2,
         "widening": known.colours.widening,
     }
-    return said, keys_of(statistics)
+    return said, keys_of(found.statistics)
 
 
 def places_mm(regions_mm: Sequence[Region]) -> NDArray[np.float32]:

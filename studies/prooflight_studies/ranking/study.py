@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,8 +13,8 @@ from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
 from prooflight.commissioning.training.train import Plan
 from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
-from prooflight.detectors.matched_filter.screen import of_both
 from prooflight.detectors.matched_filter.shipped import ShippedRanking
+from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest
@@ -39,9 +39,6 @@ OF_A_PRESS: Final = len(Plan.of(DESIGNS).calibrate)
 """Good pages that make a ranking fit for a press: as many as `press build` prints for that ..."""
 SIZES: Final = (20, 40, 80, OF_A_PRESS, 320)
 """... and others, of a press that learned from its real pages."""
-PASSED_ON: Final = 0.15
-"""Of good pages, that the first look passes on to the second. (chosen of ``SHARES``)"""
-SHARES: Final = (0.05, 0.1, 0.15, 0.2, 0.3, 1.0)
 PARTS: Final = 6
 """Of the rows that a fold judges, each judged by a model that other good pages made fit."""
 
@@ -54,6 +51,8 @@ class Taught:
     day: NDArray[np.int64]
     another: NDArray[np.bool_]
     severity: NDArray[np.float64]
+    floor_mm2: NDArray[np.float64]
+    """``FloorFinding.area_mm2`` of each."""
     names: list[str]
     scatter: Scatter
     """Of the first press: each press has its own when it is made ready."""
@@ -67,7 +66,8 @@ class Taught:
             pages = pages.beside(Pages.of(rows, number))
         names = sets[0][1]["names"][: pages.values.shape[1]].tolist()
         one = {
-            name: np.concatenate([rows[name] for _, rows in sets]) for name in ("day", "another", "severity")
+            name: np.concatenate([rows[name] for _, rows in sets])
+            for name in ("day", "another", "severity", "floor_mm2")
         }
         return cls(pages=pages, **one, names=names, scatter=every[0].scatter)
 
@@ -83,7 +83,7 @@ class Taught:
             names=self.names,
             scatter=self.scatter,
             rng=rng,
-            looks_first=True,
+            screened=True,
             trees=trees,
         )
 
@@ -94,10 +94,7 @@ class JudgedFold:
 
     rows: NDArray[np.int64]
     score: NDArray[np.float64]
-    """(sizes, rows) of all statistics, by detectors that ``SIZES`` of good pages made fit; of one size where a kind did
-    not teach."""
-    first: NDArray[np.float64]
-    """(sizes, rows) of the first look; of pages that show another one infinite."""
+    """(sizes, rows) by detectors that ``SIZES`` of good pages made fit; of one size where a kind did not teach."""
     kind: NDArray[np.str_]
     """By the detector of ``OF_A_PRESS``."""
 
@@ -123,7 +120,7 @@ class FoldWork:
         model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
         judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
         sizes = (OF_A_PRESS,) if without else SIZES
-        (score, first), kind = np.empty((2, len(sizes), len(mine))), np.zeros(len(mine), "U16")
+        score, kind = np.empty((len(sizes), len(mine))), np.zeros(len(mine), "U16")
         part = np.unique(taught.day, return_inverse=True)[1] // FOLDS % PARTS
         for one, turn in product(np.unique(pages.press), range(PARTS)):
             here = pages.press == one
@@ -135,13 +132,10 @@ class FoldWork:
             for place, size in enumerate(sizes):
                 fit = adapted(model, pages.rows(own[:size]))
                 score[place, now] = certain_score(fit, these, another)
-                first[place, now] = np.where(
-                    another, np.inf, fit.first_look(these.values, these.page_features)
-                )
                 if size == OF_A_PRESS:
                     kind[now] = fit.kinds_of(these.values, these.page_features)
         rows = np.flatnonzero(judged)
-        return JudgedFold(rows=rows, score=score[:, rows], first=first[:, rows], kind=kind[rows])
+        return JudgedFold(rows=rows, score=score[:, rows], kind=kind[rows])
 
 
 def run_ranking_study(
@@ -169,12 +163,10 @@ def run_ranking_study(
         folds[kind].append(one)
         progress(f"judged {'all kinds' if not kind else 'without ' + kind}")
     judged = in_rows(folds[""])
-    by_size = both_looks(folds[""], pages.bad, PASSED_ON)
+    by_size = judged.score
     scores, design = by_size[SIZES.index(OF_A_PRESS)], _design(pages)[~pages.bad]
     model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
     assert model.screen is not None
-    least = _least(judged.first[SIZES.index(OF_A_PRESS), ~pages.bad], PASSED_ON)
-    model = replace(model, screen=replace(model.screen, least=least, least_taught=least))
     ranking = ShippedRanking(
         model=model,
         references=ReferenceScores(
@@ -199,12 +191,11 @@ def run_ranking_study(
         "sizes": [
             {"pages": size} | _at(score, pages, RATES[0]) for size, score in zip(SIZES, by_size, strict=True)
         ],
-        "passed_on": PASSED_ON,
-        "shares": [
-            {"share": share} | _at(_of_a_press(folds[""], pages.bad, share), pages, RATES[0])
-            for share in SHARES
-        ],
-        "looked_at_first": int(model.screen.statistic.size),
+        "deciding": int(model.screen.statistic.size),
+        "floor": {
+            "good": int((taught.floor_mm2[~pages.bad] >= FLOOR_AREA_MM2).sum()),
+            "misprints": int((taught.floor_mm2[pages.bad] >= FLOOR_AREA_MM2).sum()),
+        },
         "kinds": [_kind(kind, taught, scores, judged.kind, folds[kind]) for kind in kinds],
     }
     write_page(results / "ranking.md", "ranking", found)
@@ -218,32 +209,8 @@ def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
     return JudgedFold(
         rows=rows[order],
         score=np.concatenate([one.score for one in folds], axis=1)[:, order],
-        first=np.concatenate([one.first for one in folds], axis=1)[:, order],
         kind=np.concatenate([one.kind for one in folds])[order],
     )
-
-
-def both_looks(folds: Sequence[JudgedFold], bad: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
-    """Scores (sizes, rows) of both looks, in the order of rows; share: of good pages that are passed on.
-
-    From which score on pages are passed on, the folds say that do not hold them. bad: of all rows there are.
-    """
-    size = SIZES.index(OF_A_PRESS) if len(folds[0].first) > 1 else 0
-    found = []
-    for one in folds:
-        others = [other for other in folds if other is not one]
-        first = np.concatenate([other.first[size, ~bad[other.rows]] for other in others])
-        found.append(replace(one, score=of_both(one.first, one.score, _least(first, share))))
-    return in_rows(found).score
-
-
-def _least(first: NDArray[np.float64], share: float) -> float:
-    """The score of a first look that so large a share of good pages exceeds."""
-    return -np.inf if share == 1 else float(np.quantile(first, 1 - share, method="higher"))
-
-
-def _of_a_press(folds: Sequence[JudgedFold], bad: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
-    return np.asarray(both_looks(folds, bad, share)[SIZES.index(OF_A_PRESS)])
 
 
 def _design(pages: Pages) -> NDArray[np.int64]:
@@ -280,7 +247,8 @@ def _kind(
         "untaught": None,
     }
     if untaught:
-        score, bad = both_looks(untaught, pages.bad, PASSED_ON)[0], pages.bad[in_rows(untaught).rows]
+        without = in_rows(untaught)
+        score, bad = without.score[0], pages.bad[without.rows]
         found["untaught"] = float(
             (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()
         )

@@ -70,7 +70,9 @@ class _Scanned:
     def at_first(self) -> tuple[ScanAnalysis, list[Observed]]:
         found = analyse(self.known, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
         scatter = Scatter.white()
-        return found, screen_statistics(found.sums, found.fit, found.found, scatter, threads=self.threads)
+        return found, screen_statistics(
+            found.sums, found.marks, found.fit, found.found, scatter, threads=self.threads
+        )
 
     def at_both(self) -> object:
         found, seen = self.at_first()
@@ -103,7 +105,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
 
     def at_first(known: PreparedPage) -> ScanAnalysis:
         analysis = analysed(known)
-        screen_statistics(analysis.sums, analysis.fit, analysis.found, scatter)
+        screen_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
         return analysis
 
     def again(analysis: ScanAnalysis) -> object:
@@ -111,7 +113,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
 
     own = prepared()
     once = analysed(own)
-    seen = screen_statistics(once.sums, once.fit, once.found, scatter)
+    seen = screen_statistics(once.sums, once.marks, once.fit, once.found, scatter)
     size = scan[0].size / 1e6
     return {
         f"our detector: whole, first look, {name}": (lambda: at_first(own), size),

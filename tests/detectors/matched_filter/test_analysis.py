@@ -42,7 +42,9 @@ def prepared(page: Page, press: Press) -> PreparedPage:
 
 def statistics(known: PreparedPage, scan: NDArray[np.uint16]) -> NDArray[np.float32]:
     analysis = analyse(known, scan)
-    return values_of(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
+    return values_of(
+        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+    )
 
 
 def test_under_another_light_a_page_is_what_it_were_if_prepared_anew(

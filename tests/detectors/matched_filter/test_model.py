@@ -13,7 +13,14 @@ from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
-from prooflight.detectors.matched_filter.ranking import OUTRIGHT, every_column
+from prooflight.detectors.matched_filter.ranking import (
+    ALONE_FROM,
+    ALONE_SLOPE,
+    OUTRIGHT,
+    alone_of,
+    every_column,
+    marks_of,
+)
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, values_of
@@ -65,7 +72,9 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         analysis = analyse(known, scan)
-        statistics.append(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
+        statistics.append(
+            all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+        )
     good, bad = (compressed(values_of(one)) for one in statistics)
     assert keys_of(statistics[0]) == keys_of(statistics[1])
     assert [Statistic.parse(key) for key in keys_of(statistics[0])] == [
@@ -97,7 +106,9 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
         seen = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         analysis = analyse(known, scan, residual_variance=residual_variance)
-        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white())
+        statistics = all_statistics(
+            analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white()
+        )
         most.append(max(one.value for one in statistics if one.statistic.word == "box"))
     good, bad = most
     assert good < 6
@@ -233,9 +244,11 @@ def test_a_score_is_all_misprints_odds_those_of_the_likeliest_kind_and_a_family_
     every = every_column(evidence, page_features, deviations)
     assert trained.forest is not None
     of_kinds = np.array([forest.score(every) for forest in trained.kind_forests])
-    asked = (
+    by_forests = (
         trained.forest.score(every) + of_kinds.max(axis=0) + np.maximum(evidence.max(axis=1) - OUTRIGHT, 0)
     )
+    alone = ALONE_SLOPE * (alone_of(evidence, marks_of(trained.families)) - ALONE_FROM)
+    asked = np.maximum(by_forests, alone)
     assert trained.score(values, page_features) == pytest.approx(asked)
     untaught = replace(trained, forest=None, kinds=(), kind_forests=(), name_forests=())
     assert untaught.score(values, page_features) == pytest.approx(
@@ -244,7 +257,8 @@ def test_a_score_is_all_misprints_odds_those_of_the_likeliest_kind_and_a_family_
 
 
 @pytest.mark.parametrize(
-    ("deviation", "p"), [(-1.0, 1.0), (0.5, 1 - 0.225), (2.0, 0.1), (2 + 18 * 3, 0.1 * 10**-2), (1e12, 1e-12)]
+    ("deviation", "p"),
+    [(-1.0, 1.0), (0.5, 1 - 0.225), (2.0, 0.1), (2 + 18 * 3, 0.1 * 10**-2), (2 + 6e12, 0.1 * 1e-24)],
 )
 def test_evidence_is_the_greatest_deviations_p_value(deviation: float, p: float) -> None:
     """By quantiles up to the nine tenths, then by a generalised Pareto distribution: (1 + 0.5 x / 3)^-2."""

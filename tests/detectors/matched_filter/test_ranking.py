@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.ranking import (
+    ALONE_FROM,
+    ALONE_SLOPE,
     OUTRIGHT,
     Forest,
+    alone_of,
     every_column,
     family_columns,
     ranked,
+    rising_columns,
     scores_of,
 )
 
@@ -18,19 +22,20 @@ from prooflight.detectors.matched_filter.ranking import (
 def test_a_rows_columns_are_what_families_say_and_the_first_third_and_sixth_of_them() -> None:
     row = np.array([[1.0, 6.0, 3.0, 5.0, 2.0, 4.0]])
     assert family_columns(row).tolist() == [[1, 6, 3, 5, 2, 4, 6, 4, 1]]
-    every = every_column(row, np.array([[7.0, 8.0]]), np.array([[-1.0]]))
-    assert every.tolist() == [[1, 6, 3, 5, 2, 4, 6, 4, 1, 7, 8, -1]]
+    every = every_column(row, np.array([[7.0, 8.0]]), np.array([[-1.0, 2.0]]))
+    assert every.tolist() == [[1, 6, 3, 5, 2, 4, 6, 4, 1, 7, 8, 0, 2, 1, 0]]
+    rising = rising_columns(every.shape[1], features=2, statistics=2)
+    assert np.flatnonzero(~rising).tolist() == [9, 10]
 
 
 def test_a_page_need_look_like_one_kind_only() -> None:
     of_all, of_kinds = np.array([0.5, -2.0]), np.array([[1.0, 3.0, -4.0], [-1.0, -3.0, -5.0]])
     evidence = np.full((2, 4), OUTRIGHT)
-    assert ranked(of_all, of_kinds, evidence).tolist() == [3.5, -3.0]
-    assert ranked(of_all, of_kinds[:, ::-1], evidence).tolist() == [3.5, -3.0]
-    assert ranked(of_all, np.zeros((2, 0)), evidence).tolist() == [
-        0.5,
-        -2.0,
-    ]  # one kind has taught: all there is
+    none = np.zeros(4, bool)
+    assert ranked(of_all + 9, of_kinds, evidence, none).tolist() == [12.5, 6.0]
+    assert ranked(of_all + 9, of_kinds[:, ::-1], evidence, none).tolist() == [12.5, 6.0]
+    # One kind has taught: all there is.
+    assert ranked(of_all + 9, np.zeros((2, 0)), evidence, none).tolist() == [9.5, 7.0]
 
 
 def test_a_family_that_is_far_out_counts_by_itself() -> None:
@@ -38,7 +43,19 @@ def test_a_family_that_is_far_out_counts_by_itself() -> None:
     evidence = np.array(
         [[0.5, OUTRIGHT - 1, 1.0], [OUTRIGHT + 2, 0.1, 0.0], [OUTRIGHT + 2, OUTRIGHT + 1, 0.0]]
     )
-    assert ranked(nothing, none, evidence).tolist() == [0, 2, 2]
+    assert ranked(nothing + 50, none, evidence, np.zeros(3, bool)).tolist() == [50, 52, 52]
+
+
+def test_forests_only_add_to_what_the_strongest_family_says_alone() -> None:
+    """Two groups of families, each after Bonferroni: one mark needs less evidence than one of a hundred others."""
+    marks = np.array([True, False, *[False] * 99])
+    evidence = np.zeros((3, 101))
+    evidence[0, 0] = evidence[1, 1] = 5.0
+    assert alone_of(evidence, marks) == pytest.approx([5.0, 3.0, 0.0])
+    against, none = np.full(3, -100.0), np.zeros((3, 0))
+    expected = ALONE_SLOPE * (np.array([5.0, 3.0, 0.0]) - ALONE_FROM)
+    assert ranked(against, none, evidence, marks) == pytest.approx(expected)
+    assert (ranked(against + 200, none, evidence, marks) > 90).all()
 
 
 def test_a_forest_says_the_odds_of_its_trees_mean_share() -> None:

@@ -272,20 +272,22 @@ def test_the_first_look_is_at_some_of_all_statistics_and_sees_them_alike(
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry)
     scan, scatter = ideal_scan(expected, press, np.random.default_rng(seed)), Scatter.white()
     whole, first = analyse(known, scan), analyse(known, scan, looked_at=SCREEN_MODES)
-    every = all_statistics(whole.sums, whole.fit, whole.found, scatter)
+    every = all_statistics(whole.sums, whole.marks, whole.fit, whole.found, scatter)
     asked = [one for one in every if in_screen(one.statistic)]
-    found = screen_statistics(first.sums, first.fit, first.found, scatter)
+    found = screen_statistics(first.sums, first.marks, first.fit, first.found, scatter)
     assert keys_of(found) == keys_of(asked)
     np.testing.assert_array_equal(values_of(found), values_of(asked))
     again = first.of_every_mode()
     assert again.of_every_mode() is again
     np.testing.assert_array_equal(
-        values_of(all_statistics(again.sums, again.fit, again.found, scatter)), values_of(every)
+        values_of(all_statistics(again.sums, again.marks, again.fit, again.found, scatter)), values_of(every)
     )
     order = [one.statistic for one in every]
     for threads in (1, 2):
         shared = analyse(known, scan, looked_at=SCREEN_MODES, threads=threads)
-        seen = screen_statistics(shared.sums, shared.fit, shared.found, scatter, threads=threads)
+        seen = screen_statistics(
+            shared.sums, shared.marks, shared.fit, shared.found, scatter, threads=threads
+        )
         rest = remaining_statistics(shared.of_every_mode().sums, scatter, seen, order=order, threads=threads)
         assert keys_of(rest) == keys_of(every)
         np.testing.assert_allclose(values_of(rest), values_of(every), rtol=1e-5, atol=1e-5)

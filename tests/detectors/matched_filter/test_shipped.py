@@ -68,4 +68,6 @@ def trained_names(press: Press, page: Page) -> list[str]:
     expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry)
     analysis = analyse(known, ideal_scan(expected, press, np.random.default_rng(2)))
-    return keys_of(all_statistics(analysis.sums, analysis.fit, analysis.found, Scatter.white()))
+    return keys_of(
+        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+    )

@@ -31,9 +31,6 @@ of many places scatters less than elsewhere, and to take it for as wide makes th
 decision 23)
 """
 FOLDS: Final = 5
-PASSED_ON: Final = 0.05
-"""Of a press's own good pages, at most so many are worth a second look. In the ranking's trials that catches as many
-misprints as looking twice at all of them (docs/results/ranking.md)."""
 
 
 def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> DetectorModel:
@@ -48,18 +45,6 @@ def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> Detecto
         least = LEAST_EXACT
     shift, scale = shift_and_scale(deviations, least_scale=least)
     return replace(model, shift=shift, scale=scale)
-
-
-def sparing(model: DetectorModel, good: Pages) -> DetectorModel:
-    """The model whose first look passes no more than ``PASSED_ON`` of this press's good pages on.
-
-    A page that is no longer passed on scores below all that are: so this makes no false alarm, whatever the threshold.
-    """
-    if model.screen is None:
-        return model
-    first = model.first_look(good.values, good.page_features)
-    least = max(model.screen.least_taught, float(np.quantile(first, 1 - PASSED_ON)))
-    return replace(model, screen=replace(model.screen, least=least))
 
 
 def fit_for(
@@ -79,11 +64,9 @@ def fit_for(
     another: whether a scan showed another page. glyphs: what glyphs of each say (``WeighedPage.score``); None: nobody
     weighed them.
     """
-    if model.screen is not None:
-        model = replace(model, screen=model.screen.as_taught())
     own = GoodScores.of(own_scores(model, good, another, real=real), good.design)
     return CalibratedDetector.calibrated(
-        sparing(adapted(model, good, real=real), good),
+        adapted(model, good, real=real),
         own,
         references=references,
         pages=GoodPages(

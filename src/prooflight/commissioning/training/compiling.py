@@ -62,7 +62,7 @@ def weigh_unfound(press: Press, page: Page) -> float:
     unfound = Registration(placement=MOVED, found=False, planes_mm=none, plane_parts=none.T)
     scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
     analysis = analyse_found(known, scan, unfound, residual_variance=ResidualVariance())
-    statistics = all_statistics(analysis.sums, analysis.fit, unfound, model.scatter)
+    statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, unfound, model.scatter)
     return score_of(
         model, looked_up(model, statistics, known.page_features), known.page_features, another=False
     )

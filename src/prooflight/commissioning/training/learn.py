@@ -18,8 +18,10 @@ from prooflight.detectors.matched_filter.ranking import (
     every_column,
     evidence_of,
     family_columns,
+    rising_columns,
 )
-from prooflight.detectors.matched_filter.screen import Screen, screened
+from prooflight.detectors.matched_filter.screen import Screen
+from prooflight.detectors.matched_filter.screen import screened as of_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.kernels.statistics.page_scale import ONE_SIGMA
@@ -33,6 +35,7 @@ RIDGE: Final = 3.0
 """Of the baseline: as if so many more pages had shown no influence of their content."""
 FOLDS: Final = 3
 """Parts of the good designs that are judged by a baseline that the others taught."""
+LEAST_SD: Final = 0.02
 TAIL_FROM: Final = 0.8
 STEPS: Final = 81
 LEAST_EXCESS: Final = 0.02
@@ -188,13 +191,13 @@ def learn_model(
     prior: PrintPrior | None = None,
     rng: np.random.Generator,
     ranked: bool = True,
-    looks_first: bool = False,
+    screened: bool = False,
     trees: int = 300,
 ) -> DetectorModel:
     """The detector, its threshold yet to be set. names: keys of statistics.
 
-    ranked: misprints among the pages teach a ranking as well. looks_first: and one for a first look at few statistics,
-    which passes all pages on until ``Screen.least`` is set.
+    ranked: misprints among the pages teach a ranking as well; screened: of the statistics that every page is analysed
+    for (``Screen``), instead of one of all.
     """
     statistics = tuple(map(Statistic.parse, names))
     families = [one.cause for one in statistics]
@@ -234,28 +237,47 @@ def learn_model(
     if len(kinds_of_misprint) == 1:
         kinds_of_misprint = ()
 
-    forest, kind_forests = _against_good(pages, kinds_of_misprint, columns, rng, trees)
+    rising = rising_columns(
+        columns.shape[1], features=pages.page_features.shape[1], statistics=len(statistics)
+    )
     return replace(
         found,
-        forest=forest,
+        forest=None if screened else _against_good(pages, columns, rising, rng, trees),
         kinds=kinds_of_misprint,
-        kind_forests=kind_forests,
+        kind_forests=_each_against_good(pages, kinds_of_misprint, columns, rising, rng, trees),
         name_forests=_names(pages, kinds_of_misprint, family_columns(evidence), rng, trees // 3),
-        screen=_screen(pages, statistics, kinds_of_misprint, deviations, rng, trees) if looks_first else None,
+        screen=_screen(pages, statistics, kinds_of_misprint, deviations, rng, trees) if screened else None,
     )
 
 
 def _against_good(
-    pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
-) -> tuple[Forest, tuple[Forest, ...]]:
-    """All misprints told from good pages, and each kind by itself, by ``every_column``."""
+    pages: Pages,
+    columns: NDArray[np.float64],
+    rising: NDArray[np.bool_],
+    rng: np.random.Generator,
+    trees: int,
+    share: float = COLUMN_SHARE,
+) -> Forest:
+    """Tell misprints from good pages by ``every_column``, along whose rising ones the odds do not fall."""
+    return fitted_forest(
+        columns, pages.bad, even(pages.bad), rng=rng, trees=trees, column_share=share, rising=rising
+    )
 
-    def told(which: NDArray[np.bool_], count: int, share: float) -> Forest:
-        bad = pages.bad[which]
-        return fitted_forest(columns[which], bad, even(bad), rng=rng, trees=count, column_share=share)
 
-    forest = told(np.ones(len(pages.bad), bool), trees, COLUMN_SHARE)
-    return forest, tuple(told(~pages.bad | (pages.kind == kind), trees // 4, KIND_SHARE) for kind in kinds)
+def _each_against_good(
+    pages: Pages,
+    kinds: Sequence[str],
+    columns: NDArray[np.float64],
+    rising: NDArray[np.bool_],
+    rng: np.random.Generator,
+    trees: int,
+) -> tuple[Forest, ...]:
+    """Tell each kind of misprint by itself from good pages, likewise."""
+    found = []
+    for kind in kinds:
+        which = ~pages.bad | (pages.kind == kind)
+        found.append(_against_good(pages.rows(which), columns[which], rising, rng, trees // 4, KIND_SHARE))
+    return tuple(found)
 
 
 def _screen(
@@ -266,23 +288,21 @@ def _screen(
     rng: np.random.Generator,
     trees: int,
 ) -> Screen:
-    """The first look, from deviations (pages, statistics) of all statistics."""
-    which, families, family = screened(statistics)
+    """Return the ranking that decides, from deviations (pages, statistics) of all statistics."""
+    which, families, family = of_screen(statistics)
     own = deviations[:, which]
     tails = _tails(own[~pages.bad], family)
     evidence = evidence_of(own, family, tails["quantiles"], tails["tail"], TAIL_FROM)
     columns = every_column(evidence, pages.page_features, own)
-    forest, kind_forests = _against_good(pages, kinds, columns, rng, trees)
+    rising = rising_columns(columns.shape[1], features=pages.page_features.shape[1], statistics=own.shape[1])
     return Screen(
         statistic=which,
         families=families,
         family=family,
         **tails,
         tail_from=TAIL_FROM,
-        forest=forest,
-        kind_forests=kind_forests,
-        least=-np.inf,
-        least_taught=-np.inf,
+        forest=_against_good(pages, columns, rising, rng, trees),
+        kind_forests=_each_against_good(pages, kinds, columns, rising, rng, trees),
     )
 
 
@@ -341,7 +361,7 @@ def _baseline(good: Pages) -> dict[str, Any]:
     return {
         "centre": np.stack([mean, sd]),
         "baseline": baseline,
-        "sd": np.sqrt((left**2).sum(axis=0) / free) + 0.02,
+        "sd": np.sqrt((left**2).sum(axis=0) / free) + LEAST_SD,
     }
 
 

@@ -28,11 +28,16 @@ def fitted_forest(
     rng: np.random.Generator,
     trees: int = 300,
     column_share: float = 0.2,
+    rising: NDArray[np.bool_] | None = None,
 ) -> Forest:
-    """Extremely randomised trees (Geurts, Ernst, Wehenkel 2006): cuts are drawn, of some columns the best is kept."""
+    """Return extremely randomised trees (Geurts, Ernst, Wehenkel 2006): of cuts drawn in some columns the best counts.
+
+    rising: (columns,) along which columns the share of ``bad`` never falls; None: along none.
+    """
     pages, tries = len(columns), max(int(column_share * columns.shape[1]), 1)
     across = np.ascontiguousarray(columns.T, dtype=np.float32)
-    examples = Examples(columns=across, bad=bad, weight=np.asarray(weight, np.float64))
+    rising = np.zeros(len(across), bool) if rising is None else rising
+    examples = Examples(columns=across, bad=bad, weight=np.asarray(weight, np.float64), rising=rising)
     column, left, right = np.empty((3, 2 * pages), np.int32)
     cut, share = np.empty((2, 2 * pages), np.float32)
     day = TreeNodes(column=column, cut=cut, left=left, right=right, share=share)

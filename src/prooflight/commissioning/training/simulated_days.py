@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -115,6 +115,18 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
     return replace(page, cmyk=np.ascontiguousarray(page.cmyk[top : top + height, left : left + width]))
 
 
+class ScanEvidence(NamedTuple):
+    """Evidence that one scan gives before anything is decided."""
+
+    statistics: list[Observed]
+    another: bool
+    """Whether it shows another page."""
+    glyphs: float
+    """``WeighedPage.score``."""
+    floor_mm2: float
+    """``FloorFinding.area_mm2``."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressDay:
     """A press on one day, with its page designs at hand."""
@@ -163,15 +175,19 @@ class PressDay:
 
     def analysed(self, known: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
         """A scan looked at as this press's are."""
-        return analyse(known, scan, residual_variance=self.residual_variance)
+        floor_share = self.day.press.floor_share
+        return analyse(known, scan, residual_variance=self.residual_variance, floor_share=floor_share)
 
-    def statistics(
-        self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
-    ) -> tuple[list[Observed], bool, float]:
-        """What a scan says, whether it shows another page, and what its glyphs say (``WeighedPage.score``)."""
+    def evidence(self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter) -> ScanEvidence:
+        """Return the evidence of a scan of a prepared page."""
         analysis = self.analysed(known, scan)
-        statistics = all_statistics(analysis.sums, analysis.fit, analysis.found, scatter)
-        return statistics, shows_another(analysis.found), analysis.glyphs.score
+        statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
+        return ScanEvidence(
+            statistics=statistics,
+            another=shows_another(analysis.found),
+            glyphs=analysis.glyphs.score,
+            floor_mm2=analysis.marks.floor.area_mm2,
+        )
 
     def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
         """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
@@ -226,7 +242,7 @@ class StatisticsWork:
     """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
 
     Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page),
-    glyphs; with a ``unit`` also windows (3 sensors,), the paper's statistics.
+    glyphs, floor_mm2; with a ``unit`` also windows (3 sensors,), the paper's statistics.
     """
 
     press: Press
@@ -252,15 +268,16 @@ class StatisticsWork:
                 if wrong is not None:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
-                statistics, another, glyphs = day.statistics(known, scan, self.scatter)
-                names = keys_of(statistics)
+                said = day.evidence(known, scan, self.scatter)
+                names = keys_of(said.statistics)
                 row: dict[str, Any] = {
                     "design": index,
                     "kind": kind,
-                    "values": values_of(statistics),
+                    "values": values_of(said.statistics),
                     "portrait": known.page_features,
-                    "another": another,
-                    "glyphs": glyphs,
+                    "another": said.another,
+                    "glyphs": said.glyphs,
+                    "floor_mm2": said.floor_mm2,
                 }
                 if self.unit is not None:
                     evidence = page_evidence(good.page, scan, self.press.station())

@@ -40,6 +40,7 @@ from prooflight.detectors.matched_filter.fit.residuals import in_register, resid
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
 from prooflight.detectors.matched_filter.glyphs.weighing import NOTHING, prepare_glyphs, weighed
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
+from prooflight.detectors.matched_filter.statistics.marks import measure_marks
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.registration.overlaps import overlaps_of
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
     from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
+    from prooflight.detectors.matched_filter.statistics.marks import Marks
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.printed import PrintedPage
@@ -168,6 +170,7 @@ class ScanAnalysis:
     found: Registration
     fit: Fit
     sums: Sums
+    marks: Marks
     noise: NDArray[np.float64]
     """(sensors,) true temporal variance over the prediction's. [-]"""
     careful: NDArray[np.bool_] | None
@@ -189,6 +192,7 @@ def analyse(
     lost: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance | None = None,
     looked_at: tuple[str, ...] = MODES,
+    floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
     """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
@@ -196,7 +200,8 @@ def analyse(
     A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page,
     and so are lines that were ``lost`` (sensors, lines).
     Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
-    alone. looked_at: those of ``MODES`` that are summed up at once, light the first. threads: that share its parts out.
+    alone. looked_at: those of ``MODES`` that are summed up at once, light the first. floor_share: as of
+    ``measure_marks``. threads: that share its parts out.
     """
     return analyse_found(
         prepared,
@@ -205,6 +210,7 @@ def analyse(
         lost=lost,
         residual_variance=residual_variance or ResidualVariance(),
         looked_at=looked_at,
+        floor_share=floor_share,
         threads=threads,
     )
 
@@ -217,6 +223,7 @@ def analyse_found(
     lost: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance,
     looked_at: tuple[str, ...] = MODES,
+    floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
     """``analyse`` of a scan in which the page was found."""
@@ -261,6 +268,18 @@ def analyse_found(
     if not residual_variance.exact:
         _take_moves(prepared, printed, placement, seen, left, weight, light, threads=threads)
 
+    marks = measure_marks(
+        placed,
+        light,
+        left,
+        weight,
+        geometry=at,
+        page_width_mm=page.width_mm,
+        tolerance=prior.place,
+        floor_share=floor_share,
+        threads=threads,
+    )
+
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
             with_added(placed, prepared.added, threads=threads) if ADDED.intersection(modes) else placed,
@@ -282,6 +301,7 @@ def analyse_found(
         found=found,
         fit=fit,
         sums=sums_of(looked_at),
+        marks=marks,
         noise=noise,
         careful=careful,
         summed=sums_of,

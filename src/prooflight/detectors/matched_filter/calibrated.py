@@ -17,9 +17,10 @@ from prooflight.detectors.false_alarm_rate import (
     posterior_bound,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphPromise, both, together
+from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphPromise, together
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
+from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
 from prooflight.detectors.weighted_conformal import ToldPages
@@ -40,6 +41,9 @@ LEAST_SCORES: Final = 2
 """Of which one begins a tail."""
 MOST_TOLD: Final = 1000
 """Times that one press may be calibrated anew before it is built again."""
+FLOOR_SHARE_OF_RATE: Final = 0.1
+"""Share of the promised rate that the floor has: of the good pages by which the ranking is judged, fewer reach it
+(docs/results/ranking.md)."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print lies: above that of any evidence."""
 
@@ -124,7 +128,7 @@ class CalibratedDetector:
         """
         count = own.worst.size
         scores = PressScores(reference=references.by(count), own=own)
-        share = 1 - SHARE if pages.glyphs.size else 1.0
+        share = _of_ranking(pages)
         rate = max(false_alarm_rate, scores.least_rate / share)
         threshold, by_count = scores.threshold(rate * share)
         alone = scores.alone(rate * share)
@@ -201,40 +205,54 @@ class CalibratedDetector:
 
     @property
     def ranking_rate(self) -> float:
-        """What of the rate that was taught the ranking may use; the rest is the glyphs'."""
-        return self.taught_rate if self.glyphs is None else (1 - SHARE) * self.taught_rate
+        """What of the rate that was taught the ranking may use; the rest is the floor's and the glyphs'."""
+        return _of_ranking(self.pages) * self.taught_rate
 
     @property
     def raised(self) -> float:
         """By how much people's words raised the threshold; below 0: lowered it."""
         return self.threshold - self.taught_threshold
 
-    def decide(self, score: float, glyphs: float = NONE) -> Decision:
-        """Decide by one page's score, and by ``WeighedPage.score`` of its glyphs."""
+    def decide(self, score: float, glyphs: float = NONE, floor_mm2: float = 0.0) -> Decision:
+        """Decide by one page's score, ``WeighedPage.score`` of its glyphs and ``FloorFinding.area_mm2``."""
         of_ranking = self.decision(
             score, self.taught_threshold, self.scores.p_value(score, self.ranking_rate)
         )
-        return self.decided(of_ranking, glyphs)
+        return self.decided(of_ranking, glyphs, floor_mm2)
 
-    def decided(self, taught: Decision, glyphs: float) -> Decision:
-        """A decision at ``taught_threshold`` that has used ``ranking_rate``, with what the page's glyphs say beside it.
+    def decided(self, taught: Decision, glyphs: float, floor_mm2: float = 0.0) -> Decision:
+        """A decision at ``taught_threshold`` that has used ``ranking_rate``, with what glyphs and floor say beside it.
 
         Where people told what pages were, the score of all tests together counts, as the press was taught to make it:
         by how much the page lies above its threshold by whichever test has it furthest above. No word changes that
         score, so that weighted split-conformal (``weighted_conformal``) gives all tests together the rate that was
-        told, however they share it.
+        told, however they share it. No word lifts the floor: what reaches it is a misprint.
         """
-        all_tests = self._with_glyphs(taught, glyphs)
+        all_tests = self._with_floor(self._of_all_tests(taught, glyphs, floor_mm2), floor_mm2)
         if not self.told:
             return all_tests
-        return self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
+        labelled = self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
+        return self._with_floor(labelled, floor_mm2)
 
-    def _with_glyphs(self, decision: Decision, glyphs: float) -> Decision:
-        if self.glyphs is None or decision.p_value is None:
+    def _of_all_tests(self, decision: Decision, glyphs: float, floor_mm2: float) -> Decision:
+        """Return the decision with the p-value of three tests that share a rate (weighted Bonferroni)."""
+        if decision.p_value is None:
             return decision
-        p_value = both(decision.p_value, self.glyphs.p_value(glyphs))
-        score = together(decision.score, decision.threshold, glyphs, self.glyphs.threshold)
-        return self.decision(score, decision.threshold, p_value)
+        p_value, score = decision.p_value / _of_ranking(self.pages), decision.score
+        if self.glyphs is not None:
+            p_value = min(p_value, self.glyphs.p_value(glyphs) / SHARE)
+            score = together(score, decision.threshold, glyphs, self.glyphs.threshold)
+        if floor_mm2 >= FLOOR_AREA_MM2:
+            p_value = min(p_value, self.taught_rate)
+        return self.decision(score, decision.threshold, min(p_value, 1.0))
+
+    def _with_floor(self, decision: Decision, floor_mm2: float) -> Decision:
+        """Return the decision above its threshold where the floor is reached, by more for a larger area."""
+        if floor_mm2 < FLOOR_AREA_MM2 or not np.isfinite(decision.score):
+            return decision
+        least = decision.threshold + 1 + float(np.log(floor_mm2 / FLOOR_AREA_MM2))
+        p_value = 1.0 if decision.p_value is None else decision.p_value
+        return self.decision(max(decision.score, least), decision.threshold, min(p_value, self.promise.rate))
 
     def decision(self, score: float, threshold: float, p_value: float) -> Decision:
         """Of a score, that alarms above a threshold."""
@@ -312,6 +330,11 @@ class CalibratedDetector:
         for number, pages in enumerate(facts.get("told", ())):
             found = found.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
         return found
+
+
+def _of_ranking(pages: GoodPages) -> float:
+    """Return the share of the promised rate that the ranking has beside floor and glyphs."""
+    return 1 - FLOOR_SHARE_OF_RATE - (SHARE if pages.glyphs.size else 0)
 
 
 class CalibratedFacts(Block):

@@ -17,7 +17,13 @@ from prooflight.detectors.base import BLOCK_PIXELS, Inspection, KeptArrays, Stat
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up, score_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
-from prooflight.detectors.matched_filter.explaining import inks_found, reason_for, regions_of, whole_page
+from prooflight.detectors.matched_filter.explaining import (
+    inks_found,
+    reason_for,
+    regions_of,
+    told_of_floor,
+    whole_page,
+)
 from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyphs_name, told_of_glyphs
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
@@ -29,6 +35,7 @@ from prooflight.detectors.matched_filter.statistics.families import (
     screen_statistics,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
+from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
 from prooflight.detectors.matched_filter.variation import page_variation
 from prooflight.detectors.matched_filter.zones import ZonedJudge, careful_statistics
@@ -110,12 +117,14 @@ class MatchedFilterDetector(StationDetector):
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
             model = model.widened(_widening_of(kept))
             glyphs = float(kept.array("glyphs", "f", ())) if "glyphs" in kept.kept else NONE
+            floor_mm2 = float(kept.array("floor_mm2", "f", ())) if "floor_mm2" in kept.kept else 0.0
             score = score_of(model, values, page_features, another=another)
             zoned = ZonedJudge.kept(kept)
             if zoned is None:
-                return self.calibrated.decide(score, glyphs)
+                return self.calibrated.decide(score, glyphs, floor_mm2)
             judge, careful = zoned
-            return self.calibrated.decided(judge.decide(self.calibrated, score, careful), glyphs)
+            zoned_decision = judge.decide(self.calibrated, score, careful)
+            return self.calibrated.decided(zoned_decision, glyphs, floor_mm2)
 
     def run_test(self, *, seed: int) -> PressRunTest:
         """See ``ChecksRuns``."""
@@ -159,16 +168,22 @@ class MatchedFilterPage:
         strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
         values, another = self.model.laid_out(statistics), shows_another(analysis.found)
         glyphs = NOTHING if another else analysis.glyphs
+        floor = NO_FLOOR if another else analysis.marks.floor
         kept: dict[str, NDArray[Any]] = {}
         careful = self._careful(analysis)
         if self.judge is not None:
             kept |= self.judge.keeps(values_of(careful))
             in_zones = self.judge.decide(ours, score, values_of(careful))
-            decision, by_ranking = ours.decided(in_zones, glyphs.score), in_zones.score > ours.threshold
+            decision, by_ranking = (
+                ours.decided(in_zones, glyphs.score, floor.area_mm2),
+                in_zones.score > ours.threshold,
+            )
         else:
             kept |= {"careful": values_of(careful)} if careful else {}
-            decision, by_ranking = ours.decide(score, glyphs.score), score > ours.threshold
+            decision, by_ranking = ours.decide(score, glyphs.score, floor.area_mm2), score > ours.threshold
         told = self._explained(analysis, strongest, values, careful) if by_ranking else {}
+        if floor.alarms and not told:
+            told = told_of_floor(floor, analysis.found)
         wrong = ours.wrong_glyphs(glyphs) if decision.misprint else ()
         if wrong and known.glyphs is not None:
             others = told.get("regions", ())
@@ -203,6 +218,7 @@ class MatchedFilterPage:
                 "portrait": page_features,
                 "widening": np.array(self.widening),
                 "glyphs": np.array(glyphs.score),
+                "floor_mm2": np.array(floor.area_mm2),
             },
             state=partial(print_state, analysis, station.sensors),
             variation=partial(page_variation, known, analysis),
@@ -225,9 +241,7 @@ class MatchedFilterPage:
         return score if np.isfinite(score) else WRONG_PAGE
 
     def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
-        """What a scan says, and the ranking's score; for all statistics only where the first look is not enough to let
-        a page pass, for it costs more than all the rest.
-        """
+        """Return the analysis of a scan, its statistics and its score; all statistics only of a page that alarms."""
         ours, model = self.detector.calibrated, self.model
         threads = self.detector.station.threads or os.cpu_count() or 1
         looks_first = model.screen is not None and not self.detector.in_full
@@ -238,6 +252,7 @@ class MatchedFilterPage:
             lost=scan.lost,
             residual_variance=ours.model.residual_variance,
             looked_at=modes,
+            floor_share=self.detector.station.floor_share,
             threads=threads,
         )
         another, scatter = shows_another(analysis.found), ours.model.scatter
@@ -248,13 +263,17 @@ class MatchedFilterPage:
 
         seen: list[Observed] = []
         if looks_first and not another:
-            seen = screen_statistics(analysis.sums, analysis.fit, analysis.found, scatter, threads=threads)
+            seen = screen_statistics(
+                analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=threads
+            )
             statistics, score = scored(seen)
             if score <= ours.threshold:
                 return analysis, statistics, score
         analysis = analysis.of_every_mode()
         if not seen:
-            return analysis, *scored(all_statistics(analysis.sums, analysis.fit, analysis.found, scatter))
+            return analysis, *scored(
+                all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
+            )
         every = remaining_statistics(analysis.sums, scatter, seen, order=model.statistics, threads=threads)
         return analysis, *scored(every)
 

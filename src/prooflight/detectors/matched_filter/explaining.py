@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.statistics.marks import FloorFinding
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.registration.register import Registration
 
@@ -77,6 +78,17 @@ def regions_of(
     if not found and strongest:
         found = [whole_page(size_mm, strongest[0][1], kinds[0])]
     return tuple(found)
+
+
+def told_of_floor(floor: FloorFinding, found: Registration) -> dict[str, Any]:
+    """Return kind, place and reason of a page that is a misprint because its light differs beyond the floor."""
+    shift_mm = found.placement.shift_mm if found.found else (0.0, 0.0)
+    x, y, width, height = floor.box
+    box_mm = max(x - shift_mm[0], 0.0), max(y - shift_mm[1], 0.0), width, height
+    region = Region.rounded(box_mm, score=floor.area_mm2, kind="spots-voids")
+    what = "darker" if floor.darker else "lighter"
+    reason = f"a place of {floor.area_mm2:.1f} mm2 is much {what} than expected{_around(region)}"
+    return {"kind": "spots-voids", "regions": (region,), "reason": reason}
 
 
 def whole_page(size_mm: tuple[float, float], statistic: Observed, kind: str) -> Region:

@@ -21,11 +21,12 @@ from prooflight.detectors.matched_filter.ranking import (
     every_column,
     evidence_of,
     family_columns,
+    marks_of,
     ranked,
     scores_of,
 )
 from prooflight.detectors.matched_filter.screen import ARRAYS as FIRST
-from prooflight.detectors.matched_filter.screen import Screen, of_both, screened
+from prooflight.detectors.matched_filter.screen import Screen, screened
 from prooflight.detectors.matched_filter.screen import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
@@ -110,11 +111,11 @@ class DetectorModel:
     """(families, 3) where the tail begins, and scale and shape of a generalised Pareto distribution beyond."""
     tail_from: float
     forest: Forest | None
-    """Of ``every_column``: log odds of misprints against good pages; None: no misprint was seen in learning."""
+    """Of ``every_column`` of all statistics: log odds of misprints against good pages; None: they decide nothing."""
     kinds: tuple[str, ...]
     """Kinds of misprints that were seen in learning."""
     kind_forests: tuple[Forest, ...]
-    """For each: log odds against good pages, from ``every_column``."""
+    """For each: log odds against good pages, from ``every_column``; by them kinds are named."""
     name_forests: tuple[Forest, ...]
     """For each: log odds against all other kinds, from ``family_columns``."""
     threshold: float
@@ -122,7 +123,8 @@ class DetectorModel:
     good_designs: int
     """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
     screen: Screen | None = None
-    """The first look; None: every page is looked at for all statistics."""
+    """The ranking of the statistics that every page is analysed for, which alone decides; the others explain what it
+    calls a misprint. None: all statistics decide."""
 
     def deviations(
         self, values: NDArray[np.floating], page_features: NDArray[np.floating]
@@ -148,31 +150,21 @@ class DetectorModel:
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Evidence for a misprint, higher is worse: (pages,).
+        """Return the evidence for a misprint, higher is worse: (pages,).
 
-        Of pages that the first look does not pass on, no statistic but its own need be known: others may be NaN. NaN
-        where one that is needed is no finite number.
+        Where there is a screen no statistics but its own need be known: others may be NaN. NaN where one that is needed
+        is no finite number.
         """
         deviations = self.deviations(values, page_features)
-        second = np.full(len(values), np.nan)
-        first = second if self.screen is None else self.screen.score(deviations, page_features)
-        complete = np.isfinite(values).all(axis=1)
-        wanted = complete if self.screen is None else complete & (first > self.screen.least)
-        if wanted.any():
-            evidence = self.family_evidence(deviations[wanted])
-            second[wanted] = self._summed(evidence, page_features[wanted], deviations[wanted])
-        if self.screen is None:
-            return second
-        known = np.isfinite(values[:, self.screen.statistic]).all(axis=1)
-        return np.where(known, of_both(first, second, self.screen.least), np.nan)
-
-    def first_look(
-        self, values: NDArray[np.floating], page_features: NDArray[np.floating]
-    ) -> NDArray[np.float64]:
-        """How much pages are worth to be looked at for all statistics, (pages,); above all where there is no screen."""
-        if self.screen is None:
-            return np.full(len(values), np.inf)
-        return self.screen.score(self.deviations(values, page_features), page_features)
+        needed = values if self.screen is None else values[:, self.screen.statistic]
+        known = np.isfinite(needed).all(axis=1)
+        score = np.full(len(values), np.nan)
+        if self.screen is not None:
+            score[known] = self.screen.score(deviations[known], page_features[known])
+        elif known.any():
+            evidence = self.family_evidence(deviations[known])
+            score[known] = self._summed(evidence, page_features[known], deviations[known])
+        return score
 
     def _summed(
         self,
@@ -183,7 +175,7 @@ class DetectorModel:
         if self.forest is None:
             return self.guard(evidence)
         every = every_column(evidence, page_features, deviations)
-        return ranked(self.forest.score(every), self.of_kinds(every), evidence)
+        return ranked(self.forest.score(every), self.of_kinds(every), evidence, marks_of(self.families))
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
         """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
@@ -231,8 +223,7 @@ class DetectorModel:
             "kinds": list(self.kinds),
             "threshold": self.threshold,
             "good_designs": self.good_designs,
-            "passed_on_above": None if self.screen is None else self.screen.least,
-            "taught_passed_on_above": None if self.screen is None else self.screen.least_taught,
+            "screened": self.screen is not None,
         }
 
     @staticmethod
@@ -243,14 +234,14 @@ class DetectorModel:
         forests = dict(_forests_of(told))
         own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
         sizes = told.sizes()
-        table = TABLE if told.passed_on_above is None else TABLE | FIRST_TABLE
+        table = TABLE | FIRST_TABLE if told.screened else TABLE
         check_arrays(own, table, sizes, under=under)
         known = {name: at for at, name in enumerate(told.families)}
         if arrays["family"].tolist() != [known[one.cause] for one in told.statistics]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
         if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
             raise Misfit(f"{under}tail", "must begin where quantiles end")
-        if told.passed_on_above is not None:
+        if told.screened:
             check_screen(part_of(arrays, "first."), told.statistics, under=f"{under}first.")
         for which, columns in forests.items():
             Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
@@ -264,16 +255,13 @@ class DetectorModel:
 
         statistics = tuple(map(Statistic.parse, facts["names"]))
         screen = None
-        if facts.get("passed_on_above") is not None:
-            taught = facts.get("taught_passed_on_above")
+        if facts["screened"]:
             screen = Screen(
                 **part_of(arrays, "first."),
                 families=screened(statistics)[1],
                 tail_from=facts["tail_from"],
                 forest=forest("screen"),
                 kind_forests=tuple(forest(f"screenkind{index}") for index in range(len(facts["kinds"]))),
-                least=facts["passed_on_above"],
-                least_taught=facts["passed_on_above"] if taught is None else taught,
             )
         return cls(
             **{name: arrays[name] for name in ARRAYS},
@@ -374,15 +362,13 @@ class ModelFacts(Block):
     prior: PriorFacts | None = None
     tail_from: Chance
     ranked: Annotated[bool, Field(strict=True)]
-    """Whether misprints were seen in learning."""
+    """Whether there is a forest of all statistics."""
+    screened: Annotated[bool, Field(strict=True)]
+    """Whether there is a screen, which decides."""
     kinds: Annotated[tuple[Name, ...], Field(max_length=100)]
     threshold: Number | None
     """None: infinite, not set; JSON knows no infinity."""
     good_designs: Count
-    passed_on_above: Number | None = None
-    """``Screen.least``; None: there is none."""
-    taught_passed_on_above: Number | None = None
-    """``Screen.least_taught``; None: the same."""
 
     def check(self, under: str) -> None:
         """Misfit unless its parts fit each other."""
@@ -392,13 +378,8 @@ class ModelFacts(Block):
             raise Misfit(f"{under}families", "must be those of its statistics, sorted")
         if len(set(self.kinds)) < len(self.kinds):
             raise Misfit(f"{under}kinds", "must differ from each other")
-        if self.kinds and not self.ranked:
-            raise Misfit(f"{under}ranked", "must be true where there are kinds")
-        passed, taught = self.passed_on_above, self.taught_passed_on_above
-        if passed is not None and taught is not None and taught > passed:
-            raise Misfit(f"{under}taught_passed_on_above", "must be no more than passed_on_above")
-        if self.passed_on_above is not None and not self.ranked:
-            raise Misfit(f"{under}ranked", "must be true where pages are looked at twice")
+        if self.kinds and not (self.ranked or self.screened):
+            raise Misfit(f"{under}ranked", "must be true where there are kinds and no screen")
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
@@ -424,13 +405,12 @@ class ModelFacts(Block):
 
 def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families", "of first"]]]:
     """Names of the forests, and which columns each looks at."""
-    if not facts.ranked:
-        return
-    yield "forest", "every"
+    if facts.ranked:
+        yield "forest", "every"
     for index in range(len(facts.kinds)):
         yield f"kind{index}", "every"
         yield f"name{index}", "of families"
-    if facts.passed_on_above is not None:
+    if facts.screened:
         yield "screen", "of first"
         for index in range(len(facts.kinds)):
             yield f"screenkind{index}", "of first"

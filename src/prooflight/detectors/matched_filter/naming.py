@@ -31,6 +31,7 @@ FAMILIES: Final = {
     "flat": "places that stand out from the page's flat parts",
     "spread": "differences spread over many places",
     "excess": "more places that are off than good prints have",
+    "mark": "small places that are darker or lighter than places of their kind",
     **dict.fromkeys(("streak", "line", "calm"), "lines along the travel"),
     "band": "lines and waves across the travel",
     **dict.fromkeys(("wave", "swell"), "waves along the travel"),
@@ -72,6 +73,8 @@ def kind_of(statistic: Statistic) -> str:
             return "density" if statistic.mode in DENSITY else UNKNOWN
         case "box" | "spread":
             return _of_box(statistic)
+        case "mark":
+            return "spots-voids"
     return KIND_OF_FAMILY.get(statistic.family, UNKNOWN)
 
 

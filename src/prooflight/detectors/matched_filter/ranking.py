@@ -15,13 +15,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-LEAST_P: Final = 1e-12
 LEAST_CHANCE: Final = 0.01
 OUTRIGHT: Final = 3.5
-"""Evidence of one family, -log10 p, from which on it counts by itself. (chosen of 3.5 to 5.5 on designs of their own)
+"""Evidence of one family, -log10 p, from which on it adds to what the forests say. (chosen of 3.5 to 5.5 on designs of
+their own)
 
 Of good pages, 3 % have a family that says more.
 """
+MARK: Final = "mark/"
+"""First word of the families of small windows by class of place (``statistics.marks``)."""
+ALONE_FROM, ALONE_SLOPE = 2.6, 3.0
+"""A page whose families alone have the evidence e, -log10 p after Bonferroni, scores at least ``ALONE_SLOPE`` x (e -
+``ALONE_FROM``), whatever forests say. (chosen on development seeds)"""
 RANKS: Final = (0, 2, 5, 10, 20, 40)
 """Of the families by what they say, beside the families themselves in what the forest looks at."""
 
@@ -42,12 +47,29 @@ def evidence_of(
     for index in range(len(quantiles)):
         greatest = deviations[:, family == index].max(axis=1)
         begin, scale, shape = tail[index]
-        p = 1 - np.interp(greatest, quantiles[index], steps)
+        evidence[:, index] = -np.log10(1 - np.interp(greatest, quantiles[index], steps))
         far = greatest > begin
         beyond = 1 + shape * (greatest[far] - begin) / scale
-        p[far] = (1 - tail_from) * beyond ** (-1 / shape)
-        evidence[:, index] = -np.log10(np.maximum(p, LEAST_P))
+        evidence[far, index] = np.log10(beyond) / shape - np.log10(1 - tail_from)
     return evidence
+
+
+def alone_of(evidence: NDArray[np.floating], marks: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return -log10 of each page's p-value by its strongest family alone, (pages,).
+
+    Families of marks and all others are two groups; within a group the strongest counts after Bonferroni. evidence
+    (pages, families); marks (families,): which are of marks.
+    """
+    found = np.full(len(evidence), -np.inf)
+    for group in (marks, ~marks):
+        if group.any():
+            np.maximum(found, evidence[:, group].max(axis=1) - np.log10(group.sum()), out=found)
+    return found
+
+
+def marks_of(families: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which families are of marks, (families,)."""
+    return np.array([one.startswith(MARK) for one in families])
 
 
 def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -59,8 +81,19 @@ def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
 def every_column(
     evidence: NDArray[np.floating], page_features: NDArray[np.floating], deviations: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """``family_columns``, what the page is like, and every statistic by itself."""
-    return np.hstack([family_columns(evidence), page_features, deviations])
+    """Return ``family_columns``, what the page is like, and how far every statistic is above and below good pages'."""
+    above, below = np.maximum(deviations, 0), np.maximum(-deviations, 0)
+    return np.hstack([family_columns(evidence), page_features, above, below])
+
+
+def rising_columns(columns: int, *, features: int, statistics: int) -> NDArray[np.bool_]:
+    """Return which of so many ``every_column`` speak for a misprint the more, the larger they are.
+
+    All do but what the page is like.
+    """
+    rising = np.ones(columns, bool)
+    rising[columns - 2 * statistics - features : columns - 2 * statistics] = False
+    return rising
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,14 +153,19 @@ def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArr
 
 
 def ranked(
-    of_all: NDArray[np.floating], of_kinds: NDArray[np.floating], evidence: NDArray[np.floating]
+    of_all: NDArray[np.floating],
+    of_kinds: NDArray[np.floating],
+    evidence: NDArray[np.floating],
+    marks: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """What forests say, made one score a page: log odds against good pages of all misprints together, (pages,), and of
     the kind that a page looks like most, of (pages, kinds); and the family that says most, of evidence (pages,
     families), as far as it lies beyond ``OUTRIGHT``.
 
     Together they rank kinds that taught neither better than what each kind was weighed by (`study ranking`). What only
-    one family sees, as no misprint did that taught, is seen by it alone.
+    one family sees, as no misprint did that taught, is seen by it alone (``alone_of``): forests only add. All of it
+    rises in every statistic.
     """
     most = of_kinds.max(axis=1) if of_kinds.shape[1] else 0.0
-    return np.asarray(of_all + most + np.maximum(evidence.max(axis=1) - OUTRIGHT, 0))
+    together = of_all + most + np.maximum(evidence.max(axis=1) - OUTRIGHT, 0)
+    return np.maximum(together, ALONE_SLOPE * (alone_of(evidence, marks) - ALONE_FROM))

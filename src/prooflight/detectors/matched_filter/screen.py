@@ -1,12 +1,13 @@
-"""The first look: which pages are worth being looked at for every statistic, by those alone that cost little.
+"""The statistics that every page is analysed for, and the ranking of pages by them, which alone decides.
 
-A page that it does not pass on is let through: so an alarm needs both looks, and the first one makes none. What a press
-promises is promised of both together: good pages are scored as every page is.
+All other statistics, four times as many, were seen to decide no better beside them (docs/results/ranking.md), and cost
+more than all the rest. They say what is wrong with a page that is called a misprint, and no page that is good needs
+them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -15,6 +16,7 @@ from prooflight.detectors.matched_filter.ranking import (
     Forest,
     every_column,
     evidence_of,
+    marks_of,
     ranked,
     scores_of,
 )
@@ -28,15 +30,12 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
-NOT_PASSED_ON: Final = -10.0
-"""Score of a page that is just not worth a second look; that of all statistics is never below -9.3
-(``ranking.LEAST_CHANCE``, twice)."""
 ARRAYS: Final = ("statistic", "family", "quantiles", "tail")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screen:
-    """A ranking of pages by statistics that cost little; of what a press does it knows what ``DetectorModel`` knows."""
+    """A ranking of pages by some of a model's statistics; it takes their deviations from ``DetectorModel``."""
 
     statistic: NDArray[np.int32]
     """(n,) which of the model's statistics they are, rising."""
@@ -51,14 +50,6 @@ class Screen:
     tail_from: float
     forest: Forest
     kind_forests: tuple[Forest, ...]
-    least: float
-    """Score above which pages are passed on ..."""
-    least_taught: float
-    """... and were where reference pages were scored; a press may pass fewer on."""
-
-    def as_taught(self) -> Screen:
-        """The first look by which reference pages were scored."""
-        return replace(self, least=self.least_taught)
 
     def evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """(pages, families) from deviations of all the model's statistics, of which others than its own may be NaN."""
@@ -68,17 +59,12 @@ class Screen:
     def score(
         self, deviations: NDArray[np.floating], page_features: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """How much pages are worth a second look, (pages,), from the same."""
+        """Return the evidence of pages for a misprint, (pages,), from the same; higher is worse."""
         evidence = self.evidence(deviations)
         every = every_column(evidence, page_features, deviations[:, self.statistic])
-        return ranked(self.forest.score(every), scores_of(self.kind_forests, every), evidence)
-
-
-def of_both(
-    first: NDArray[np.floating], second: NDArray[np.floating], least: float | NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Scores of both looks, (pages,): the second's of pages above ``least``; others lie below all these, in order."""
-    return np.where(first > least, second, NOT_PASSED_ON + np.minimum(first - least, 0))
+        return ranked(
+            self.forest.score(every), scores_of(self.kind_forests, every), evidence, marks_of(self.families)
+        )
 
 
 def screened(statistics: Sequence[Statistic]) -> tuple[NDArray[np.int32], tuple[str, ...], NDArray[np.int32]]:
@@ -95,6 +81,6 @@ def check(arrays: Mapping[str, NDArray[Any]], statistics: Sequence[Statistic], *
     which, _, family = screened(statistics)
     for name, asked in (("statistic", which), ("family", family)):
         if not np.array_equal(arrays[name], asked):
-            raise Misfit(f"{under}{name}", "must be that of the statistics that a first look is at")
+            raise Misfit(f"{under}{name}", "must be that of the statistics that every page is analysed for")
     if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
         raise Misfit(f"{under}tail", "must begin where quantiles end")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphPromise, both, together
+from prooflight.detectors.matched_filter.glyphs.promise import GlyphPromise, together
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 
 SCORES = st.lists(st.floats(NONE, 60), min_size=2, max_size=200)
@@ -56,9 +56,3 @@ def test_the_one_score_alarms_if_either_does(
 
 def test_a_score_that_is_none_stays_so() -> None:
     assert math.isnan(together(math.nan, 1.0, 500.0, 7.0))
-
-
-def test_p_values_share_the_rate() -> None:
-    assert both(0.009, 1.0) == pytest.approx(0.01)
-    assert both(1.0, 0.001) == pytest.approx(0.001 / SHARE)
-    assert both(1.0, 1.0) == 1

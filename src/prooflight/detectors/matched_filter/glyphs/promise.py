@@ -65,8 +65,3 @@ def together(score: float, threshold: float, glyphs: float, glyphs_threshold: fl
     if not math.isfinite(score) or glyphs <= glyphs_threshold:
         return score
     return max(score, threshold + glyphs - glyphs_threshold)
-
-
-def both(ranking: float, glyphs: float) -> float:
-    """p-value of two tests that share a rate so (weighted Bonferroni)."""
-    return min(ranking / (1 - SHARE), glyphs / SHARE, 1.0)

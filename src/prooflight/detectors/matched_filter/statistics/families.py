@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
+    from prooflight.detectors.matched_filter.statistics.marks import Marks
     from prooflight.registration.register import Registration
 
 SAMPLES: Final = 400
@@ -58,8 +59,10 @@ MODE_GROUPS: Final = (
 """Of modes that the first look does not sum up, by what they cost."""
 
 
-def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) -> list[Observed]:
-    """Every statistic of one scan, always the same in the same order."""
+def all_statistics(
+    sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter
+) -> list[Observed]:
+    """Return every statistic of one scan, always the same in the same order."""
     flat = flat_part(sums)
     return [
         *_of_modes(sums, flat, scatter),
@@ -72,11 +75,12 @@ def all_statistics(sums: Sums, fit: Fit, found: Registration, scatter: Scatter) 
         *_of_place(found),
         *_of_shifts(sums),
         *of_energy(sums),
+        *marks.statistics(),
     ]
 
 
 def screen_statistics(
-    sums: Sums, fit: Fit, found: Registration, scatter: Scatter, *, threads: int = 1
+    sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter, *, threads: int = 1
 ) -> list[Observed]:
     """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least, in
     parts that threads share out.
@@ -84,7 +88,13 @@ def screen_statistics(
     own = scatter.of_modes(sums.modes)
     parts: list[Callable[[], list[Observed]]] = [
         lambda: list(_of_modes(sums, flat_part(sums), own)),
-        lambda: [*of_slants(sums, own), *_of_fit(fit), *_of_place(found), *of_energy(sums)],
+        lambda: [
+            *of_slants(sums, own),
+            *_of_fit(fit),
+            *_of_place(found),
+            *of_energy(sums),
+            *marks.statistics(),
+        ],
     ]
     every = [one for part in shared_out(parts, threads=threads) for one in part]
     return [one for one in every if in_screen(one.statistic)]

@@ -64,15 +64,17 @@ class Statistic(NamedTuple):
     """What is looked for, and against which reference; what does not apply is empty or None."""
 
     family: str
-    """box, streak, wave, ghost, spread, energy, swap, step, slant, moved; fit and place: of the page as a whole."""
+    """box, streak, wave, ghost, spread, energy, swap, step, slant, moved, mark; of the page as a whole: fit, place."""
     mode: str = ""
-    """In which way ink or light is off, such as gain, void, light; of fit and place the amount."""
+    """In which way ink or light is off, such as gain, void, light; of fit and place the amount; of marks the class of
+    place."""
     ink: str = ""
     """A letter of CMYK, or two that have changed places."""
     sign: str = ""
     """``+``: more of the mode; ``-``: less."""
     size: int | None = None
-    """Of boxes and lines [tiles], of streaks ``local_evidence.WIDTHS``, of ghosts which of ``GHOST_BOXES_MM``."""
+    """Of boxes and lines [tiles], of marks [binned pixels], of streaks ``local_evidence.WIDTHS``, of ghosts which of
+    ``GHOST_BOXES_MM``."""
     part: str = ""
     """Which of the numbers that one cause gives, such as a streak's span."""
     reference: Reference = GOOD_PRINTS
@@ -132,7 +134,7 @@ def in_screen(statistic: Statistic) -> bool:
     >>> [in_screen(Statistic.parse(key)) for key in ("apart/void-/4", "box/add-K+/4", "place/skew", "ghost/C/0")]
     [True, False, True, False]
     """
-    return statistic.word in (*PAGE_WIDE, "excess") or (
+    return statistic.word in (*PAGE_WIDE, "excess", "mark") or (
         statistic.family in SCREEN_FAMILIES and statistic.mode in SCREEN_MODES
     )
 

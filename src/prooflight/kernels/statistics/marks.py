@@ -1,0 +1,207 @@
+"""Compiled loops: extremes of small windows by class of place, and pixels that differ by more than a stated share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+
+WINDOWS = (1, 2, 4, 8)
+"""Sides of the windows, each twice the one before. [pixels]"""
+SIZES = len(WINDOWS)
+TALLEST = WINDOWS[-1]
+CLASSES = 6
+"""Classes of places; any greater number stands for a place that is not inspected."""
+LEAST_T = np.float32(2.5)
+"""Deviations below are not looked at one by one: of Gaussian noise, 1.2 % are beyond."""
+_BLOCK = 16
+_NOTHING = np.float32(1e-9)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def slope_row(above, here, below, white, out):  # type: ignore[no-untyped-def]
+    """Raise out (pixels,) to a row's slope of light, as a share of white's, where that is greater; not at its ends."""
+    for x in range(1, out.size - 1):
+        across = (here[x + 1] - here[x - 1]) * np.float32(0.5)
+        along = (below[x] - above[x]) * np.float32(0.5)
+        slope = np.sqrt(across * across + along * along) / white[x]
+        out[x] = max(out[x], slope)
+
+
+@kernel(
+    "light (S, L, P), white (S, P), first, last, out (L, P)",
+    where="0 <= first, last <= L",
+    fastmath=True,
+    error_model="numpy",
+)
+def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
+    """Steepest slope of any sensor's light at each pixel, (lines, pixels), in shares of white a pixel.
+
+    Lines first .. last - 1 are written; 0 at the edges of the field.
+    """
+    lines = light.shape[1]
+    for line in range(first, last):
+        out[line] = np.float32(0)
+        if 0 < line < lines - 1:
+            for s in range(light.shape[0]):
+                slope_row(light[s, line - 1], light[s, line], light[s, line + 1], white[s], out[line])
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def evidence_row(residual, weight, light, push, power):  # type: ignore[no-untyped-def]
+    """What a row (pixels,) says of a relative change of light: r light / V, and light^2 / V."""
+    for x in range(residual.size):
+        known = weight[x] * light[x]
+        push[x] = residual[x] * known
+        power[x] = light[x] * known
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def pair_up(row, step, count, out):  # type: ignore[no-untyped-def]
+    """Sums of each of the first ``count`` of a row and the one ``step`` further on."""
+    for x in range(count):
+        out[x] = row[x] + row[x + step]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def slide(sums, new, old):  # type: ignore[no-untyped-def]
+    """Move column sums (pixels,) on by a row."""
+    for x in range(sums.size):
+        sums[x] += new[x] - old[x]
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def square_t(push, power, tolerance, count, out):  # type: ignore[no-untyped-def]
+    """T squared with the sign of T, of the first ``count`` windows."""
+    for x in range(count):
+        known = power[x]
+        out[x] = push[x] * abs(push[x]) / (known + tolerance * known * known + _NOTHING)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def greatest(row, first, last):  # type: ignore[no-untyped-def]
+    """Greatest absolute value of part of a row."""
+    most = np.float32(0)
+    for x in range(first, last):
+        most = max(most, abs(row[x]))
+    return most
+
+
+@inner_kernel(error_model="numpy")
+def note_row(squares, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
+    """Note the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle."""
+    least = LEAST_T * LEAST_T
+    half = WINDOWS[size] // 2
+    for begin in range(0, count, _BLOCK):
+        end = min(begin + _BLOCK, count)
+        if greatest(squares, begin, end) < least:
+            continue
+        for x in range(begin, end):
+            square = squares[x]
+            which = places[x + half]
+            if abs(square) < least or which >= CLASSES:
+                continue
+            beyond[which, size] += 1
+            sign = 0 if square > 0 else 1
+            if abs(square) > most[which, size, sign]:
+                most[which, size, sign] = abs(square)
+                at[which, size, sign, 0] = line
+                at[which, size, sign, 1] = x
+
+
+@kernel(
+    "residual (S, L, P), weight (S, L, P), light (S, L, P), places (SIZES, L, P), tolerance, first, last, "
+    "most (CLASSES, SIZES, 2), at (CLASSES, SIZES, 2, 2), beyond (CLASSES, SIZES)",
+    where="0 <= first, last <= L",
+    error_model="numpy",
+)
+def window_extremes(  # type: ignore[no-untyped-def]
+    residual, weight, light, places, tolerance, first, last, most, at, beyond
+):
+    """Extremes of T over windows of every size, of each sensor and, where there are several, of all together.
+
+    A window's T is N / sqrt(D + tolerance D^2), N = sum light r / V, D = sum light^2 / V: how far its light is off, in
+    standard deviations of noise and of a relative tolerance, whose square is ``tolerance``. places (sizes, lines,
+    pixels): class of each place, for windows of each size about it. Written, for windows whose last line is first ..
+    last - 1: most, the greatest T squared of both signs, lighter and darker; at, first line and first pixel of that
+    window; beyond, how many windows deviate by ``LEAST_T`` or more.
+    """
+    sensors, _, pixels = residual.shape
+    channels = sensors + 1 if sensors > 1 else 1
+    ring = np.zeros((channels, 2, TALLEST + 1, pixels), np.float32)
+    sums = np.zeros((channels, SIZES, 2, pixels), np.float32)
+    wide = np.empty((2, 2, pixels), np.float32)
+    squares = np.empty(pixels, np.float32)
+    for line in range(max(first - TALLEST + 1, 0), last):
+        slot = line % (TALLEST + 1)
+        for s in range(sensors):
+            evidence_row(
+                residual[s, line], weight[s, line], light[s, line], ring[s, 0, slot], ring[s, 1, slot]
+            )
+        if channels > 1:
+            for part in range(2):
+                ring[sensors, part, slot] = ring[0, part, slot]
+                for s in range(1, sensors):
+                    pair_rows(ring[s, part, slot], ring[sensors, part, slot])
+        for channel in range(channels):
+            for size in range(SIZES):
+                tall = WINDOWS[size]
+                gone = (line - tall) % (TALLEST + 1)
+                for part in range(2):
+                    slide(sums[channel, size, part], ring[channel, part, slot], ring[channel, part, gone])
+                top = line - tall + 1
+                if line < first or top < 0:
+                    continue
+                for part in range(2):
+                    wide[0, part] = sums[channel, size, part]
+                now, step, count = 0, 1, pixels
+                while step < tall:
+                    count -= step
+                    for part in range(2):
+                        pair_up(wide[now, part], step, count, wide[1 - now, part])
+                    now, step = 1 - now, 2 * step
+                square_t(wide[now, 0], wide[now, 1], tolerance, count, squares)
+                note_row(squares, count, places[size, top + tall // 2], top, size, most, at, beyond)
+
+
+@inner_kernel(fastmath=True, error_model="numpy")
+def pair_rows(row, out):  # type: ignore[no-untyped-def]
+    """Add a row to another, in place."""
+    for x in range(out.size):
+        out[x] += row[x]
+
+
+@kernel(
+    "residual (S, L, P), weight (S, L, P), white (S, P), flat (L, P), share, least_z, first, last, out (2, L, P)",
+    where="0 <= first, last <= L",
+    error_model="numpy",
+)
+def beyond_share(residual, weight, white, flat, share, least_z, first, last, out):  # type: ignore[no-untyped-def]
+    """Which flat pixels of any sensor differ by more than a share of white, lighter and darker: returns how many.
+
+    out (2, lines, pixels) bytes, lines first .. last - 1 of which are written; flat (lines, pixels) bytes. A pixel
+    counts only where it deviates by ``least_z`` standard deviations too.
+    """
+    sensors, _, pixels = residual.shape
+    count = 0
+    for line in range(first, last):
+        out[0, line] = np.uint8(0)
+        out[1, line] = np.uint8(0)
+        for s in range(sensors):
+            for begin in range(0, pixels, _BLOCK):
+                end = min(begin + _BLOCK, pixels)
+                most = np.float32(0)
+                for x in range(begin, end):
+                    most = max(most, abs(residual[s, line, x]) - share * white[s, x])
+                if most <= 0:
+                    continue
+                for x in range(begin, end):
+                    r = residual[s, line, x]
+                    if abs(r) <= share * white[s, x] or flat[line, x] == 0:
+                        continue
+                    if r * r * weight[s, line, x] < least_z * least_z:
+                        continue
+                    sign = 0 if r > 0 else 1
+                    count += 1 - out[sign, line, x]
+                    out[sign, line, x] = 1
+    return count

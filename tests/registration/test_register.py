@@ -400,3 +400,15 @@ def test_tiles_that_seem_to_lie_beyond_a_step_do_not_stretch_the_page(
     assert found.found
     assert np.abs(found.placement.stretch_percent).max() < 0.03
     assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(221, 229))
+def test_a_page_of_nearly_no_ink_lies_where_its_edges_say(page: Page, press: Press, seed: int) -> None:
+    """Four edges of the sheet tell shift and turn; what they leave open stays as good prints are."""
+    bare = painted(page, lambda cmyk: cmyk.fill(0))
+    truth = draw_placement(Amounts.stated().page, bare, np.random.default_rng(seed))
+    found = register(landmarks_of(bare, press), scan_of(bare, press, truth, seed))
+    off = error_pixels(found, truth, bare, press)
+    assert found.found
+    assert np.sqrt(np.mean(off**2)) < 0.5  # a good print's warp, of which edges tell little
+    assert np.abs(found.placement.stretch_percent).max() < 3 * Prior().stretch_percent

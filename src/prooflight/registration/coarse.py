@@ -32,7 +32,7 @@ STEPS: Final = 5
 SPREAD: Final = 0.03
 """What two good pictures of one page differ by at flat places: gain of ink and lamp. [white]"""
 START_SD: Final = np.array([0.5, 0.5, 0.005, 5e-4, 5e-4, 0.1, 0.1])
-"""Of what a start may be wrong by: pose, level and gain. [mm, radian, -, white, -]"""
+"""Of what a start may be wrong by, all steps together: pose, level and gain. [mm, radian, -, white, -]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,6 +161,7 @@ def refined(
         return pose
     (x, y), (first_x, first_y), (pitch_x, pitch_y) = page.points_mm, page.first_mm, page.pitch_mm
     expected = page.picture.ravel()[page.points]
+    begin, precision = pose, 1 / START_SD**2
     for _ in range(STEPS):
         move_x, move_y = pose.displacement_mm(x, y)
         rows = (y + move_y - first_y) / pitch_y
@@ -175,7 +176,10 @@ def refined(
             weight = np.where(holed[above] | holed[below], 0.0, weight)
         weighted = page.model * weight[:, None]
         # Neighbouring coarse pixels err together: count one in four.
-        step = np.linalg.solve(page.model.T @ weighted / 4 + np.diag(1 / START_SD**2), weighted.T @ error / 4)
+        further = np.append(pose.numbers - begin.numbers, (0.0, 0.0))
+        step = np.linalg.solve(
+            page.model.T @ weighted / 4 + np.diag(precision), weighted.T @ error / 4 - precision * further
+        )
         pose = pose.moved(np.asarray(step[:5], np.float64))
     return pose
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.registration.field import backward, cholesky, forward, normal_equations
-from prooflight.registration.pose import slopes
+from prooflight.registration.pose import Pose, slopes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +23,8 @@ POSE: Final = 5
 SMOOTH: Final = 13
 """The unknowns begin with the pose, then the planes; from here on they are waves."""
 SHIFT_SD_MM: Final = 1.0
-"""Of the pose's last steps: no bound."""
+"""Of where a page lies: no bound where any edge tells, which is known to hundredths."""
+UPRIGHT: Final = Pose()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,6 +157,8 @@ class Field:
     """Waves in it, of all the basis has."""
     solution: NDArray[np.float64]
     """(13 + waves + waves,): pose, planes (4, 2), across, along."""
+    mean: NDArray[np.float64]
+    """(5,) of the pose's steps before tiles are seen: what takes the page back to its place."""
     root: NDArray[np.float64]
     """Lower Cholesky factor of the precision of the unknowns, each divided by its scale."""
     weight: NDArray[np.float64]
@@ -178,7 +181,9 @@ class Field:
         they were seen. [1/mm^2, -]
         """
         misfit = np.einsum("n,ni,nij,nj->", self.weight, self.left_mm, precision, self.left_mm)
-        unlikely = np.square(self.solution / _scale(self.basis, self.count)).sum()
+        off = self.solution.copy()
+        off[:POSE] -= self.mean
+        unlikely = np.square(off / _scale(self.basis, self.count)).sum()
         return float(misfit + unlikely) / 2
 
     def moves_mm(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -239,13 +244,16 @@ def fitted(
     precision: NDArray[np.float64],
     shares: NDArray[np.float64],
     *,
+    pose: Pose = UPRIGHT,
     negligible: float = NEGLIGIBLE,
     weight: NDArray[np.float64] | None = None,
 ) -> Field:
     """Pose and field from ``tiles`` (n,) off by moves (n, 2) with precision (n, 2, 2) and shares (n, 2, 4) of inks.
 
-    The most likely amplitudes under the basis's prior: a Gaussian process written in waves. weight (n,): of tiles; by
-    default Huber weights about a first such field. [mm, 1/mm^2]
+    moves: from where a page of that ``pose`` has them. The basis says what a page does, not what one more step may do:
+    what no tile tells then stays as it is on good prints, however many steps are taken. The most likely amplitudes
+    under the basis's prior: a Gaussian process written in waves. weight (n,): of tiles; by default Huber weights about
+    a first such field. [mm, 1/mm^2]
     """
     waves = basis.waves
     count = int((waves.share >= negligible).sum())
@@ -254,11 +262,13 @@ def fitted(
     at = np.ascontiguousarray(basis.at[tiles, :count])
     fixed = np.ascontiguousarray(_fixed(basis.fixed[:, tiles], shares))
     scale = _scale(basis, count)
+    mean = -pose.numbers
     # Where no weight is given, two rounds: tiles that are far off a first field weigh less in the second.
     given = np.ones(tiles.size) if weight is None else weight
     for last in (True,) if weight is not None else (False, True):
         weighted = precision * given[:, None, None]
         root, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+        solution[:POSE] += mean / scale[:POSE]
         cholesky(root)
         forward(root, solution)
         backward(root, solution)
@@ -267,7 +277,9 @@ def fitted(
         left -= at @ solution[SMOOTH:].reshape(2, count).T
         if not last:
             given = trust(left, precision, hopeless=np.inf)
-    return Field(basis=basis, count=count, solution=solution, root=root, weight=given, left_mm=left)
+    return Field(
+        basis=basis, count=count, solution=solution, root=root, weight=given, left_mm=left, mean=mean
+    )
 
 
 def trust(

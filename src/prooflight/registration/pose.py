@@ -23,6 +23,11 @@ class Pose:
     along: float = 0.0
     """How much longer. [-]"""
 
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """(5,) all five, in the order of ``moved``. [mm, radian, -]"""
+        return np.array([self.x_mm, self.y_mm, self.turn, self.across, self.along])
+
     def displacement_mm(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -70,6 +70,8 @@ TURNED_PRINT: Final = 0.6
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """worlds.toml: a page this far off is a misprint."""
+SURE: Final = 3.0
+"""Standard deviations of its place by which a page must lie beyond that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +115,9 @@ class PlacedTiles:
         off = self.off_mm - np.einsum("nap,pa->na", self.shares * known, planes_mm)
         shares = np.where(known, 0.0, self.shares)
         shares[..., first] = (self.shares * known).sum(axis=2)  # what they have in common
-        field = fitted(self.landmarks.basis, every, off, self.precision, shares, weight=self.weight)
+        field = fitted(
+            self.landmarks.basis, every, off, self.precision, shares, pose=self.pose, weight=self.weight
+        )
         return field, field.planes_mm[first]
 
     def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
@@ -164,9 +168,13 @@ class Registration:
 
     @property
     def off_place(self) -> bool:
-        """Whether the page was found where no good print lies: the misprint ``wrong-page``."""
-        far = max(abs(shift) for shift in self.placement.shift_mm) >= WRONG_SHIFT_MM
-        return self.found and (far or abs(self.placement.skew_deg) >= WRONG_SKEW_DEG)
+        """Whether the page was found where no good print lies, for sure: the misprint ``wrong-page``."""
+        far = any(
+            abs(shift) - SURE * sd >= WRONG_SHIFT_MM
+            for shift, sd in zip(self.placement.shift_mm, self.shift_sd_mm, strict=True)
+        )
+        turned = abs(self.placement.skew_deg) - SURE * self.skew_sd_deg >= WRONG_SKEW_DEG
+        return self.found and (far or turned)
 
 
 def register(
@@ -248,7 +256,7 @@ def _fielded(
         """The field, the pose it moves to, and where both have all tiles. [mm]"""
         off = places - landmarks.moves(pose, tiles) * pitch
         precision = tile_moves.precision / np.outer(pitch, pitch)
-        found = fitted(basis, tiles, off, precision, shares[tiles], **how)
+        found = fitted(basis, tiles, off, precision, shares[tiles], pose=pose, **how)
         moved = pose.moved(found.step)
         return found, moved, landmarks.moves(moved, every) * pitch + found.moves_mm(shares)
 

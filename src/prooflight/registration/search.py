@@ -41,7 +41,7 @@ UNSURE_PIXELS: Final = (1.2, 0.6)
 TILE_SD_PIXELS: Final = 0.6
 """Of a tile about the pose: warp and register of planes (worlds.toml, 0.3 to 0.6 pixels of the prototype)."""
 POSE_SD: Final = np.array([3.0, 3.0, 0.02, 1e-3, 1e-3])
-"""Of a step of the pose, weakly held: what no edge tells stays where it is. [mm, radian, -]"""
+"""Of where a pose may end, from where it began, weakly held: what no edge tells stays where it is. [mm, radian, -]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,10 +131,12 @@ def _tried(landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose) 
     tiles = spread(landmarks.lines.size, FIRST_TILES)
     if not landmarks.lines.size:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
+    begin = Pose(x_mm=pose.x_mm, y_mm=pose.y_mm, turn=pose.turn)
     for unsure in UNSURE_PIXELS:
         moves = landmarks.moves(pose, tiles)
         tile_moves = measure(tiles, moves, unsure_pixels=unsure)
-        step, agreeing = _pose_step(landmarks, tiles, tile_moves)
+        further = pose.numbers - begin.numbers
+        step, agreeing = _pose_step(landmarks, tiles, tile_moves, further)
         pose = pose.moved(step)
     return Candidate(
         pose=pose, agreeing=float(agreeing.sum() / max(tile_moves.seen.sum(), 1)), tiles=int(agreeing.sum())
@@ -147,9 +149,12 @@ def spread(count: int, most: int) -> NDArray[np.int64]:
 
 
 def _pose_step(
-    landmarks: Landmarks, tiles: NDArray[np.int64], tile_moves: TileMoves
+    landmarks: Landmarks, tiles: NDArray[np.int64], tile_moves: TileMoves, further: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,)."""
+    """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,).
+
+    further: (5,) by how much the pose has moved from where it began.
+    """
     pitch = landmarks.pitch_mm
     model = slopes(*landmarks.basis.points_mm[tiles].T)
     moves = tile_moves.moves * pitch
@@ -160,7 +165,7 @@ def _pose_step(
         weighted = precision * weight[:, None, None]
         pulls = np.einsum("anj,nab->nbj", model, weighted)
         normal = np.einsum("nbj,bnk->jk", pulls, model) + np.diag(1 / POSE_SD**2)
-        step = np.linalg.solve(normal, np.einsum("nbj,nb->j", pulls, moves))
+        step = np.linalg.solve(normal, np.einsum("nbj,nb->j", pulls, moves) - further / POSE_SD**2)
         left = moves - np.einsum("anj,j->na", model, step)
         far2 = np.einsum("na,nab,nb->n", left, precision, left)
         weight = tile_moves.good / (1 + far2 / 4)

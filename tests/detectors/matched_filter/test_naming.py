@@ -22,6 +22,10 @@ SAID = {
     "fit/gain-C": "density",
     "place/plane-Y": "plane-register",
     "place/unlike": "wrong-page",
+    "place/foreign": "wrong-page",
+    "place/lost": "unknown",
+    "place/shift": "unknown",
+    "place/residual": "unknown",
     "energy/8": UNKNOWN,
 }
 

@@ -38,7 +38,12 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
-from prooflight.detectors.matched_filter.glyphs.weighing import NOTHING, prepare_glyphs, weighed
+from prooflight.detectors.matched_filter.glyphs.weighing import (
+    NOTHING,
+    chance_astray,
+    prepare_glyphs,
+    weighed,
+)
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks
 from prooflight.kernels.registration.coarse import SHRINK
@@ -296,7 +301,9 @@ def analyse_found(
 
     glyphs = NOTHING
     if prepared.glyphs is not None:
-        glyphs = weighed(prepared.glyphs, left, weight, light, where, threads=threads)
+        sd_pixels = np.divide(found.shift_sd_mm, (at.pixel_pitch_mm, at.line_pitch_mm))
+        astray = chance_astray(sd_pixels) if found.found else 1.0
+        glyphs = weighed(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
     return ScanAnalysis(
         found=found,
         fit=fit,

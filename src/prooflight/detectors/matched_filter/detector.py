@@ -26,7 +26,7 @@ from prooflight.detectors.matched_filter.explaining import (
 )
 from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyphs_name, told_of_glyphs
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE, NOTHING
-from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named
+from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
 from prooflight.detectors.matched_filter.print_state import print_state
 from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.families import (
@@ -299,7 +299,7 @@ class MatchedFilterPage:
         if self.judge is not None and alarmed and not another:
             return self._in_careful(analysis, self.judge.telling(careful))
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
-        kind = WRONG_PAGE_KIND if another else learned or named(strongest)
+        kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.found)
         regions = _regions(strongest, kind, analysis, page)
         speaking = next(
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None

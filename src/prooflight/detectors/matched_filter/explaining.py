@@ -124,6 +124,10 @@ def reason_for(
             return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink)}"
         case "banding":
             return f"bands across the page{_in(ink)}"
+        case "unknown" if not found.found:
+            return (
+                f"where the page lies cannot be told: {found.reason or 'its tiles lie in different places'}"
+            )
     what = {
         "spots-voids": "spot" if _darker(statistic) else "void",
         "ghost-smear": "ghost",

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
+    from prooflight.registration.register import Registration
 
 SMALL_TILES: Final = 8
 """Boxes of at most so many tiles, 4 mm, are a spot's or a void's."""
@@ -25,6 +26,8 @@ KIND_OF_FAMILY: Final = {
 """Kinds of families that speak of one alone."""
 DENSITY: Final = ("gain", "gain-all", "gain-rms", "dot", "tilt", "shape", "shape-most")
 """Amounts of the fit that say how much ink there is."""
+OTHER_CONTENT: Final = ("unlike", "foreign")
+"""Amounts of placing that say what the page shows; the others say where it lies, or that nobody knows."""
 FAMILIES: Final = {
     "box": "places that are lighter or darker than good prints vary",
     "apart": "places that stand out from the rest of the page",
@@ -65,8 +68,10 @@ def kind_of(statistic: Statistic) -> str:
     ['spots-voids', 'streak']
     """
     match statistic.family:
+        case "place" if statistic.mode in ("plane", "planes"):
+            return "plane-register"
         case "place":
-            return "plane-register" if statistic.mode in ("plane", "planes") else WRONG_PAGE_KIND
+            return WRONG_PAGE_KIND if statistic.mode in OTHER_CONTENT else UNKNOWN
         case "fit" if statistic.mode == "plane":
             return "plane-register"
         case "fit":
@@ -86,6 +91,11 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> str:
     kinds = [kind_of(statistic.statistic) for _, statistic in strongest]
     known = [kind for kind in kinds if kind != UNKNOWN]
     return next((kind for kind in known if kind != WRONG_PAGE_KIND), known[0] if known else UNKNOWN)
+
+
+def supported(kind: str, found: Registration) -> str:
+    """A kind, unless it is ``wrong-page`` and the page's place is lost: then all of a page looks like another's."""
+    return UNKNOWN if kind == WRONG_PAGE_KIND and not found.found else kind
 
 
 def _of_box(box: Statistic) -> str:

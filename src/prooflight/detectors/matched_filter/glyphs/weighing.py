@@ -2,17 +2,30 @@
 
 Residual r = a d + B b + noise of inverse variance W / s^2: d what a rival would change, a = 1 if it stands there and 0
 if not, B b what a good print does with a glyph anyway (its ink, its place, the level about it, the breadth of its
-strokes; b Gaussian, of stated standard deviations). With W' = W - W B (B' W B + b's inverse variance)^-1 B' W, the log
-likelihood ratio of rival against glyph is L = (a d' W' r - a^2 d' W' d / 2) / s^2. It is no more than E / (2 s^2), E =
-r' W' r; so only where E stands out are rivals asked, and all other glyphs cost next to nothing.
+strokes; b Gaussian, of stated standard deviations). With W' = W - W B (B' W B + b's inverse variance)^-1 B' W, E =
+r' W' r is the energy of a glyph as it should be, and E(a) = E - 2 a d' W' r + a^2 d' W' d that of a rival in its place.
+
+No print is quite as stated: here and there letters lie, spread or shine otherwise than B says, and a rival then
+explains a part of that. So how much wider than stated a glyph scatters is its own, and unknown: s^2 t, with nu / t
+chi-square of nu degrees of freedom. The n pixels' errors are then t-distributed (Lange, Little and Taylor 1989), and
+the log likelihood ratio of rival against glyph is
+
+    (nu + n) / 2 ln((nu + E / s^2) / (nu + E(a) / s^2)),
+
+which asks what share of the energy a rival explains rather than how much of it, and grows as its logarithm. L is that
+or the Gaussian's (E - E(a)) / (2 s^2), whichever is less, so that exp L has a mean of 1 at most on good prints of
+either kind. Only where E stands out are rivals asked, and all other glyphs cost next to nothing.
 
 The page's number is S = ln mean(exp L) over all glyphs and rivals: the log likelihood ratio of one wrong glyph,
-anywhere alike, against none. Its exponential has the mean 1 on good prints that scatter as stated, so that
-S exceeds ln(1 / a) with a chance of at most a (Markov's inequality; e-values, Vovk and Wang 2021).
+anywhere alike, against none. Its exponential has a mean of 1 at most on good prints that scatter as stated, so that
+S exceeds ln(1 / a) with a chance of at most a (Markov's inequality; e-values, Vovk and Wang 2021). With a chance
+``astray`` the page lies where B cannot follow, and such a page may say anything: against that
+mixture exp S is no more than 1 / astray (``capped``).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -49,12 +62,16 @@ NEAREST: Final = 12
 """Glyphs about one: a line's neighbours and those above and below, two words' worth. (assumed)"""
 OF_NOTHING: Final = 2.0
 """s^2 of glyphs that are missing: what ink as a whole does is stated (``GOOD``)."""
+FREEDOM: Final = 4.0
+"""nu: degrees of freedom of what a glyph scatters by; 4 for data of unknown tails (Lange, Little and Taylor 1989)."""
 SHARES: Final = (0.5, 1.0)
 """a of what stands in a glyph's place: a rival as it is drawn, or what goes half of the way to it."""
 LEAST_RATIO: Final = 14.0
 """Glyphs that cannot have a greater log likelihood ratio are not asked."""
 FURTHEST: Final = 0.5
 """By which a glyph may lie elsewhere than the page about it. [pixels]"""
+LEAST_SD: Final = 0.1
+"""Of where the page lies from place to place, whatever registration says of it: what good prints leave. [pixels]"""
 MOST_ASKED: Final = 16
 """Glyphs of one scan, those that stand out most."""
 ASIDE: Final = 2
@@ -167,10 +184,11 @@ def weighed(
     light: NDArray[np.float32],
     where: PixelMap,
     *,
+    astray: float = 0.0,
     threads: int = 1,
 ) -> WeighedPage:
     """A scan's residuals, (sensors, lines, pixels) [DN], asked of every glyph; weight: their inverse variance [1/DN^2];
-    light: what was expected. [DN]
+    light: what was expected [DN]; astray: the chance that the page lies further off than glyphs are followed.
     """
     if not glyphs.count:
         return NOTHING
@@ -208,7 +226,23 @@ def weighed(
     most = float(every.max())
     mean = np.exp(every - most).sum() / (glyphs.count * (RIVALS + 1))
     found.sort(key=lambda one: -one.ratio)
-    return WeighedPage(score=max(most + float(np.log(mean)), NONE), found=tuple(found))
+    return WeighedPage(score=max(capped(most + float(np.log(mean)), astray), NONE), found=tuple(found))
+
+
+def chance_astray(sd_pixels: Sequence[float]) -> float:
+    """That a page whose place is known so well, across and along, lies more than ``FURTHEST`` off it either way."""
+    return min(sum(math.erfc(FURTHEST / (math.sqrt(2) * max(sd, LEAST_SD))) for sd in sd_pixels), 1.0)
+
+
+def capped(score: float, astray: float) -> float:
+    """The log of a likelihood ratio against good pages of which a share, ``astray``, is as the other pages are.
+
+    >>> round(capped(50.0, 1e-6), 1), round(capped(-3.0, 1e-6), 1), capped(50.0, 1.0)
+    (13.8, -3.0, 0.0)
+    """
+    if astray >= 1:
+        return min(score, 0.0)
+    return score if astray <= 0 else -float(np.logaddexp(math.log1p(-astray) - score, math.log(astray)))
 
 
 def usual_about(
@@ -272,12 +306,24 @@ def weigh(
     seen = seen_at(dx, dy, stood)
     pushed -= sure * (seen[0] - expected).ravel()
     differences = np.concatenate([-seen[:1], seen[1:] - seen[:1]]).reshape(len(seen), -1)
-    push, power = without_nuisances(differences, nuisances(seen[0], beside), sure, pushed)
+    push, power, energy = without_nuisances(differences, nuisances(seen[0], beside), sure, pushed)
     missing = np.arange(len(seen)) == 0
     wide = np.where(missing, OF_NOTHING, spread)
-    parted = [(share * push - share**2 * power / 2) / wide for share in SHARES]
+    pixels = int((sure > 0).sum())
+    parted = [
+        log_ratio(energy / wide, (2 * share * push - share**2 * power) / wide, pixels) for share in SHARES
+    ]
     ratio = np.logaddexp.reduce(parted, axis=0) - np.log(len(SHARES))
     return ratio, push / np.sqrt(np.maximum(power * wide, 1e-9)), missing
+
+
+def log_ratio(
+    energy: NDArray[np.float64], explained: NDArray[np.float64], pixels: int, *, freedom: float = FREEDOM
+) -> NDArray[np.float64]:
+    """L of rivals that explain so much of a glyph's energy in so many pixels; both over s^2."""
+    left = np.maximum(energy - explained, 0)
+    of_t = (freedom + pixels) / 2 * np.log((freedom + energy) / (freedom + left))
+    return np.asarray(np.minimum(of_t, explained / 2))
 
 
 def nuisances(seen: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -319,17 +365,21 @@ def without_nuisances(
     basis: NDArray[np.float64],
     sure: NDArray[np.float64],
     pushed: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of W' without nuisances, d' W' r and d' W' d of each of differences (n, pixels), in units of the contrast.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Of W' without nuisances, d' W' r and d' W' d of each of differences (n, pixels), and r' W' r; differences are in
+    units of the contrast.
 
     basis (8, pixels); sure (pixels,): inverse variance W; pushed (pixels,): W r.
     """
     whole = (basis * sure) @ basis.T + np.diag(1 / np.square(GOOD))
     shared = (differences * sure) @ basis.T
-    taken = np.linalg.solve(whole, np.column_stack([shared.T, basis @ pushed]))
+    of_nuisances = basis @ pushed
+    taken = np.linalg.solve(whole, np.column_stack([shared.T, of_nuisances]))
     push = differences @ pushed - shared @ taken[:, -1]
     power = (differences**2) @ sure - (shared * taken[:, :-1].T).sum(axis=1)
-    return push, np.maximum(power, 0)
+    seen = sure > 0
+    energy = float((pushed[seen] ** 2 / sure[seen]).sum() - of_nuisances @ taken[:, -1])
+    return push, np.maximum(power, 0), max(energy, 0.0)
 
 
 def _laid(cells: NDArray[np.float32], shape: tuple[int, int], corner: tuple[int, int]) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 # Each process begins with half of the tests and takes over what the other has left: what a file makes is made once.
 ON_TWO_CORES := -n 2 --dist worksteal
 
-.PHONY: demo console test test-bounds check fuzz bench docs site changelog format lock clean
+.PHONY: demo console test test-all test-bounds durations freeze check fuzz bench docs site changelog format lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -17,18 +17,31 @@ demo: $(VENV)/.installed
 console: $(VENV)/.installed
 	$(BIN)/prooflight serve --demo
 
+# Tests that take more than a second are left out; pytest says at its start how long it takes and what is left out.
 test: $(VENV)/.installed-dev
+	$(BIN)/pytest $(ON_TWO_CORES) -m "not slow"
+
+test-all: $(VENV)/.installed-dev
 	$(BIN)/pytest $(ON_TWO_CORES)
+
+# Runs all tests and records which of them are slow.
+durations: $(VENV)/.installed-dev
+	$(BIN)/pytest $(ON_TWO_CORES) --record-durations tests/durations.json
+
+# Measures the frozen figures again, and how far other processors move them; only for a change that is meant to change
+# these figures.
+freeze: $(VENV)/.installed-dev
+	$(BIN)/python -m tests.frozen
 
 # Compiled code that looks whether each index lies within its array, which takes several times as long; what is compiled
 # otherwise is kept apart. The tests of what calls kernels: rooms, and of rooms that hardly do the files that do. Commands,
-# reports and studies call no others.
+# reports and studies call no others. Slow tests are left out, for time.
 CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tests/inspection tests/prediction \
 	tests/properties tests/simulation tests/journal/test_damaged.py tests/journal/test_replay.py \
 	tests/line/test_pager.py tests/line/test_runner_parts.py tests/line/test_working_memory.py \
 	tests/pages/test_taking_together.py
 test-bounds: $(VENV)/.installed-dev
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest $(ON_TWO_CORES) $(CALL_KERNELS)
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest $(ON_TWO_CORES) -m "not slow" $(CALL_KERNELS)
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
@@ -57,6 +70,7 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff check --fix .
 
 $(VENV)/.installed: requirements.txt pyproject.toml studies/pyproject.toml
+	@echo "Installing into $(VENV), which takes a minute or two"
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e studies

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests import durations
 from tests.stand_ins import SHARED
 
 from prooflight.camera.camera import Camera
@@ -30,6 +31,11 @@ if TYPE_CHECKING:
 settings.register_profile("same everywhere", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=300)
 settings.load_profile("same everywhere")
+
+
+def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginManager) -> None:
+    """Slow tests are marked wherever they lie; a conftest's own hooks would see its folder's alone."""
+    pluginmanager.register(durations)
 
 
 BLUE_SENSOR = """

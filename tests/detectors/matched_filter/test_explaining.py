@@ -84,6 +84,26 @@ def test_places_are_of_the_page_and_inside_it() -> None:
     assert regions[1].y_mm == 51.0
 
 
+@pytest.mark.parametrize("down", [-1, 0, 1])
+@pytest.mark.parametrize("across", [-1, 0, 1])
+@pytest.mark.parametrize("last_bits", [-1e-6, 0.0, 1e-6])
+def test_of_boxes_that_overlap_by_half_the_first_alone_is_a_place_on_every_processor(
+    across: int, down: int, last_bits: float
+) -> None:
+    side = 2 * 0.42333
+    first, shift_mm = (23.94712, 10.65433, side, side), (-0.00499, -0.00503)
+    second = first[0] + across * side / 2 + last_bits, first[1] + down * side / 2 - last_bits, side, side
+    third = first[0] + side + last_bits, first[1], side, side
+    names = "box/add-K+", "box/gain-K+", "box/add-C+"
+    strongest = [
+        (name, statistic(f"{name}/2", box)) for name, box in zip(names, (first, second, third), strict=True)
+    ]
+    found = regions_of(strongest, ["scum"] * 3, shift_mm=shift_mm, size_mm=(36.0, 44.0))
+    assert [(region.x_mm, region.y_mm) for region in found] == [
+        (round(x - shift_mm[0], 2), round(y - shift_mm[1], 2)) for x, y, *_ in (first, third)
+    ]
+
+
 def test_without_a_place_it_is_the_page_as_a_whole() -> None:
     regions = regions_of(
         [("fit/white", statistic("fit/white"))], ["unknown"], shift_mm=(1.0, 0.0), size_mm=(100.0, 150.0)

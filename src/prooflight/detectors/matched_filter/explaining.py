@@ -27,6 +27,9 @@ GONE_PERCENT: Final = -60.0
 """An ink of which less than 40 % is there is called missing, not weak."""
 LEAST_TOLD_MM: Final = 0.05
 """A plane less far out of register is said without an amount: 0.0 mm would be read as nothing."""
+TIE_MM: Final = 0.05
+"""A point this far outside a region counts as inside. Boxes of one size overlap by half, so the middle of one lies on
+its neighbour's edge, and the last bits of a float would decide on which side. Tiles are ten times as large."""
 
 
 def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
@@ -57,7 +60,8 @@ def regions_of(
 ) -> tuple[Region, ...]:
     """Places on the page, most telling first: statistics' boxes, the print's shift taken off, cut to the page.
 
-    Of boxes whose middle lies in one before them, none is given. No box at all: the page as a whole.
+    A box whose middle lies in a region before it, or within ``TIE_MM`` of one, gives no region of its own. No box at
+    all: the page as a whole.
     """
     found: list[Region] = []
     for (_, statistic), kind in zip(strongest, kinds, strict=True):
@@ -98,7 +102,7 @@ def whole_page(size_mm: tuple[float, float], statistic: Observed, kind: str) -> 
 
 def _holds(region: Region, point: tuple[float, float]) -> bool:
     across, down = point[0] - region.x_mm, point[1] - region.y_mm
-    return 0 <= across <= region.width_mm and 0 <= down <= region.height_mm
+    return -TIE_MM <= across <= region.width_mm + TIE_MM and -TIE_MM <= down <= region.height_mm + TIE_MM
 
 
 def reason_for(

@@ -294,7 +294,7 @@ class DetectorModel:
         else:
             evidence, families, family = self.family_evidence(deviations)[0], self.families, self.family
         found = []
-        for index in np.argsort(-evidence)[:most]:
+        for index in np.argsort(-evidence, kind="stable")[:most]:  # many families reach ``LEAST_P`` at once
             members = np.flatnonzero(family == index)
             best = members[int(np.argmax(deviations[0, members]))]
             found.append((families[index], statistics[best]))

@@ -15,7 +15,7 @@ ALGORITHMS: Final = {
     "pages": 1,
     "paper": 1,
     "prediction": 1,
-    "registration": 2,
+    "registration": 3,
     "simulation": 1,
     "studies": 1,
 }

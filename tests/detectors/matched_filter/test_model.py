@@ -16,10 +16,11 @@ from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     ALONE_FROM,
     ALONE_SLOPE,
-    OUTRIGHT,
-    alone_of,
+    BESIDE_FROM,
+    BESIDE_SLOPE,
     every_column,
     marks_of,
+    strongest_alone,
 )
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
@@ -244,10 +245,10 @@ def test_a_score_is_all_misprints_odds_those_of_the_likeliest_kind_and_a_family_
     every = every_column(evidence, page_features, deviations)
     assert trained.forest is not None
     of_kinds = np.array([forest.score(every) for forest in trained.kind_forests])
-    by_forests = (
-        trained.forest.score(every) + of_kinds.max(axis=0) + np.maximum(evidence.max(axis=1) - OUTRIGHT, 0)
-    )
-    alone = ALONE_SLOPE * (alone_of(evidence, marks_of(trained.families)) - ALONE_FROM)
+    alone = strongest_alone(evidence, marks_of(trained.families))
+    by_forests = trained.forest.score(every) + of_kinds.max(axis=0)
+    by_forests += BESIDE_SLOPE * np.maximum(alone - BESIDE_FROM, 0)
+    alone = ALONE_SLOPE * (alone - ALONE_FROM)
     asked = np.maximum(by_forests, alone)
     assert trained.score(values, page_features) == pytest.approx(asked)
     untaught = replace(trained, forest=None, kinds=(), kind_forests=(), name_forests=())

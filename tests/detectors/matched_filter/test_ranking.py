@@ -8,14 +8,15 @@ import pytest
 from prooflight.detectors.matched_filter.ranking import (
     ALONE_FROM,
     ALONE_SLOPE,
-    OUTRIGHT,
+    BESIDE_FROM,
+    BESIDE_SLOPE,
     Forest,
-    alone_of,
     every_column,
     family_columns,
     ranked,
     rising_columns,
     scores_of,
+    strongest_alone,
 )
 
 
@@ -30,7 +31,7 @@ def test_a_rows_columns_are_what_families_say_and_the_first_third_and_sixth_of_t
 
 def test_a_page_need_look_like_one_kind_only() -> None:
     of_all, of_kinds = np.array([0.5, -2.0]), np.array([[1.0, 3.0, -4.0], [-1.0, -3.0, -5.0]])
-    evidence = np.full((2, 4), OUTRIGHT)
+    evidence = np.ones((2, 4))
     none = np.zeros(4, bool)
     assert ranked(of_all + 9, of_kinds, evidence, none).tolist() == [12.5, 6.0]
     assert ranked(of_all + 9, of_kinds[:, ::-1], evidence, none).tolist() == [12.5, 6.0]
@@ -38,12 +39,13 @@ def test_a_page_need_look_like_one_kind_only() -> None:
     assert ranked(of_all + 9, np.zeros((2, 0)), evidence, none).tolist() == [9.5, 7.0]
 
 
-def test_a_family_that_is_far_out_counts_by_itself() -> None:
-    nothing, none = np.zeros(3), np.zeros((3, 0))
-    evidence = np.array(
-        [[0.5, OUTRIGHT - 1, 1.0], [OUTRIGHT + 2, 0.1, 0.0], [OUTRIGHT + 2, OUTRIGHT + 1, 0.0]]
-    )
-    assert ranked(nothing + 50, none, evidence, np.zeros(3, bool)).tolist() == [50, 52, 52]
+def test_a_family_that_is_far_out_adds_to_what_forests_say() -> None:
+    """After Bonferroni of three families, from ``BESIDE_FROM`` on."""
+    nothing, none = np.full(3, 50.0), np.zeros((3, 0))
+    far = BESIDE_FROM + np.log10(3)
+    evidence = np.array([[0.5, far - 1, 1.0], [far + 2, 0.1, 0.0], [far + 2, far + 1, 0.0]])
+    found = ranked(nothing, none, evidence, np.zeros(3, bool))
+    assert found == pytest.approx([50, 50 + 2 * BESIDE_SLOPE, 50 + 2 * BESIDE_SLOPE])
 
 
 def test_forests_only_add_to_what_the_strongest_family_says_alone() -> None:
@@ -51,7 +53,7 @@ def test_forests_only_add_to_what_the_strongest_family_says_alone() -> None:
     marks = np.array([True, False, *[False] * 99])
     evidence = np.zeros((3, 101))
     evidence[0, 0] = evidence[1, 1] = 5.0
-    assert alone_of(evidence, marks) == pytest.approx([5.0, 3.0, 0.0])
+    assert strongest_alone(evidence, marks) == pytest.approx([5.0, 3.0, 0.0])
     against, none = np.full(3, -100.0), np.zeros((3, 0))
     expected = ALONE_SLOPE * (np.array([5.0, 3.0, 0.0]) - ALONE_FROM)
     assert ranked(against, none, evidence, marks) == pytest.approx(expected)

@@ -301,7 +301,8 @@ def analyse_found(
 
     glyphs = NOTHING
     if prepared.glyphs is not None:
-        sd_pixels = np.divide(found.shift_sd_mm, (at.pixel_pitch_mm, at.line_pitch_mm))
+        pitches_mm = at.pixel_pitch_mm, at.line_pitch_mm
+        sd_pixels = [sd / pitch for sd, pitch in zip(found.shift_sd_mm, pitches_mm, strict=True)]
         astray = chance_astray(sd_pixels) if found.found else 1.0
         glyphs = weighed(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
     return ScanAnalysis(

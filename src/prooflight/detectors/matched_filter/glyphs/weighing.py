@@ -309,9 +309,10 @@ def weigh(
     push, power, energy = without_nuisances(differences, nuisances(seen[0], beside), sure, pushed)
     missing = np.arange(len(seen)) == 0
     wide = np.where(missing, OF_NOTHING, spread)
-    pixels = int((sure > 0).sum())
+    seen_pixels = int((sure > 0).sum())
     parted = [
-        log_ratio(energy / wide, (2 * share * push - share**2 * power) / wide, pixels) for share in SHARES
+        log_ratio(energy / wide, (2 * share * push - share**2 * power) / wide, seen_pixels)
+        for share in SHARES
     ]
     ratio = np.logaddexp.reduce(parted, axis=0) - np.log(len(SHARES))
     return ratio, push / np.sqrt(np.maximum(power * wide, 1e-9)), missing

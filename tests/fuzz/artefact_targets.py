@@ -55,9 +55,7 @@ def _ours() -> CalibratedDetector:
         kind=np.array(["", "streak", "", "scum"] * (count // 4)),
         press=np.zeros(count, np.int64),
     )
-    model = learn_model(pages, names=STATISTICS, scatter=Scatter.white(), rng=rng, looks_first=True, trees=6)
-    assert model.screen is not None
-    model = replace(model, screen=replace(model.screen, least=0.0, least_taught=-1.0))
+    model = learn_model(pages, names=STATISTICS, scatter=Scatter.white(), rng=rng, screened=True, trees=6)
     return fit_for(
         model,
         ReferenceScores(pages=np.array([20, 40]), worst=np.sort(rng.standard_normal((2, 50)))),

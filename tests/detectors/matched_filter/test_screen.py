@@ -1,4 +1,4 @@
-"""Two looks at a page: the first lets most good pages pass, and an alarm needs both; seeds stated."""
+"""The screen: the statistics that every page is analysed for, which alone decide; seeds stated."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prooflight.commissioning.training.adapting import PASSED_ON, adapted, sparing
+from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, learn_model
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import score_of
 from prooflight.detectors.matched_filter.exchangeability import SCORE, groups_of, summaries
 from prooflight.detectors.matched_filter.model import DetectorModel
-from prooflight.detectors.matched_filter.ranking import LEAST_CHANCE
-from prooflight.detectors.matched_filter.screen import NOT_PASSED_ON, of_both
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import (
     all_statistics,
@@ -53,12 +51,11 @@ NAMES = [
 ]
 FIRST = [0, 1, 4, 6, 7]
 KINDS = "spot", "smear"
-LEAST_SCORE = 2 * np.log(LEAST_CHANCE / (1 + LEAST_CHANCE))
 
 
 def drawn(designs: int, seed: int, *, wrong: bool = False) -> Pages:
-    """Good pages, and of every other design a misprint where ``wrong``: one that both looks see, one the second
-    alone.
+    """Good pages, and of every other design a misprint where ``wrong``: of one the screen's statistics tell, of the
+    other those beside it alone.
     """
     rng = np.random.default_rng(seed)
     design = np.arange(designs)
@@ -77,110 +74,53 @@ def drawn(designs: int, seed: int, *, wrong: bool = False) -> Pages:
 
 @pytest.fixture(scope="module")
 def taught() -> DetectorModel:
-    """Every page is passed on yet."""
     rng = np.random.default_rng(2)
     pages = drawn(800, 1, wrong=True)
-    return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60, looks_first=True)
+    return learn_model(pages, names=NAMES, scatter=Scatter.white(), rng=rng, trees=60, screened=True)
 
 
-def passing(model: DetectorModel, share: float) -> DetectorModel:
-    """The model that passes on such a share of 500 other good pages."""
-    assert model.screen is not None
-    good = drawn(500, 3)
-    least = float(np.quantile(model.first_look(good.values, good.page_features), 1 - share))
-    return replace(model, screen=replace(model.screen, least=least, least_taught=least))
+# --- the score ---
 
 
-# --- the score of both looks ---
+def test_the_screens_statistics_alone_decide(taught: DetectorModel) -> None:
+    """Of 100 misprints of each kind it sees nearly all of one, and of the other what good pages do."""
+    pages, good = drawn(400, 4, wrong=True), drawn(400, 5)
+    threshold = np.quantile(taught.score(good.values, good.page_features), 0.95)
+    alarms = taught.score(pages.values, pages.page_features) > threshold
+    assert alarms[pages.kind == "spot"].mean() > 0.95
+    assert alarms[pages.kind == "smear"].mean() < 0.2
+    assert taught.forest is None
+    named = taught.kinds_of(pages.values, pages.page_features)
+    right = np.array(named)[pages.bad] == pages.kind[pages.bad]
+    assert right.mean() > 0.9  # all statistics name what is wrong
 
 
-@pytest.mark.parametrize("shipped", [0.3, 0.01])
-def test_a_press_passes_few_of_its_own_good_pages_on_and_no_more_than_the_ranking_says(
-    taught: DetectorModel, shipped: float
-) -> None:
-    """Of 200 own pages 10; of what others it passes on scores are the same, and of all the rest no higher."""
-    model, own = passing(taught, shipped), drawn(200, 6)
-    spared = sparing(model, own)
-    assert spared.screen is not None
-    assert model.screen is not None
-    first = spared.first_look(own.values, own.page_features)
-    before = (first > model.screen.least).sum()
-    assert (first > spared.screen.least).sum() == min(before, round(200 * PASSED_ON))
-    other = drawn(300, 7, wrong=True)
-    at_first, score = (one.score(other.values, other.page_features) for one in (model, spared))
-    passed = spared.first_look(other.values, other.page_features) > spared.screen.least
-    np.testing.assert_array_equal(score[passed], at_first[passed])
-    assert (score <= at_first).all()
-    again = spared.screen.as_taught()
-    assert (again.least, again.least_taught) == (model.screen.least, model.screen.least)
-    everything = replace(model, screen=None)
-    assert sparing(everything, own) is everything
-
-
-@given(
-    st.lists(st.tuples(st.floats(-9, 60), st.floats(LEAST_SCORE, 60)), min_size=1, max_size=20),
-    st.floats(-9, 20),
-)
-def test_what_is_not_passed_on_lies_below_all_that_is_and_in_order(
-    scores: list[tuple[float, float]], least: float
-) -> None:
-    first, second = np.array(scores).T
-    found, passed = of_both(first, second, least), first > least
-    np.testing.assert_array_equal(found[passed], second[passed])
-    assert (found[~passed] <= NOT_PASSED_ON).all()
-    assert LEAST_SCORE > NOT_PASSED_ON
-    order = np.argsort(first[~passed])
-    assert (np.diff(found[~passed][order]) >= 0).all()
-
-
-def test_an_alarm_needs_both_looks(taught: DetectorModel) -> None:
-    pages = drawn(400, 4, wrong=True)
-    whole = replace(taught, screen=None).score(pages.values, pages.page_features)
-    alarms, passed = {}, {}
-    for share in (1.0, 0.3, 0.1):
-        model = passing(taught, share)
-        score = model.score(pages.values, pages.page_features)
-        passed[share] = model.first_look(pages.values, pages.page_features) > model.screen.least  # type: ignore[union-attr]
-        np.testing.assert_array_equal(score > 0, (whole > 0) & passed[share])
-        alarms[share] = score > 0
-    assert passed[0.1].sum() < passed[0.3].sum() < passed[1.0].sum()
-    assert (alarms[0.1] <= alarms[0.3]).all()
-    # 100 misprints of each kind: the first look is blind to the second kind, and passes on about a tenth of it.
-    assert alarms[0.1][pages.kind == "spot"].mean() > 0.95
-    assert alarms[0.1][pages.kind == "smear"].mean() < 0.3
-    assert (whole[pages.kind == "smear"] > 0).mean() > 0.9
-
-
-def test_only_what_is_passed_on_must_be_known_whole(taught: DetectorModel) -> None:
-    model, pages = passing(taught, 0.2), drawn(200, 5, wrong=True)
-    passed = model.first_look(pages.values, pages.page_features) > model.screen.least  # type: ignore[union-attr]
-    asked = model.score(pages.values, pages.page_features)
+def test_no_other_statistics_need_be_known(taught: DetectorModel) -> None:
+    pages = drawn(200, 5, wrong=True)
+    expected = taught.score(pages.values, pages.page_features)
     few = pages.values.copy()
     few[:, np.setdiff1d(np.arange(len(NAMES)), FIRST)] = np.nan
-    found = model.score(few, pages.page_features)
-    assert 0 < passed.sum() < len(passed)
-    np.testing.assert_array_equal(found[~passed], asked[~passed])
-    assert np.isnan(found[passed]).all()
-    few[:, FIRST[0]] = np.nan
-    assert np.isnan(model.score(few, pages.page_features)).all()
-    assert np.isnan(score_of(model, few[0], pages.page_features[0], another=True))
+    np.testing.assert_array_equal(taught.score(few, pages.page_features), expected)
+    few[0, FIRST[0]] = np.nan
+    found = taught.score(few, pages.page_features)
+    assert np.isnan(found).tolist() == [True, *[False] * 199]
+    assert np.isnan(score_of(taught, few[0], pages.page_features[0], another=True))
 
 
-def test_a_press_that_is_made_fit_has_its_first_look_made_fit(taught: DetectorModel) -> None:
-    """Three deviations further out on all statistics: 400 pages know that to 0.05, and as many are passed on."""
-    model, moved = passing(taught, 0.2), drawn(400, 6)
+def test_a_press_that_is_made_fit_has_its_screen_made_fit(taught: DetectorModel) -> None:
+    """Three deviations further out on all statistics: 400 pages know that to 0.05, and as many alarm as before."""
+    good, moved = drawn(400, 3), drawn(400, 6)
+    threshold = np.quantile(taught.score(good.values, good.page_features), 0.8)
     values = (np.expm1(np.log1p(3 * moved.values) + 3) / 3).astype(np.float32)
     moved = replace(moved, values=values)
-    fit = adapted(model, moved)
+    fit = adapted(taught, moved)
 
     def share(one: DetectorModel) -> float:
-        assert one.screen is not None
-        return float((one.first_look(moved.values, moved.page_features) > one.screen.least).mean())
+        return float((one.score(moved.values, moved.page_features) > threshold).mean())
 
-    assert share(model) > 0.9
-    assert share(fit) == pytest.approx(
-        0.2, abs=0.08
-    )  # 2 %: standard deviation of a share of 400; four of them
+    assert share(taught) > 0.9
+    # 2 %: standard deviation of a share of 400; four of them.
+    assert share(fit) == pytest.approx(0.2, abs=0.08)
     assert share(fit.widened(3.0)) < share(fit)
 
 
@@ -188,42 +128,28 @@ def test_a_press_that_is_made_fit_has_its_first_look_made_fit(taught: DetectorMo
 
 
 def test_it_comes_back_from_its_file(taught: DetectorModel) -> None:
-    model, pages = passing(taught, 0.2), drawn(50, 7, wrong=True)
-    arrays, facts = model.arrays(), model.facts() | {"threshold": None}
+    pages = drawn(50, 7, wrong=True)
+    arrays, facts = taught.arrays(), taught.facts() | {"threshold": None}
     DetectorModel.check(arrays, facts)
     again = DetectorModel.from_parts(arrays, facts)
     np.testing.assert_array_equal(
-        again.score(pages.values, pages.page_features), model.score(pages.values, pages.page_features)
+        again.score(pages.values, pages.page_features), taught.score(pages.values, pages.page_features)
     )
-    spared = sparing(model, drawn(200, 6))
-    told = spared.facts() | {"threshold": None}
-    kept = DetectorModel.from_parts(spared.arrays(), told).screen
-    assert kept is not None
-    assert spared.screen is not None
-    assert (kept.least, kept.least_taught) == (spared.screen.least, spared.screen.least_taught)
-    with pytest.raises(Misfit, match="no more than"):
-        DetectorModel.check(spared.arrays(), told | {"taught_passed_on_above": kept.least + 1})
-    older = {name: fact for name, fact in told.items() if name != "taught_passed_on_above"}
-    before = DetectorModel.from_parts(spared.arrays(), older).screen
-    assert before is not None
-    assert before.least_taught == kept.least
-    without = {name: array for name, array in arrays.items() if not name.startswith(("first.", "screen"))}
-    DetectorModel.check(without, facts | {"passed_on_above": None})
-    assert DetectorModel.from_parts(without, facts | {"passed_on_above": None}).screen is None
+    with pytest.raises(Misfit, match="no screen"):
+        DetectorModel.check(arrays, facts | {"screened": False})
 
 
 @pytest.mark.parametrize(
     ("array", "says"),
     [
-        ("first.statistic", "first look"),
-        ("first.family", "first look"),
+        ("first.statistic", "every page is analysed for"),
+        ("first.family", "every page is analysed for"),
         ("first.tail", "begin"),
         ("", "missing"),
     ],
 )
-def test_a_spoilt_first_look_is_refused(taught: DetectorModel, array: str, says: str) -> None:
-    model = passing(taught, 0.2)
-    arrays, facts = model.arrays(), model.facts() | {"threshold": None}
+def test_a_corrupted_screen_is_refused(taught: DetectorModel, array: str, says: str) -> None:
+    arrays, facts = taught.arrays(), taught.facts() | {"threshold": None}
     if array:
         arrays[array] = arrays[array].copy()
         arrays[array].flat[0] += 1
@@ -237,12 +163,12 @@ def test_a_spoilt_first_look_is_refused(taught: DetectorModel, array: str, says:
 
 
 def test_pages_of_a_run_are_compared_by_what_all_of_them_are_looked_at_for(taught: DetectorModel) -> None:
-    model, pages = passing(taught, 0.2), drawn(3, 8)
+    pages = drawn(3, 8)
     assert groups_of(taught) == (SCORE, "box", "apart", "streak", "place", "energy")
     assert "ghost" in groups_of(replace(taught, screen=None))
-    deviations = model.deviations(pages.values, pages.page_features)
+    deviations = taught.deviations(pages.values, pages.page_features)
     deviations[:, 2] = np.nan
-    found = summaries(model, deviations, np.zeros(3))
+    found = summaries(taught, deviations, np.zeros(3))
     assert found.shape == (3, 6)
     np.testing.assert_array_equal(found[:, 1], deviations[:, 0])  # box/light alone
 
@@ -263,8 +189,15 @@ def test_the_families_that_say_most_are_of_the_look_that_was_taken(taught: Detec
 
 
 def test_families_that_say_the_same_keep_their_order_on_every_processor(taught: DetectorModel) -> None:
-    """As many as reach the least p-value of all; sorting in vectors exchanges these."""
-    model, features = replace(taught, tail=taught.tail * [1, 1, 0.01]), np.zeros(15)
+    """Families with the same null distribution that deviate alike; sorting in vectors exchanges these."""
+    plain = np.zeros_like(taught.baseline), np.ones_like(taught.sd), np.zeros_like(taught.shift)
+    model = replace(taught, baseline=plain[0], sd=plain[1], shift=plain[2], scale=plain[1])
+    model = replace(
+        model,
+        quantiles=np.repeat(taught.quantiles[:1], len(taught.families), axis=0),
+        tail=np.repeat(taught.tail[:1], len(taught.families), axis=0),
+    )
+    features = np.zeros(15)
     for few in range(1, 2 ** len(NAMES)):
         tied = [few >> at & 1 for at in range(len(NAMES))]
         statistics = [
@@ -309,8 +242,24 @@ def test_the_first_look_is_at_some_of_all_statistics_and_sees_them_alike(
         remaining_statistics(again.sums, scatter, found[1:], order=order)
 
 
-def test_the_ranking_that_is_shipped_looks_first_at_what_costs_little() -> None:
+def test_the_shipped_ranking_decides_by_what_costs_little() -> None:
     model = shipped_ranking().model
     assert model.screen is not None
-    assert len(model.screen.statistic) < len(model.statistics) / 4
-    assert model.screen.least > LEAST_SCORE
+    assert len(model.screen.statistic) < len(model.statistics) / 4 + 48
+    assert model.forest is None
+
+
+def test_a_single_mark_on_paper_alarms_whatever_forests_say() -> None:
+    """The shipped ranking, a page in the middle of good ones, and a T of 100 on bare paper."""
+    model = shipped_ranking().model
+    assert model.screen is not None
+    features = model.centre[:1]
+    x = np.column_stack([np.ones(1), np.zeros((1, features.shape[1]))])
+    middle = (x @ model.baseline)[0]
+    values = np.sign(middle) * np.expm1(np.abs(middle)) / 3
+    quiet = model.score(values[None].astype(np.float32), features)[0]
+    marked = values.copy()
+    marked[[one.key for one in model.statistics].index("mark/bare-/4")] = 100.0
+    found = model.score(marked[None].astype(np.float32), features)[0]
+    at_one_percent = np.quantile(shipped_ranking().references.worst[-1], 0.99)
+    assert quiet < 0 < at_one_percent + 3 < found

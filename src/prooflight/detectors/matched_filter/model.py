@@ -159,9 +159,11 @@ class DetectorModel:
         needed = values if self.screen is None else values[:, self.screen.statistic]
         known = np.isfinite(needed).all(axis=1)
         score = np.full(len(values), np.nan)
+        if not known.any():
+            return score
         if self.screen is not None:
             score[known] = self.screen.score(deviations[known], page_features[known])
-        elif known.any():
+        else:
             evidence = self.family_evidence(deviations[known])
             score[known] = self._summed(evidence, page_features[known], deviations[known])
         return score

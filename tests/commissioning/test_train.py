@@ -25,6 +25,7 @@ from prooflight.commissioning.training.simulated_days import (
     good_residual_variance,
 )
 from prooflight.commissioning.training.train import FEWEST, Plan
+from prooflight.detectors.matched_filter.calibrated import FLOOR_SHARE_OF_RATE
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
 from prooflight.detectors.matched_filter.glyphs.promise import SHARE
@@ -86,7 +87,7 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
     shift, scale = shift_and_scale(found)
     np.testing.assert_allclose(ours.model.shift, shift)
     np.testing.assert_allclose(ours.model.scale, scale)
-    of_ranking = (1 - SHARE) * 0.1
+    of_ranking = (1 - SHARE - FLOOR_SHARE_OF_RATE) * 0.1
     assert ours.threshold == pytest.approx(reference.threshold(of_ranking / ours.scores.ratio)[0])
 
 

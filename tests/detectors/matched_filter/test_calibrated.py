@@ -12,6 +12,7 @@ import pytest
 from prooflight.commissioning.training.learn import Pages, learn_model
 from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.calibrated import (
+    FLOOR_SHARE_OF_RATE,
     WRONG_PAGE,
     CalibratedDetector,
     GoodPages,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.model import DetectorModel
 
 NAMES = ["box/add-C+/8", "fit/white"]
+OF_RANKING = 1 - FLOOR_SHARE_OF_RATE
+"""Share of the promised rate that the ranking has where no glyphs were weighed."""
 
 
 @pytest.fixture(scope="module")
@@ -76,21 +79,23 @@ def test_those_that_taught_say_how_the_tail_goes_on_while_own_pages_are_few(mode
     assert (ours.promise.simulated, ours.promise.real, ours.promise.reference) == (60, 0, 1000)
     assert ours.promise.conformal
     reference, ratio = ours.scores.reference, ours.scores.ratio
-    assert ours.threshold == reference.threshold(0.02 / ratio)[0]
+    assert ours.threshold == reference.threshold(OF_RANKING * 0.02 / ratio)[0]
     wide = calibrated(model, own=np.random.default_rng(3).exponential(3.0, 60))
     assert wide.scores.ratio > 2 * ratio
     assert wide.threshold > ours.threshold
 
 
 def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> None:
-    """Five beyond the threshold are as many as it takes: 250 at 2 %; half of these score as no other page does."""
-    own = np.arange(250.0)
+    """Five beyond the threshold are as many as it takes: 278 at 1.8 %, what the floor leaves the ranking of 2 %; half
+    of these score as no other page does.
+    """
+    own = np.arange(278.0)
     ours = calibrated(model, own=own)
-    assert (ours.promise.simulated, ours.promise.reference, ours.promise.conformal) == (250, 0, True)
-    assert ours.threshold == own[245]  # ceil(251 x 0.98) = 246th smallest
-    assert ours.decide(245.5).p_value == pytest.approx(5 / 251)
+    assert (ours.promise.simulated, ours.promise.reference, ours.promise.conformal) == (278, 0, True)
+    assert ours.threshold == own[273]  # ceil(279 x 0.982) = 274th smallest
+    assert ours.decide(273.5).p_value == pytest.approx(5 / 279 / OF_RANKING)
     fewer = calibrated(model, own=own[1:])
-    assert (fewer.promise.simulated, fewer.promise.reference) == (249, 1000)
+    assert (fewer.promise.simulated, fewer.promise.reference) == (277, 1000)
     assert fewer.threshold < 20
 
 
@@ -116,7 +121,7 @@ def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> No
 
 def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorModel) -> None:
     ours = calibrated(model, rate=1e-6)
-    assert ours.promise.rate == pytest.approx(ours.scores.ratio / 10_010)
+    assert ours.promise.rate == pytest.approx(ours.scores.ratio / 10_010 / OF_RANKING)
     assert not ours.promise.conformal
     assert "one in 1,000,000 was asked for, and is refused" in str(ours.promise)
 
@@ -215,6 +220,34 @@ def test_glyphs_alarm_within_the_promise_of_both_and_come_back(model: DetectorMo
     assert CalibratedDetector.from_parts(ours.arrays(), facts).decide(0.0, 9.0) == ours.decide(0.0, 9.0)
     with pytest.raises(Misfit, match="glyphs"):
         CalibratedDetector.check(ours.arrays() | {"glyphs": np.zeros(3)}, facts)
+
+
+def test_the_floor_is_a_misprint_whatever_was_learned(model: DetectorModel) -> None:
+    ours = calibrated(model)
+    good, wrong, larger = (ours.decide(-9.0, floor_mm2=area) for area in (0.09, 0.1, 5.0))
+    assert (good.misprint, wrong.misprint, larger.misprint) == (False, True, True)
+    assert good == ours.decide(-9.0)
+    assert wrong.p_value is not None
+    assert wrong.p_value <= ours.promise.rate
+    assert larger.score > wrong.score > ours.threshold
+    assert ours.decide(60.0, floor_mm2=5.0).score == 60.0
+    scores = np.linspace(0, 60, 400)
+    labels = ToldPages(
+        score=scores,
+        weight=np.ones(400),
+        run=np.ones(400, np.int64),
+        sheet=np.arange(400),
+        passed=scores <= 30,
+        rate=0.05,
+        passed_weight=1.0,
+        alarms_from=30.0,
+        replaces="x",
+    )
+    raised = ours.recalibrated(labels)
+    assert raised.threshold > 50
+    assert not raised.decide(20.0).misprint
+    assert raised.decide(-9.0, floor_mm2=0.2).misprint
+    assert not ours.decide(np.nan, floor_mm2=5.0).misprint  # nothing is decided by it: not inspected
 
 
 def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_told(

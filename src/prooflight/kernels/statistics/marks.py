@@ -10,6 +10,8 @@ WINDOWS = (1, 2, 4, 8)
 """Sides of the windows, each twice the one before. [pixels]"""
 SIZES = len(WINDOWS)
 TALLEST = WINDOWS[-1]
+STRIP = 64
+"""Lines after which sums begin anew, so that they are the same to the last bit whoever shares the lines out."""
 CLASSES = 6
 """Classes of places; any greater number stands for a place that is not inspected."""
 LEAST_T = np.float32(2.5)
@@ -112,7 +114,7 @@ def note_row(squares, count, places, line, size, most, at, beyond):  # type: ign
 @kernel(
     "residual (S, L, P), weight (S, L, P), light (S, L, P), places (SIZES, L, P), tolerance, first, last, "
     "most (CLASSES, SIZES, 2), at (CLASSES, SIZES, 2, 2), beyond (CLASSES, SIZES)",
-    where="0 <= first, last <= L",
+    where="0 <= first, last <= L, first % STRIP == 0",
     error_model="numpy",
 )
 def window_extremes(  # type: ignore[no-untyped-def]
@@ -124,7 +126,7 @@ def window_extremes(  # type: ignore[no-untyped-def]
     standard deviations of noise and of a relative tolerance, whose square is ``tolerance``. places (sizes, lines,
     pixels): class of each place, for windows of each size about it. Written, for windows whose last line is first ..
     last - 1: most, the greatest T squared of both signs, lighter and darker; at, first line and first pixel of that
-    window; beyond, how many windows deviate by ``LEAST_T`` or more.
+    window; beyond, how many windows deviate by ``LEAST_T`` or more. ``first`` is a multiple of ``STRIP``.
     """
     sensors, _, pixels = residual.shape
     channels = sensors + 1 if sensors > 1 else 1
@@ -132,36 +134,39 @@ def window_extremes(  # type: ignore[no-untyped-def]
     sums = np.zeros((channels, SIZES, 2, pixels), np.float32)
     wide = np.empty((2, 2, pixels), np.float32)
     squares = np.empty(pixels, np.float32)
-    for line in range(max(first - TALLEST + 1, 0), last):
-        slot = line % (TALLEST + 1)
-        for s in range(sensors):
-            evidence_row(
-                residual[s, line], weight[s, line], light[s, line], ring[s, 0, slot], ring[s, 1, slot]
-            )
-        if channels > 1:
-            for part in range(2):
-                ring[sensors, part, slot] = ring[0, part, slot]
-                for s in range(1, sensors):
-                    pair_rows(ring[s, part, slot], ring[sensors, part, slot])
-        for channel in range(channels):
-            for size in range(SIZES):
-                tall = WINDOWS[size]
-                gone = (line - tall) % (TALLEST + 1)
+    for begin in range(first, last, STRIP):
+        ring[:] = np.float32(0)
+        sums[:] = np.float32(0)
+        for line in range(max(begin - TALLEST + 1, 0), min(begin + STRIP, last)):
+            slot = line % (TALLEST + 1)
+            for s in range(sensors):
+                evidence_row(
+                    residual[s, line], weight[s, line], light[s, line], ring[s, 0, slot], ring[s, 1, slot]
+                )
+            if channels > 1:
                 for part in range(2):
-                    slide(sums[channel, size, part], ring[channel, part, slot], ring[channel, part, gone])
-                top = line - tall + 1
-                if line < first or top < 0:
-                    continue
-                for part in range(2):
-                    wide[0, part] = sums[channel, size, part]
-                now, step, count = 0, 1, pixels
-                while step < tall:
-                    count -= step
+                    ring[sensors, part, slot] = ring[0, part, slot]
+                    for s in range(1, sensors):
+                        pair_rows(ring[s, part, slot], ring[sensors, part, slot])
+            for channel in range(channels):
+                for size in range(SIZES):
+                    tall = WINDOWS[size]
+                    gone = (line - tall) % (TALLEST + 1)
                     for part in range(2):
-                        pair_up(wide[now, part], step, count, wide[1 - now, part])
-                    now, step = 1 - now, 2 * step
-                square_t(wide[now, 0], wide[now, 1], tolerance, count, squares)
-                note_row(squares, count, places[size, top + tall // 2], top, size, most, at, beyond)
+                        slide(sums[channel, size, part], ring[channel, part, slot], ring[channel, part, gone])
+                    top = line - tall + 1
+                    if line < begin or top < 0:
+                        continue
+                    for part in range(2):
+                        wide[0, part] = sums[channel, size, part]
+                    now, step, count = 0, 1, pixels
+                    while step < tall:
+                        count -= step
+                        for part in range(2):
+                            pair_up(wide[now, part], step, count, wide[1 - now, part])
+                        now, step = 1 - now, 2 * step
+                    square_t(wide[now, 0], wide[now, 1], tolerance, count, squares)
+                    note_row(squares, count, places[size, top + tall // 2], top, size, most, at, beyond)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

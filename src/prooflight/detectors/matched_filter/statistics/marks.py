@@ -27,6 +27,7 @@ from prooflight.kernels.statistics.marks import (
     CLASSES,
     LEAST_T,
     SIZES,
+    STRIP,
     WINDOWS,
     beyond_share,
     slopes,
@@ -226,7 +227,10 @@ def measure_marks(
     """
     white = np.stack([one.white_dn * one.column_gain for one in scan.sensors]).astype(np.float32)
     places = classify(light, white, scan.where.inside, pixel_mm=geometry.pixel_pitch_mm, threads=threads)
-    parts = parts_of(left.shape[1], threads)
+    lines = left.shape[1]
+    parts = [
+        (STRIP * first, min(STRIP * last, lines)) for first, last in parts_of(-(-lines // STRIP), threads)
+    ]
     most = np.zeros((len(parts), CLASSES, SIZES, 2))
     at = np.zeros((len(parts), CLASSES, SIZES, 2, 2), np.int64)
     beyond = np.zeros((len(parts), CLASSES, SIZES), np.int64)

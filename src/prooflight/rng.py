@@ -181,6 +181,14 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "training-print": Purpose("prints of a design that teach a press", (SEED, "design", 12)),
         "training-session": Purpose("the session of a press day", (SEED, "first design", 11)),
         "trial-recipes": Purpose("recipes on which a press's tables are judged", (SEED,)),
+        "visible-blank": Purpose("what a nearly blank page has", (SEED, FREE + 80, "page")),
+        "visible-curve": Purpose(
+            "days, marks and prints of a page of all places", (SEED, FREE + 81, "camera", "page")
+        ),
+        "visible-page": Purpose("tint, picture and words of a page of all places", (SEED, FREE + 82, "page")),
+        "visible-print": Purpose(
+            "day, marks and prints of a page", (SEED, FREE + 83, "camera", "source", "page")
+        ),
         "world-piece": Purpose("where a page is cut, to be printed on both paths", (SEED, "page")),
         "world-print": Purpose("session and print that both paths share", (SEED, "page", 1)),
         "zones-came": Purpose("prints and defects that a price is held against", (SEED, FREE + 65, "print")),

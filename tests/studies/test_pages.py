@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 PAGES = Path(__file__).parent / "pages"
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 KEPT = sorted(PAGES.glob("*.json"))
+UNPUBLISHED = {"visible"}
+"""Studies that have not been run in full yet."""
 named = pytest.mark.parametrize("kept", KEPT, ids=lambda path: path.stem)
 
 
@@ -166,6 +168,9 @@ def test_what_templates_say_of_every_run_stands_in_the_published_pages() -> None
     looked_at = 0
     for template in STUDIES.glob(f"*/{TEMPLATE}"):
         study = template.parent.name
+        if study in UNPUBLISHED:
+            assert not (DOCS / "results" / f"{study}.md").exists(), f"{study} is published"
+            continue
         fixed = list(said_always(template.read_text(encoding="utf-8")))
         published = "\n".join(page.read_text(encoding="utf-8") for page in published_pages(study))
         assert [line for line in fixed if line not in published] == [], study

@@ -19,6 +19,7 @@ from prooflight_studies.commands import (
     running,
     soak,
     study,
+    visible,
     world,
     zones,
 )
@@ -42,7 +43,7 @@ def register(app: typer.Typer) -> None:
         ),
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
-        *(content.content, resolution.resolution, zones.zones),
+        *(content.content, resolution.resolution, zones.zones, visible.visible),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -74,6 +74,15 @@ class Psychometric:
         mean = np.array([(self.chances(one) * weight).sum() for one in STRENGTHS])
         enough = np.flatnonzero(mean >= chance)
         return float(STRENGTHS[enough[0]]) if enough.size else np.inf
+
+    def strengths(self, page: int, chance: float, quantiles: Sequence[float]) -> list[float]:
+        """Quantiles of the least strength that is caught with that chance, over all middles and spreads."""
+        wanted = (chance - self.false_alarms) / (1 - self.false_alarms - LAPSE)
+        at = np.log(STRENGTHS)[:, None] + SPREADS * special.ndtri(np.clip(wanted, LEAST, 1 - LAPSE))
+        order = np.argsort(at, axis=None)
+        known = np.cumsum(self.weight(page).ravel()[order])
+        places = np.searchsorted(known, quantiles).clip(0, order.size - 1)
+        return [float(one) for one in np.exp(at.ravel()[order][places])]
 
     def next(self, page: int, rng: np.random.Generator) -> float:
         """A strength to try."""

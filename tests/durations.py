@@ -50,14 +50,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """How long it takes, and what is left out."""
+    """How long it takes, by those tests that were measured, and what is left out."""
     known = _recorded()
     slow_s = sum(known["slow"].values())
     if config.option.markexpr == QUICK:
         rooms = Counter("/".join(name.split("/")[:2]) for name in known["slow"])
         return [
             f"takes about {_minutes(known['quick_s'])} on {CORES} cores, "
-            f"and when kernels are compiled first {_minutes(known['quick_s'] + COMPILING_S)}",
+            f"and when kernels are compiled first {_minutes(known['quick_s'] + COMPILING_S)} "
+            f"({known['quick']} tests were measured)",
             f"leaves out {len(known['slow'])} tests that take more than {SLOW_S:g} s of processor time each, "
             f"{_minutes(slow_s)} in all; `make test-all` runs these too",
             "left out: " + ", ".join(f"{room} {count}" for room, count in sorted(rooms.items())),

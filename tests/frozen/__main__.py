@@ -38,7 +38,15 @@ def main() -> int:
     spreads = {}
     if not alone:
         for case in (case.__name__ for case in CASES):
-            spreads[case] = Spread.of([figures[case] for figures in done], frozen[case])
+            shaken, still = (
+                [
+                    figures[case]
+                    for run, figures in zip(every, done, strict=True)
+                    if bool(run.shaken) is wanted
+                ]
+                for wanted in (True, False)
+            )
+            spreads[case] = Spread.of(still, shaken, frozen[case])
     undecided = [
         f"{case}/{path}"
         for case, spread in spreads.items()

@@ -62,8 +62,8 @@ def test_under_another_light_a_page_is_what_it_were_if_prepared_anew(
     scan = ideal_scan(expected, lit, np.random.default_rng(1))
     asked = statistics(anew, scan)
     # Landmarks stay those of the light before, and weigh their tiles a little otherwise: the page is found elsewhere by
-    # a few thousandths of a pixel, which is a tenth of what statistics scatter by (0.075 where this was written; 0.23 in
-    # one that only explains, of black added in boxes of 16 mm, on another processor).
+    # a few thousandths of a pixel, which is a tenth of what statistics scatter by (0.075 where this was written; on
+    # another processor 0.23 in one that only explains, of black added in boxes of 16 mm).
     found, deciding = statistics(under, scan), shipped_ranking().model.screen
     assert deciding is not None
     np.testing.assert_allclose(found[deciding.statistic], asked[deciding.statistic], rtol=0, atol=0.2)

@@ -53,7 +53,7 @@ class PromiseWatch:
     seen: set[int] = field(default_factory=set)
     """Designs of which a sheet came."""
     cause: CommonCause = field(default_factory=CommonCause)
-    """What the run's alarms have in common."""
+    """Counts the run's alarms by kind and place."""
 
     @classmethod
     def of(cls, detector: Detector, *, seed: int = 0) -> Self:

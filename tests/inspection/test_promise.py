@@ -19,7 +19,7 @@ from prooflight.detectors.matched_filter.naming import FAMILIES
 from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
-from prooflight.detectors.verdict import Verdict
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.promise import PromiseWatch
 from prooflight.inspection.promise import summary_of as summary_of_page
@@ -134,7 +134,7 @@ def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: Cal
         for page in range(60):
             values = rng.exponential(size=len(NAMES)) + much * (np.arange(len(NAMES)) == 2)
             summary = summary_of(ours.model, values, rng.standard_normal(3), score=rng.exponential())
-            said += [page] if watch.add(summary, page) else []
+            said += [page] if watch.add(GOOD, summary, page) else []
             assert watch.marked(GOOD).promise_suspended == bool(said)
         assert len(said) == suspended
         assert bool(watch.suspended) == suspended
@@ -184,7 +184,7 @@ def test_numbers_that_are_not_finite_say_nothing(ours: CalibratedDetector) -> No
 def test_another_detector_never_suspends_anything(press: Press, name: str) -> None:
     watch = PromiseWatch.of(Inspector.of(press, name).detector)
     assert watch.test is None
-    assert not any(watch.add(np.full(3, 1e9), page) for page in range(50))
+    assert not any(watch.add(GOOD, np.full(3, 1e9), page) for page in range(50))
     assert watch.marked(GOOD) is GOOD
 
 
@@ -205,5 +205,66 @@ def test_of_each_design_the_first_sheet_counts() -> None:
     test = Counts()
     watch = PromiseWatch(test=test)
     for page in [0, 1, 0, 0, 1, 2]:
-        watch.add(np.zeros(3), page)
+        watch.add(GOOD, np.zeros(3), page)
     assert test.added == 3
+
+
+class Suspends:
+    """A run's test that the third page ends."""
+
+    strangest, remedy, added = "lines along the travel", "look at 40 good pages and run `press learn`", 0
+
+    def add(self, _summary: np.ndarray) -> None:
+        self.added += 1
+
+    @property
+    def suspended(self) -> bool:
+        return self.added == 3
+
+
+def misprint(kind: str, x_mm: float, y_mm: float) -> Verdict:
+    place = Region(x_mm=x_mm, y_mm=y_mm, width_mm=2.0, height_mm=2.0, score=9.0, kind=kind)
+    return replace(GOOD, verdict="misprint", kind=kind, regions=(place,))
+
+
+def suspended_by(verdicts: list[Verdict]) -> str:
+    watch = PromiseWatch(test=Suspends())
+    for page, verdict in enumerate(verdicts):
+        watch.add(verdict, np.zeros(3), page)
+    return watch.suspended
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "said"),
+    [
+        (
+            [misprint("streak", 82.0 + at % 2, 40.0 * at) for at in range(4)],
+            "many sheets show streak at x = 83 mm (4 of 4)",
+        ),
+        (
+            [GOOD, *(misprint("spots-voids", 20.0, 30.0 + at) for at in range(3))],
+            "many sheets show spots-voids around x = 21 mm, y = 31 mm (3 of 4)",
+        ),
+        (
+            [misprint("spots-voids", 20.0 * at, 30.0) for at in range(4)],
+            "many sheets show spots-voids at several places (4 of 4)",
+        ),
+        ([misprint("density", 20.0 * at, 30.0) for at in range(4)], "many sheets show density (4 of 4)"),
+    ],
+)
+def test_alarms_of_a_common_cause_are_no_pages_to_learn_from(verdicts: list[Verdict], said: str) -> None:
+    assert suspended_by(verdicts).startswith(f"{said}: ")
+    assert "learn" not in suspended_by(verdicts)
+
+
+@pytest.mark.parametrize(
+    "verdicts",
+    [
+        [GOOD] * 4,
+        [*[GOOD] * 40, *[misprint("streak", 82.0, 10.0)] * 3],  # no more than a few
+        [misprint("unknown", 82.0, 10.0)] * 4,
+        [replace(misprint("streak", 82.0, 10.0), verdict="not-inspected")] * 4,
+    ],
+)
+def test_where_alarms_have_nothing_in_common_good_pages_are_to_be_learned(verdicts: list[Verdict]) -> None:
+    assert "look at 40 good pages and run `press learn`" in suspended_by(verdicts)

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.verdict import Region, Verdict
+from prooflight.inspection.common_cause import NEAR_MM
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.line.incidents import (
     ENDS_AFTER,
     FIRST_SHEETS,
     LAST_SHEETS,
-    NEAR_MM,
     RETURNS_WITHIN,
     Incident,
     IncidentChange,

@@ -402,6 +402,34 @@ def test_tiles_that_seem_to_lie_beyond_a_step_do_not_stretch_the_page(
     assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1
 
 
+def test_what_no_tile_tells_is_as_it_is_on_good_prints_wherever_the_search_ended() -> None:
+    """Tiles that tell how far down they lie, and nothing else, of a page that is sought 2 mm aside and stretched."""
+    points = np.random.default_rng(5).uniform(-1, 1, (40, 2)) * [30, 45]
+    basis, pose = Basis.of(points, 60.0, 90.0, Prior()), Pose(x_mm=2.0, y_mm=0.5, across=4e-3)
+    down = np.broadcast_to(np.diag([0.0, 1e4]), (40, 2, 2))
+    found = fitted(basis, np.arange(40), np.zeros((40, 2)), down, np.zeros((40, 2, 4)), pose=pose)
+    there = pose.moved(found.step)
+    assert there.x_mm == pytest.approx(0, abs=1e-6)
+    assert there.across == pytest.approx(0, abs=1e-6)
+    assert there.y_mm == pytest.approx(0.5, abs=0.05)
+    across_sd, down_sd = np.sqrt(np.mean(found.sd_mm(np.arange(40), np.zeros((40, 2, 4))) ** 2, axis=0))
+    assert across_sd > 1.0  # a shift's whole prior, and the warp's
+    assert down_sd < 0.01
+
+
+@pytest.mark.parametrize(("sd_mm", "off"), [(0.02, True), (0.2, False)])
+def test_a_page_lies_off_its_place_only_for_sure(sd_mm: float, off: bool) -> None:
+    found = register_module.Registration(
+        placement=Placement(shift_mm=(2.0, 0.0)),
+        found=True,
+        planes_mm=np.zeros((4, 2)),
+        plane_parts=np.zeros((2, 4)),
+        shift_sd_mm=(sd_mm, 0.02),
+        skew_sd_deg=0.01,
+    )
+    assert found.off_place == off
+
+
 @pytest.mark.parametrize("seed", range(221, 229))
 def test_a_page_of_nearly_no_ink_lies_where_its_edges_say(page: Page, press: Press, seed: int) -> None:
     """Four edges of the sheet tell shift and turn; what they leave open stays as good prints are."""

@@ -19,6 +19,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight.inspection.common_cause import COLUMN_KINDS, NEAR_MM, SHEET_KINDS
 from prooflight.line.monitor.forecast import LEAST_PAGES, SLOPE_SDS
 from prooflight.line.places import around, gap_mm, in_words
 from prooflight.scans.lines import CAMERA_AWAY
@@ -39,19 +40,12 @@ ENDS_AFTER: Final = 20
 """Sheets without it. assumed: four seconds at 5 sheets a second, longer than a person takes to look at the tray."""
 RETURNS_WITHIN: Final = 1000
 """Sheets after its end. assumed: longer than most jobs of several pages, so that each copy meets the last one's."""
-NEAR_MM: Final = 3.0
-"""Places closer than this are one, as with streaks in ``line.monitor``; boxes differ by a block of pixels and more."""
 FIRST_SHEETS, LAST_SHEETS = 16, 48
 """Of an incident's sheets whose numbers are kept."""
 MOST_PAGES: Final = 64
 """Pages of the job that are named."""
 LEAST_GROWTH: Final = 0.05
 """Of the mean, over all sheets so far: less is not worth a word. assumed."""
-COLUMN_KINDS: Final = frozenset({"streak"})
-SHEET_KINDS: Final = frozenset(
-    {"wrong-page", "density", "plane-register", "missing-plane", "swapped-planes", "banding"}
-)
-"""They change the print as a whole; the box says where that is seen best."""
 MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED, LATE = (
     *("missing-page", "lost-lines", "camera-gone", "not-inspected", "late"),
 )

@@ -158,7 +158,7 @@ class RunWatch:
                 said += self.monitor.excursion(number, name, level, pages_left=left)
         news = []
         design = number if outcome.record.job_page is None else outcome.record.job_page
-        if self.promise.add(evidence.summary, design):
+        if self.promise.add(outcome.record.verdict, evidence.summary, design):
             news.append(Notice(kind="promise-suspended", text=self.promise.suspended))
         verdict = self.promise.marked(outcome.record.verdict)
         if not said and verdict is outcome.record.verdict:

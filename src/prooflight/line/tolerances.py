@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from prooflight.inspection.common_cause import NEAR_MM
 from prooflight.journal.words import FALSE_ALARM, last_words, run_key
-from prooflight.line.incidents import NEAR_MM, causes_of
+from prooflight.line.incidents import causes_of
 from prooflight.line.places import around, gap_mm, in_words
 from prooflight.line.told import incidents_by_sheet
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
+from prooflight.detectors.matched_filter.naming import supported
 from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
 from prooflight.detectors.verdict import Ink, Region
 from prooflight.registration.register import Registration
@@ -110,3 +111,12 @@ def test_without_a_place_it_is_the_page_as_a_whole() -> None:
     )
     assert [(r.x_mm, r.y_mm, r.width_mm, r.height_mm) for r in regions] == [(0.0, 0.0, 100.0, 150.0)]
     assert regions_of([], [], shift_mm=(0.0, 0.0), size_mm=(1.0, 1.0)) == ()
+
+
+def test_a_lost_place_alone_is_no_other_page() -> None:
+    lost, placed = registration(found=False), registration()
+    assert supported("wrong-page", lost) == "unknown"
+    assert supported("wrong-page", placed) == "wrong-page"
+    assert supported("streak", lost) == "streak"
+    why = "where the page lies cannot be told: too little is printed to tell where"
+    assert reason_for("unknown", None, None, {}, lost) == why

@@ -325,7 +325,7 @@ def inspect(
 def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
     """What inspection makes, in the order of the job, with what the run by then says of its promise."""
     for place, item in enumerate(items):
-        promise.add(item.summary, place)
+        promise.add(item.verdict, item.summary, place)
         yield replace(item, verdict=promise.marked(item.verdict), summary=None)
 
 

@@ -71,7 +71,8 @@ LEAST_RATIO: Final = 14.0
 FURTHEST: Final = 0.5
 """By which a glyph may lie elsewhere than the page about it. [pixels]"""
 LEAST_SD: Final = 0.1
-"""Of where the page lies from place to place, whatever registration says of it: what good prints leave. [pixels]"""
+"""Least standard deviation of the page's place from spot to spot, whatever registration says: good prints have it.
+[pixels, assumed]"""
 MOST_ASKED: Final = 16
 """Glyphs of one scan, those that stand out most."""
 ASIDE: Final = 2
@@ -230,7 +231,7 @@ def weighed(
 
 
 def chance_astray(sd_pixels: Sequence[float]) -> float:
-    """That a page whose place is known so well, across and along, lies more than ``FURTHEST`` off it either way."""
+    """Return the chance that a page lies more than ``FURTHEST`` off where it is thought to, either way; sd: (x, y)."""
     return min(sum(math.erfc(FURTHEST / (math.sqrt(2) * max(sd, LEAST_SD))) for sd in sd_pixels), 1.0)
 
 

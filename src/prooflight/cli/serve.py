@@ -75,6 +75,12 @@ def serve(
         list[str] | None,
         typer.Option(metavar="URL", help="Another address by which browsers reach it, as behind a proxy."),
     ] = None,
+    trusted_proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ADDRESS", help="Of a proxy, or its network: it says for whom it asks (X-Forwarded-For)."
+        ),
+    ] = None,
     oidc: Annotated[
         Path | None,
         typer.Option(
@@ -128,9 +134,23 @@ def serve(
         jobs=tuple(job or ()),
         secure=certificate is not None or any(one.startswith("https:") for one in addresses),
         origins=addresses,
+        trusted_proxies=tuple(map(_network, trusted_proxy or ())),
         provider=provider,
     )
     run(settings, listening, ready=told)
+
+
+def _network(text: str) -> str:
+    """An address or a network of proxies; RequestError: it is none."""
+    import ipaddress
+
+    try:
+        return (
+            str(ipaddress.ip_network(text, strict=False)) if "/" in text else str(ipaddress.ip_address(text))
+        )
+    except ValueError as error:
+        remedy = "give an address such as 127.0.0.1, or a network such as 10.0.0.0/24"
+        raise RequestError("--trusted-proxy", f"{text[:60]!r} is no address", remedy=remedy) from error
 
 
 def told(address: str, link: str | None) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from prooflight import __version__
 from prooflight.journal.words import Words
@@ -18,6 +19,7 @@ from prooflight.server.accounts.book import Accounts
 from prooflight.server.accounts.passwords import Passwords, Tries
 from prooflight.server.accounts.provider import Provider
 from prooflight.server.api import ROUTERS as API_ROUTERS
+from prooflight.server.bodies import BoundedBodies
 from prooflight.server.console import Console
 from prooflight.server.headers import Headers
 from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
@@ -111,7 +113,10 @@ def console_app(
     app.state.console = console
     include(app, *API_ROUTERS, *PAGE_ROUTERS)
     problems.handle(app, page=problem_page)
+    app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
     app.add_middleware(Headers, secure=settings.secure)
+    if settings.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
     refuse_unguarded(app)
     return app

@@ -32,6 +32,8 @@ class ConsoleSettings:
     """Whether it is reached by TLS: cookies then go no other way."""
     origins: tuple[str, ...] = field(default=())
     """Addresses beside its own by which browsers may reach it, as behind a proxy: https://console.example."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses or networks of proxies that say for whom they ask (``X-Forwarded-For``)."""
     provider: ProviderSettings | None = None
     """At which people may sign in as well."""
 

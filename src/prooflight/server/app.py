@@ -29,6 +29,7 @@ from prooflight.server.reading.course import Courses
 from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
+from prooflight.server.reading.reprints import Reprints
 from prooflight.server.reading.runs import Reading
 from prooflight.server.reading.stations import Stations
 from prooflight.server.zones.desk import ZonesDesk
@@ -63,6 +64,8 @@ def console_app(
     reading = Reading(settings.journal)
     words = Words(settings.journal)
     incidents = RunIncidents(reading, words)
+    gates = Gates(reading, trays=settings.trays)
+    reprints = Reprints(reading, incidents, words, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
     zones = ZonesDesk(
@@ -76,8 +79,9 @@ def console_app(
         reading=reading,
         incidents=incidents,
         courses=Courses(reading),
-        gates=Gates(reading),
-        live=Live(reading, incidents, words, clock=ticking, ahead=pictures.ahead),
+        gates=gates,
+        reprints=reprints,
+        live=Live(reading, incidents, words, reprints, clock=ticking, ahead=pictures.ahead),
         stations=stations,
         pictures=pictures,
         zones=zones,

@@ -14,7 +14,7 @@ from tests.journal.journals import facts, record
 from prooflight.errors import RequestError
 from prooflight.journal.journal import Journal
 from prooflight.journal.schema import JournalError
-from prooflight.journal.words import FALSE_ALARM, GOOD, Words, last_words, words_path
+from prooflight.journal.words import FALSE_ALARM, GOOD, Labels, Words, words_path
 
 RUN = "1@1000"
 MANY = 40
@@ -71,9 +71,12 @@ def test_the_last_word_counts_and_seen_is_none(tmp_path: Path) -> None:
     say(words, "good", incident="2")
     say(words, "seen", incident="2")
     say(words, "misprint", sheet=3, run="1@2000")
-    of_sheets, of_incidents = last_words(words.of_run(RUN))
-    assert (of_sheets[3].word, of_sheets[3].note) == (GOOD, "only dust")
-    assert of_incidents[2].word == FALSE_ALARM  # a good alarm
+    labels = Labels(words.of_run(RUN))
+    own, on_incident = labels.of(3), labels.of(7, incident=2)
+    assert own is not None
+    assert on_incident is not None
+    assert (own.word, own.note) == (GOOD, "only dust")
+    assert on_incident.word == FALSE_ALARM  # a good alarm
     assert words.last() == 5
 
 

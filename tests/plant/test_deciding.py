@@ -11,10 +11,7 @@ from hypothesis import strategies as st
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.records import PageRecord
 from prooflight.plant.gate.deciding import GateDecider, SheetDecision
-from prooflight.plant.gate.log import KeptDecisions
-from prooflight.plant.gate.reconciling import Accounted
 from prooflight.plant.gate.registers import Code, Result
-from prooflight.plant.reprinting import by_trays
 from prooflight.press.gate import GateSettings, PlcSettings
 
 if TYPE_CHECKING:
@@ -159,43 +156,3 @@ def test_a_good_sheet_that_was_lost_on_its_way_takes_others_with_it(
 )
 def test_stop_rules(rule: dict[str, Any], sheets: list[Any], found: str) -> None:
     assert letters(decided(sheets, **rule)) == found
-
-
-# --- what must be printed again ---
-
-
-def accounted(page: int | None, account: str, decision: str = "", why: str = "") -> Accounted:
-    name = "" if page is None else f"p{page % PAGES + 1:04d}"
-    return Accounted(account=account, job_page=page, page=name, decision=decision, why=why)  # type: ignore[arg-type]
-
-
-def log(pages_a_set: int) -> KeptDecisions:
-    return KeptDecisions(began={"job_pages": PAGES, "settings": {"pages_a_set": pages_a_set}})
-
-
-def test_what_is_not_in_the_good_tray_is_printed_again_and_says_where_it_goes() -> None:
-    sheets = [
-        accounted(0, "accepted"),
-        accounted(1, "diverted", "divert", "a misprint"),
-        accounted(2, "accepted"),
-        accounted(2, "diverted", "divert", "it came twice"),
-        accounted(None, "unseen"),
-        accounted(4, "lost", "accept", "too late"),
-        accounted(5, "not-at-gate", "accept"),
-    ]
-    found = by_trays(sheets, log(1))
-    assert [(one.copy, one.number, one.behind, one.why) for one in found] == [
-        (1, 2, "p0001", "a misprint"),
-        (1, 4, "p0003", "no sheet of it was seen"),
-        (2, 1, "p0003", "too late"),
-    ]
-
-
-def test_a_spoiled_set_is_printed_again_as_a_whole_and_what_lies_in_the_good_tray_is_taken_out() -> None:
-    sheets = [accounted(0, "accepted"), accounted(1, "diverted", "divert", "a misprint")]
-    sheets += [accounted(page, "accepted") for page in (2, 3)]
-    found = by_trays(sheets, log(2))
-    assert [(one.run_sheet, one.take_out, one.why) for one in found] == [
-        (0, True, "its set is printed again"),
-        (1, False, "a misprint"),
-    ]

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.plant.test_deciding import decider, letters, record
+from tests.plant.test_reprinting import listed
 
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
@@ -15,7 +16,6 @@ from prooflight.plant.gate.log import KeptDecisions
 from prooflight.plant.gate.reconciling import reconciled
 from prooflight.plant.gate.registers import Code, Result
 from prooflight.plant.gate.sides import SidesTogether
-from prooflight.plant.reprinting import by_trays
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -115,6 +115,6 @@ def test_all_sides_are_accounted_for_by_their_sheets_and_printed_again_as_sheets
         ("diverted", "misprint", 1),
         ("accepted", "good", 2),
     ]
-    (again,) = by_trays(found.sheets, kept)
+    (again,) = listed(pages, gate=(kept, found), sheets=2 * SHEETS).sheets[:1]
     assert (again.run_sheet, again.copy, again.number, again.pages) == (1, 1, 2, (3, 4))
     assert (again.page, again.behind, again.why) == ("s0002", "s0001", "a misprint")

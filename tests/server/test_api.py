@@ -153,13 +153,17 @@ def test_words_are_added_and_the_last_one_counts(console: Served, viewer: TestCl
 
 
 def test_what_people_call_a_false_alarm_is_not_printed_again(console: Served, viewer: TestClient) -> None:
+    """The run broke off with 30 of its 40 sheets: the other ten were not printed."""
     path = f"{API}/runs/1/reprint"
-    assert [one["sheet"] for one in viewer.get(path).json()["sheets"]] == [10, 11, 12]
-    assert viewer.get(f"{API}/now").json()["to_print_again"] == 3
+    told = viewer.get(path).json()
+    assert [one["run_sheet"] for one in told["sheets"]] == [10, 11, 12, *range(30, 40)]
+    assert (told["count"], told["unprinted"], told["by"], told["trays_from"]) == (13, 10, "verdicts", None)
+    assert viewer.get(f"{API}/now").json()["to_print_again"] == 13
     console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/words", json={"word": "false-alarm"})
-    assert viewer.get(path).json() == {"sheets": [], "pages": {}, "truncated": False, "by": "verdicts"}
+    told = viewer.get(path).json()
+    assert [one["run_sheet"] for one in told["sheets"]] == list(range(30, 40))
     report = viewer.get(f"{API}/runs/1/report").json()
-    assert (report["false_alarms"], report["answered"]) == (3, 1)
+    assert (report["false_alarms"], report["answered"], report["to_print_again"]) == (3, 1, 10)
     assert report["realised_per_good_sheet"] == pytest.approx(3 / 30)
     assert report["words_by"] == {"operator": {"false-alarm": 1}}
 

@@ -64,7 +64,7 @@ def test_a_word_changes_the_report_and_is_told_as_an_override(console: Served) -
     operator = console.client(Role.OPERATOR)
 
     def now() -> tuple[int, int, int]:
-        told = quality(held.reading, held.incidents, held.stations, run)
+        told = quality(held.reading, held.incidents, held.stations, held.reprints.count(run), run)
         return told.promise.confirmed, told.promise.unanswered, len(told.overrides)
 
     assert now() == (0, 3, 0)
@@ -72,7 +72,7 @@ def test_a_word_changes_the_report_and_is_told_as_an_override(console: Served) -
     assert now() == (3, 0, 1)
     operator.post("/runs/1/incidents/1/word", data={"word": "misprint"})
     assert now() == (0, 0, 1)
-    told = quality(held.reading, held.incidents, held.stations, run)
+    told = quality(held.reading, held.incidents, held.stations, held.reprints.count(run), run)
     assert [(one.by, one.note, one.stands) for one in told.overrides] == [("operator", "lint", False)]
     assert sum(part["misprint"] for part in told.course) == 3
 

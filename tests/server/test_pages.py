@@ -185,7 +185,7 @@ def test_one_tap_is_kept_with_who_and_when(console: Served) -> None:
     assert 'hx-post="/runs/1/incidents/1/word"' in page
     answer = operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm", "note": "a hair"})
     assert answer.status_code == 200
-    assert 'value="false-alarm" class="tap false-alarm" aria-pressed="true"' in answer.text
+    assert 'class="tap false-alarm" aria-pressed="true"' in answer.text
     assert "a hair" in answer.text
     assert "operator" in answer.text
     assert (

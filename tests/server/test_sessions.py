@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.server.consoles import PASSWORD, Served, served
 
+from prooflight.cli import run
 from prooflight.errors import RequestError
 from prooflight.server.accounts.book import LINK_S, SESSION_S
 from prooflight.server.accounts.passwords import TRIES, WINDOW_S, Passwords, Tries
@@ -114,6 +115,55 @@ def test_one_address_cannot_try_many_names(console: Served) -> None:
     assert codes == [401] * TRIES["address"] + [429]
 
 
+def test_signing_in_rightly_locks_nobody_out(console: Served) -> None:
+    """A shift begins behind a proxy: all come from one address."""
+    console.client(Role.VIEWER)
+    client, right = console.client(), {"name": "viewer", "password": PASSWORD}
+    codes = [client.post("/api/v1/session", json=right).status_code for _ in range(TRIES["name"] + 1)]
+    assert set(codes) == {200}
+    wrong = [client.post("/api/v1/session", json=right | {"name": f"n{k}"}).status_code for k in range(3)]
+    assert wrong == [401] * 3, "failures of others count, and only these"
+
+
+def test_a_success_between_forgives_nothing_to_the_address(console: Served) -> None:
+    console.client(Role.VIEWER)
+    client, right = console.client(), {"name": "viewer", "password": PASSWORD}
+    for k in range(TRIES["address"]):
+        client.post("/api/v1/session", json={"name": f"n{k}", "password": "wrong"})
+        if k < TRIES["address"] - 1:
+            assert client.post("/api/v1/session", json=right).status_code == 200
+    assert client.post("/api/v1/session", json=right).status_code == 429
+
+
+@pytest.mark.parametrize(("trusted", "locked"), [((), True), (("testclient",), False), (("10.0.0.9",), True)])
+def test_behind_a_trusted_proxy_an_address_is_that_of_the_browser(
+    tmp_path: Path, trusted: tuple[str, ...], locked: bool
+) -> None:
+    """What a browser says itself of where it comes from is believed of no one."""
+    console = served(tmp_path, trusted_proxies=trusted)
+    client = console.client()
+    for k in range(TRIES["address"]):
+        headers = {"X-Forwarded-For": f"198.51.100.7, 203.0.113.{5 if trusted else k}"}
+        given = {"name": f"n{k}", "password": "wrong"}
+        assert client.post("/api/v1/session", json=given, headers=headers).status_code == 401
+    another = {"X-Forwarded-For": "203.0.113.99"}
+    given = {"name": "somebody", "password": "wrong"}
+    assert client.post("/api/v1/session", json=given, headers=another).status_code == (429 if locked else 401)
+    forged = {"X-Forwarded-For": "192.0.2.1, 203.0.113.5"}
+    assert client.post("/api/v1/session", json=given, headers=forged).status_code == 429
+    console.close()
+
+
+def test_an_address_that_is_none_is_no_trusted_proxy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["serve", "--journal", str(tmp_path / "j.sqlite"), "--trusted-proxy", "my proxy"]
+    assert run(given) == 2
+    said = capsys.readouterr().err
+    assert "'my proxy' is no address" in said
+    assert said.count("\n") == 1
+
+
 def test_a_stranger_cannot_lock_an_operator_out() -> None:
     tries = Tries(lambda: 0.0)
     for _ in range(TRIES["pair"]):
@@ -140,6 +190,54 @@ def test_the_last_admin_stays(console: Served) -> None:
         with pytest.raises(RequestError, match="last admin"):
             console.accounts.change("admin", by="test", **change)  # type: ignore[arg-type]
     assert console.accounts.person("admin").role is Role.ADMIN
+
+
+def test_an_admin_who_cannot_sign_in_yet_does_not_count(console: Served) -> None:
+    console.client(Role.ADMIN)
+    link = console.accounts.add("second", Role.ADMIN, by="test")
+    for change in ({"role": Role.VIEWER}, {"locked": True}):
+        with pytest.raises(RequestError, match="last admin who can sign in"):
+            console.accounts.change("admin", by="test", **change)  # type: ignore[arg-type]
+    console.accounts.choose(link, PASSWORD)
+    assert console.accounts.change("admin", by="test", role=Role.VIEWER).role is Role.VIEWER
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("\u0430dmin", "mixes letters of Cyrillic and Latin"),
+        ("adm\u03b9n", "mixes letters of Greek and Latin"),
+        ("\u0440\u0430\u0440\u0430", "looks like it"),
+        ("\uff50\uff41\uff50\uff41", "looks like it"),
+        ("Jan\nMei", "on one line"),
+        ("Jan\tMei", "on one line"),
+        ("Jan\u200bMei", "on one line"),
+        ("\u202eJan", "on one line"),
+        ("a/b", "names stand in addresses"),
+        ("..", "letters that can be printed"),
+        ("a?b", "names stand in addresses"),
+    ],
+)
+def test_a_name_that_people_cannot_tell_apart_or_that_breaks_a_line_or_an_address_is_refused(
+    console: Served, name: str, why: str
+) -> None:
+    console.accounts.add("papa", Role.VIEWER, by="test")
+    admin = console.client(Role.ADMIN)
+    answer = admin.post("/api/v1/people", json={"name": name, "role": "viewer"})
+    assert (answer.status_code, why in answer.json()["detail"]) == (409, True), answer.text
+    assert why in admin.post("/setup/users", data={"name": name, "role": "viewer"}).text.replace("&#39;", "'")
+    assert len(console.accounts.people()) == 2
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Mei Lin", "Jos\u00e9", "O'Neil", "\u041e\u043b\u044f", "\u674e\u96f7", "\u00d6zlem", "M\u00fcller 2"],
+)
+def test_a_name_of_any_one_script_signs_in_whatever_its_case(console: Served, name: str) -> None:
+    console.accounts.choose(console.accounts.add(name, Role.VIEWER, by="test"), PASSWORD)
+    for given in (name, name.upper(), name.lower()):
+        answer = console.client().post("/api/v1/session", json={"name": given, "password": PASSWORD})
+        assert (answer.status_code, answer.json()["name"]) == (200, name)
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,19 @@ def serve(
         list[str] | None,
         typer.Option(metavar="URL", help="Another address by which browsers reach it, as behind a proxy."),
     ] = None,
+    trusted_proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ADDRESS", help="Of a proxy, or its network: it says for whom it asks (X-Forwarded-For)."
+        ),
+    ] = None,
+    trays: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The controller's log of its trays, which may grow: as `run reconcile --trays`.",
+        ),
+    ] = None,
     oidc: Annotated[
         Path | None,
         typer.Option(
@@ -97,6 +110,7 @@ def serve(
         return
     needed()
     from prooflight.journal.opening import default_journal, journal_path
+    from prooflight.plant.gate.reconciling import read_trays
     from prooflight.server.accounts.provider_file import ProviderSettings
     from prooflight.server.running import Listening
     from prooflight.server.running import serve as run
@@ -117,6 +131,8 @@ def serve(
             raise RequestError(
                 path, "does not exist", remedy="give the artefact or job of a run, or leave it out"
             )
+    if trays is not None:
+        read_trays(trays)
     path = journal_path(journal or str(default_journal()))
     provider = None if oidc is None else ProviderSettings.read(oidc)
     addresses = (*(origin or ()), *(() if provider is None else (provider.address,)))
@@ -128,9 +144,24 @@ def serve(
         jobs=tuple(job or ()),
         secure=certificate is not None or any(one.startswith("https:") for one in addresses),
         origins=addresses,
+        trays=None if trays is None else trays.absolute(),
+        trusted_proxies=tuple(map(_network, trusted_proxy or ())),
         provider=provider,
     )
     run(settings, listening, ready=told)
+
+
+def _network(text: str) -> str:
+    """An address or a network of proxies; RequestError: it is none."""
+    import ipaddress
+
+    try:
+        return (
+            str(ipaddress.ip_network(text, strict=False)) if "/" in text else str(ipaddress.ip_address(text))
+        )
+    except ValueError as error:
+        remedy = "give an address such as 127.0.0.1, or a network such as 10.0.0.0/24"
+        raise RequestError("--trusted-proxy", f"{text[:60]!r} is no address", remedy=remedy) from error
 
 
 def told(address: str, link: str | None) -> None:

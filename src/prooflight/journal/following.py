@@ -80,6 +80,9 @@ class Asked:
     late: bool | None = None
     first_sheet: int | None = None
     last_sheet: int | None = None
+    sheets: tuple[int, ...] | None = None
+    """By their numbers; with ``job_pages``, those and these."""
+    job_pages: tuple[int, ...] | None = None
     to_look_at: bool = False
     """Without pages that nobody has to look at: good, in time, without fault and note."""
 
@@ -110,6 +113,8 @@ class Asked:
             found.append(page.sheet >= self.first_sheet)
         if self.last_sheet is not None:
             found.append(page.sheet <= self.last_sheet)
+        if self.sheets is not None or self.job_pages is not None:
+            found.append(page.sheet.in_(self.sheets or ()) | page.job_page.in_(self.job_pages or ()))
         if self.to_look_at:
             found.append(~rows.surely_good())
         return found

@@ -1,9 +1,17 @@
 """What people say of sheets and of incidents: one file beside the journal, to which words are added and nothing else.
 
+A label on an incident covers the sheets that the person saw: those up to ``upto``. A label is undone by another row,
+which names it; of those that stand the last one counts. A label says what a misprint was. A sheet that was not
+inspected is good only where a person has vouched for it, one sheet at a time and with a reason.
+
 It lies beside the journal, not in it, for whoever watches a press holds the journal's lock, and words come meanwhile
 from the console, from programs and from the command line. SQLite lets one process write at a time and keeps others
 waiting. A run is known by its number and by when it began, so that words stay with their run where a journal begins
 anew. Tidying the journal leaves words alone: press artefacts rest on them.
+
+Schema history:
+1: words.
+2: ``upto`` and ``undoes``; a file of schema 1 gets them when a word is added. Its labels on incidents cover all sheets.
 """
 
 from __future__ import annotations
@@ -25,26 +33,32 @@ if TYPE_CHECKING:
 
     from prooflight.journal.records import RunRow
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 BUSY_S: Final = 10.0
 SUFFIX: Final = ".words.sqlite"
 MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN = ("misprint", "good", "false-alarm", "unknown", "seen")
 WORDS: Final = (MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN)
 """false-alarm: good, said of an incident; seen: it need not sound any more, and says nothing of the sheet."""
-OF_GOOD: Final = frozenset({GOOD, FALSE_ALARM})
+VOUCHED: Final = "vouched"
+"""A person has this one sheet in hand, and it is good."""
+UNDONE: Final = "undone"
+"""The word that this row names does not count any more."""
+OF_GOOD: Final = frozenset({GOOD, FALSE_ALARM, VOUCHED})
 MOST_NOTE: Final = 1000
 MOST_NAME: Final = 60
 ANOTHER: Final = "move it away, and say again what it held"
 _TABLES: Final = (
     "CREATE TABLE store (kind TEXT NOT NULL, schema INTEGER NOT NULL)",
     "CREATE TABLE words (id INTEGER PRIMARY KEY, run TEXT NOT NULL, sheet INTEGER, incident TEXT, word TEXT NOT NULL,"
-    ' note TEXT NOT NULL, "by" TEXT NOT NULL, at_s REAL NOT NULL)',
+    ' note TEXT NOT NULL, "by" TEXT NOT NULL, at_s REAL NOT NULL, upto INTEGER, undoes INTEGER)',
     "CREATE INDEX words_of_runs ON words (run, id)",
     *(
         f"CREATE TRIGGER words_{way} BEFORE {way} ON words BEGIN SELECT RAISE(ABORT, 'words is append-only'); END"
         for way in ("update", "delete")
     ),
 )
+_SINCE_2: Final = ("upto", "undoes")
+_COLUMNS: Final = ("id", "run", "sheet", "incident", "word", "note", '"by"', "at_s")
 _KIND: Final = "prooflight words"
 
 
@@ -63,6 +77,14 @@ class Word:
     by: str
     at_s: float
     """Unix time. [s]"""
+    upto: int | None = None
+    """On an incident: the last of its sheets that the person saw; None: all of them."""
+    undoes: int | None = None
+    """Number of the word that this one undoes."""
+
+    def covers(self, sheet: int) -> bool:
+        """Whether the person saw this sheet of the incident."""
+        return self.upto is None or sheet <= self.upto
 
 
 def run_key(run: RunRow) -> str:
@@ -91,49 +113,82 @@ class Words:
         sheet: int | None = None,
         incident: str | None = None,
         note: str = "",
+        upto: int | None = None,
     ) -> Word:
         """Add one; it is on the disk when this returns. RequestError: there is no such word, or nobody said it.
 
-        at_s: Unix time. [s]
+        at_s: Unix time. [s] upto: on an incident, the last of its sheets that the person saw; None: all of them.
         """
         if word not in WORDS:
             raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join(WORDS)}")
+        word = FALSE_ALARM if word == GOOD and incident is not None else word
+        told = {"run": run, "sheet": sheet, "incident": incident, "word": word, "note": note, "upto": upto}
+        return self._add(told, by=by, at_s=at_s)
+
+    def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Word:
+        """Add that a person has this sheet in hand and that it is good. RequestError: no reason is given.
+
+        at_s: Unix time. [s]
+        """
+        if not reason.strip():
+            remedy = "say in a few words how you know that the sheet is good"
+            raise RequestError("reason", f"none is given for sheet {sheet}", remedy=remedy)
+        told = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
+        return self._add(told, by=by, at_s=at_s)
+
+    def undo(self, number: int, *, run: str, by: str, at_s: float) -> Word:
+        """Add that a word does not count any more. RequestError: no such word of this run stands.
+
+        number: of the word; at_s: Unix time. [s]
+        """
+        stands = {one.id: one for one in standing(self.of_run(run))}
+        if number not in stands:
+            remedy = "see what was said of the run"
+            raise RequestError("word", f"no word {number} of the run stands", remedy=remedy)
+        one = stands[number]
+        told = {"run": run, "sheet": one.sheet, "incident": one.incident, "word": UNDONE, "undoes": number}
+        return self._add(told, by=by, at_s=at_s)
+
+    def _add(self, told: Mapping[str, Any], *, by: str, at_s: float) -> Word:
         name = unicodedata.normalize("NFC", " ".join(by.split()))
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             remedy = f"give 1 to {MOST_NAME} letters that can be printed"
             raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
-        word = FALSE_ALARM if word == GOOD and incident is not None else word
-        held = (run, sheet, incident, word, note[:MOST_NOTE], name, float(at_s))
+        empty: dict[str, Any] = {"sheet": None, "incident": None, "note": "", "upto": None, "undoes": None}
+        row = empty | dict(told) | {"by": name, "at_s": float(at_s)}
+        row["note"] = row["note"][:MOST_NOTE]
+        names = ", ".join(f'"{name}"' for name in row)
         with closing(self._opened(made=True)) as connection, connection:
             connection.execute("BEGIN IMMEDIATE")
             added = connection.execute(
-                'INSERT INTO words (run, sheet, incident, word, note, "by", at_s) VALUES (?, ?, ?, ?, ?, ?, ?)',
-                held,
+                f"INSERT INTO words ({names}) VALUES ({', '.join('?' * len(row))})", tuple(row.values())
             )
             number = added.lastrowid
         assert number is not None
-        return Word(
-            id=number, run=run, sheet=sheet, incident=incident, word=word, note=held[4], by=name, at_s=held[6]
-        )
+        return Word(id=number, **row)
 
     def of_run(self, run: str) -> list[Word]:
         """All that was said of a run, in order."""
-        query = 'SELECT id, run, sheet, incident, word, note, "by", at_s FROM words WHERE run = ? ORDER BY id'
-        return [
-            Word(id=number, run=key, sheet=sheet, incident=incident, word=word, note=note, by=by, at_s=at_s)
-            for number, key, sheet, incident, word, note, by, at_s in self._asked(query, (run,))
-        ]
-
-    def last(self) -> int:
-        """Number of the latest word on any run; 0: nobody said any."""
-        return int(next(iter(self._asked("SELECT max(id) FROM words", ())), (0,))[0] or 0)
-
-    def _asked(self, query: str, values: Sequence[Any]) -> list[Any]:
         if not self.path.exists():
             return []
         with closing(self._opened(made=False)) as connection:
             try:
-                return connection.execute(query, values).fetchall()
+                known = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
+                more = [name for name in _SINCE_2 if name in known]
+                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE run = ? ORDER BY id"
+                rows = connection.execute(query, (run,)).fetchall()
+            except sqlite3.Error as error:
+                raise self._refusal(f"cannot be read ({why(error)})") from error
+        names = [name.strip('"') for name in (*_COLUMNS, *more)]
+        return [Word(**dict(zip(names, row, strict=True))) for row in rows]
+
+    def last(self) -> int:
+        """Number of the latest word on any run; 0: nobody said any."""
+        if not self.path.exists():
+            return 0
+        with closing(self._opened(made=False)) as connection:
+            try:
+                return int(connection.execute("SELECT max(id) FROM words").fetchone()[0] or 0)
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
 
@@ -170,22 +225,54 @@ class Words:
         found = connection.execute("SELECT kind, schema FROM store").fetchone()
         if found is None or found[0] != _KIND:
             raise self._refusal("is a database, but holds no words")
-        if found[1] != SCHEMA:
+        if found[1] not in (1, SCHEMA):
             raise self._refusal(f"has schema {found[1]}, this version reads schema {SCHEMA}")
+        if made and found[1] == 1:
+            connection.execute("BEGIN IMMEDIATE")
+            if (
+                connection.execute("SELECT schema FROM store").fetchone()[0] == 1
+            ):  # no other process was first
+                for name in _SINCE_2:
+                    connection.execute(f"ALTER TABLE words ADD COLUMN {name} INTEGER")
+                connection.execute("UPDATE store SET schema = ?", (SCHEMA,))
+            connection.execute("COMMIT")
 
     def _refusal(self, what: str) -> JournalError:
         return JournalError(self.path, what, remedy=ANOTHER)
 
 
-def last_words(words: Sequence[Word]) -> tuple[Mapping[int, Word], Mapping[int, Word]]:
-    """By sheet, and by incident: the last that says what it was, of words in order."""
-    of_sheets: dict[int, Word] = {}
-    of_incidents: dict[int, Word] = {}
-    for word in words:
-        if word.word == SEEN:
-            continue
-        if word.sheet is not None:
-            of_sheets[word.sheet] = word
-        elif word.incident is not None and word.incident.isdigit():
-            of_incidents[int(word.incident)] = word
-    return of_sheets, of_incidents
+def standing(words: Sequence[Word]) -> list[Word]:
+    """Those of words in order that were not undone."""
+    undone = {word.undoes for word in words}
+    return [word for word in words if word.word != UNDONE and word.id not in undone]
+
+
+class Labels:
+    """The label that counts of each sheet of a run: its own last one, else the last on its incident that covers it.
+
+    ``seen`` is no label, for it says nothing of the sheet.
+    """
+
+    def __init__(self, words: Sequence[Word]) -> None:
+        """words: all of the run, in order."""
+        self._of_sheets: dict[int, Word] = {}
+        self._of_incidents: dict[int, list[Word]] = {}
+        for word in standing(words):
+            if word.word == SEEN:
+                continue
+            if word.sheet is not None:
+                self._of_sheets[word.sheet] = word
+            elif word.incident is not None and word.incident.isdigit():
+                self._of_incidents.setdefault(int(word.incident), []).append(word)
+
+    @property
+    def sheets(self) -> list[int]:
+        """Those with a label of their own."""
+        return sorted(self._of_sheets)
+
+    def of(self, sheet: int, incident: int | None = None) -> Word | None:
+        """The label that counts; None: there is none. incident: to which the sheet belongs."""
+        if (own := self._of_sheets.get(sheet)) is not None:
+            return own
+        on_incident = [] if incident is None else self._of_incidents.get(incident, [])
+        return next((word for word in reversed(on_incident) if word.covers(sheet)), None)

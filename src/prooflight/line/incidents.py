@@ -49,7 +49,8 @@ LEAST_GROWTH: Final = 0.05
 MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED, LATE = (
     *("missing-page", "lost-lines", "camera-gone", "not-inspected", "late"),
 )
-"""Kinds that are no misprint."""
+NO_MISPRINT: Final = frozenset({MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED, LATE})
+"""Kinds of incidents in which nothing wrong was seen on a sheet: no label says what these sheets were."""
 UNKNOWN: Final = "unknown"
 _NUMBERS = re.compile(r"[-+]?\d+(?:[.,:]\d+)*")
 _SEVERITY: Final[dict[Action, int]] = {"accept": 0, "reprint": 1, "stop": 2}
@@ -80,6 +81,8 @@ class Incident:
     """Around all its places: x, y, width and height; None: it has none."""
     first_sheet: int
     last_sheet: int
+    reopened_sheet: int
+    """The sheet with which it last opened or came back."""
     count: int
     """Sheets."""
     sheets: tuple[int, ...]
@@ -244,7 +247,7 @@ class Incidents:
             self._known.setdefault(cause.group, []).append(one)
         elif one.ended_with is not None:
             what, one.ended_with = "returned", None
-            one.returned += 1
+            one.returned, one.reopened_sheet = one.returned + 1, record.sheet
         one.take(cause, record)
         one.seen(record.sheet, self._blind, cause)
         return (IncidentChange(what=what, incident=one.incident(self._size_mm)),)
@@ -326,7 +329,8 @@ class _Tracked:
 
     def __init__(self, *, number: int, cause: Cause, first: PageRecord) -> None:
         self.number, self.kind, self.scope = number, cause.kind, cause.scope
-        self.first_sheet, self.since_s = first.sheet, first.time_s
+        self.first_sheet = self.reopened_sheet = first.sheet
+        self.since_s = first.time_s
         self.seen_sheet, self.seen_blind, self.patience = first.sheet, 0, ENDS_AFTER
         self.ended_with: int | None = None
         self.returned = self.count = 0
@@ -382,6 +386,7 @@ class _Tracked:
             box_mm=self._around,
             first_sheet=self.first_sheet,
             last_sheet=last.sheet,
+            reopened_sheet=self.reopened_sheet,
             count=self.count,
             sheets=tuple(self._sheets),
             pages=tuple(self._pages),

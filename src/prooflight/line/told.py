@@ -15,7 +15,7 @@ import numpy as np
 from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
 from prooflight.errors import RequestError
 from prooflight.journal.records import SECONDS_A_DAY
-from prooflight.journal.words import MISPRINT, OF_GOOD, UNKNOWN, last_words, run_key
+from prooflight.journal.words import MISPRINT, OF_GOOD, UNKNOWN, Labels, run_key
 from prooflight.line.incidents import Incidents
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class AskedSheet:
     record: PageRecord
     """Its ``asked`` is no None."""
     word: Word | None
-    """The last on the sheet itself, else the last on its incident; None: nobody has said anything."""
+    """The label that counts (``journal.words.Labels``); None: nobody has said anything."""
 
     @property
     def alarm(self) -> bool:
@@ -66,16 +66,12 @@ def asked_sheets(
     records: Iterable[PageRecord], words: Sequence[Word], incident_of: Mapping[int, int]
 ) -> list[AskedSheet]:
     """Sheets of one run about which people are asked, with what they said. incident_of: by sheet."""
-    of_sheets, of_incidents = last_words(words)
-    found = []
-    for record in records:
-        if record.asked is None:
-            continue
-        word = of_sheets.get(record.sheet)
-        if word is None and record.sheet in incident_of:
-            word = of_incidents.get(incident_of[record.sheet])
-        found.append(AskedSheet(record=record, word=word))
-    return found
+    labels = Labels(words)
+    return [
+        AskedSheet(record=record, word=labels.of(record.sheet, incident_of.get(record.sheet)))
+        for record in records
+        if record.asked is not None
+    ]
 
 
 def incidents_by_sheet(records: Iterable[PageRecord]) -> tuple[dict[int, Incident], dict[int, int]]:

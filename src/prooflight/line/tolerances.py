@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from prooflight.inspection.common_cause import NEAR_MM
-from prooflight.journal.words import FALSE_ALARM, last_words, run_key
+from prooflight.journal.words import FALSE_ALARM, OF_GOOD, Labels, run_key
 from prooflight.line.incidents import causes_of
 from prooflight.line.places import around, gap_mm, in_words
 from prooflight.line.told import incidents_by_sheet
@@ -97,7 +97,7 @@ def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm
     if not said:
         return
     records = list(reader.pages(run.id, passed=False, damaged=lambda _: None))
-    of_sheets, of_incidents = last_words(said)
+    labels = Labels(said)
     _, incident_of = incidents_by_sheet(records)
     for record in records:
         if record.verdict.verdict != "misprint":
@@ -105,8 +105,8 @@ def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm
         causes = causes_of(record)
         if not causes or causes[0].box_mm is None or causes[0].score is None:
             continue
-        word = of_sheets.get(record.sheet) or of_incidents.get(incident_of.get(record.sheet, -1))
-        told = "" if word is None else FALSE_ALARM if word.word == "good" else word.word
+        word = labels.of(record.sheet, incident_of.get(record.sheet))
+        told = "" if word is None else FALSE_ALARM if word.word in OF_GOOD else word.word
         yield _Alarm(run=run.id, record=record, cause=causes[0], said=told)
 
 

@@ -1,42 +1,58 @@
-"""What must be printed again, and where it goes in the stack: one list, from the trays where there is a gate, else from
-verdicts.
+"""Sheets to print again: every sheet that the job needs and that does not lie in the good tray, with its reason.
 
-Its unit is the sheet, which is a page where the job's layout says nothing else; a set is printed again as a whole.
+This is the one place that counts them, from journal, words, gate's log and the controller's log of its trays. Without a
+gate, a sheet is delivered where it was judged good. The unit is the sheet, which is a page where the job's layout says
+nothing else; a set is printed again as a whole. A page that was printed well later is not among them.
+
+A label says what a misprint was: without a gate, a false alarm is a good sheet; with one, it lies in the reject tray
+all the same. What was not inspected is good for no label. A person who has a sheet in hand may vouch for it, with or
+without a gate, and puts it where it belongs.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from bisect import bisect_left
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Literal
 
+from prooflight.inspection.sheets import WORST_FIRST, came, why_of
+from prooflight.journal.words import OF_GOOD, VOUCHED
 from prooflight.pages.layout.layout import Layout
-from prooflight.pages.layout.plan import SheetPlan
+from prooflight.pages.layout.plan import SheetPlan, facts_plan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 
-    from prooflight.inspection.sheets import SheetVerdict
+    from prooflight.detectors.verdict import Word
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.words import Labels
     from prooflight.plant.gate.log import KeptDecisions
-    from prooflight.plant.gate.reconciling import Accounted
+    from prooflight.plant.gate.reconciling import Accounted, Reconciliation, TraySource
 
 NEVER: Final = "no sheet of it was seen"
+NOT_PRINTED: Final = "the run ended before it was printed"
+UNCONFIRMED: Final = "accepted, but the controller never said that it lies in the good tray"
+CONTESTED: Final = "the controller named one tray over the wire and another in its log"
+TAKE_OUT: Final = "it lies in the good tray"
 OF_ITS_SET: Final = "its set is printed again"
 NO_END: Final = 2**62
 """Sheets of a run of which nobody said how many it has."""
+Source = Literal["verdicts", "trays"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reprint:
-    """One sheet that is not to be delivered, or must leave the good tray with its set."""
+    """One sheet that is not delivered, or must leave the good tray."""
 
     run_sheet: int
     """Its place in the run, from 0."""
     copy: int
-    """Of the job, from 1."""
+    """The copy of the job, from 1."""
     number: int
     """The sheet's number in the job, from 1."""
     page: str
-    """What it is called: as its page, where it has one."""
+    """Its name: that of its page, where it has one."""
     pages: tuple[int, ...]
     """Numbers of its pages in the job, from 1."""
     set_number: int
@@ -45,91 +61,379 @@ class Reprint:
     behind: str
     """The sheet that it follows in the good tray; empty: it lies below all."""
     take_out: bool = False
-    """Whether a good sheet of it lies in the good tray and must be taken out, because its set is printed again."""
+    """Whether a sheet of it lies in the good tray and must be taken out."""
+    sheet: int | None = None
+    """Number, in the run, of the side that people look at first; None: all its sides are good, or none came."""
+    job_page: int | None = None
+    """Its position."""
+    verdict: Word = "good"
+    """The verdict of that side; not-inspected where the sheet did not come."""
+    kind: str | None = None
 
 
-def reprints(
-    plan: SheetPlan,
-    lacking: Mapping[int, tuple[str, str]],
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReprintList:
+    """All sheets of one run that are to be printed again, in the order of the run."""
+
+    sheets: tuple[Reprint, ...]
+    unprinted: range
+    """Sheets of the run that were not printed when it ended; they follow all others."""
+    plan: SheetPlan
+    vouched: tuple[int, ...]
+    """Sheets that are delivered because a person has vouched for them, by their place in the run."""
+    by: Source
+    """``trays`` for a run with a gate."""
+    trays_from: TraySource | None
+    """Where trays are known from; None if the run had no gate."""
+
+    def __len__(self) -> int:
+        return len(self.sheets) + len(self.unprinted)
+
+    def all(self) -> Iterator[Reprint]:
+        """One by one, those that were not printed as well."""
+        yield from self.sheets
+        behind = _behind(self)
+        for sheet in self.unprinted:
+            yield _reprint(self.plan, sheet, _Lacking(why=NOT_PRINTED), behind=behind)
+
+    def pages(self) -> Counter[str]:
+        """How often each sheet of the job is to be printed again, by its name."""
+        return Counter(one.page for one in self.all())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Lacking:
+    """A sheet that is not delivered."""
+
+    why: str
+    name: str = ""
+    """Empty: as the plan has it."""
+    verdict: Word = "not-inspected"
+    """As far as no row of the journal says it."""
+
+
+@dataclass(slots=True)
+class _Sheets:
+    """State of a run's sheets while they are counted."""
+
+    delivered: dict[int, str] = field(default_factory=dict)
+    """Names of sheets that are delivered, as far as they are not those of the plan."""
+    lacking: dict[int, _Lacking] = field(default_factory=dict)
+    """Sheets that are not delivered."""
+    taken_out: set[int] = field(default_factory=set)
+    """Lacking sheets of which a print lies in the good tray."""
+    vouched: list[int] = field(default_factory=list)
+    upto: int = 0
+    """Number of sheets that have come."""
+
+
+def reprint_list(
+    run: RunRow,
+    pages: Iterable[PageRecord],
     *,
-    upto: int,
-    delivered: Callable[[int], str] | None = None,
-) -> list[Reprint]:
-    """In the order of the run.
+    passed: int,
+    labels: Labels,
+    incident_of: Callable[[int], int | None],
+    gate: tuple[KeptDecisions, Reconciliation] | None = None,
+) -> ReprintList:
+    """Sheets of a run that are to be printed again.
 
-    lacking: sheets of the run that are not delivered, each with its name (empty: as the plan has it) and why. upto: so
-    many sheets have come. delivered: what any other sheet is called; None: as the plan has it.
+    pages: in order; sheets of which every side is good, in time, and without fault and note may be left out. passed:
+    positions up to the furthest side that came. incident_of: the incident to which a sheet of the run belongs. gate:
+    of a run with one, its log and what became of its sheets.
     """
-    name = plan.name if delivered is None else delivered
-    of_set = plan.layout.sheets_a_set or 1
-    again = dict.fromkeys(lacking)
-    if of_set > 1:
-        sets = dict.fromkeys(sheet // of_set for sheet in sorted(lacking))
-        again = {at: None for own in sets for at in range(own * of_set, min((own + 1) * of_set, upto))}
-    found, behind = [], ""
-    for sheet in sorted(again):
-        if sheet and sheet - 1 not in again:
-            behind = name(sheet - 1)
-        own, why = lacking.get(sheet, ("", OF_ITS_SET))
-        copy, number = divmod(sheet, plan.sheets_a_job)
-        found.append(
-            Reprint(
-                run_sheet=sheet,
-                copy=copy + 1,
-                number=number + 1,
-                page=own or (plan.name(sheet) if sheet in lacking else name(sheet)),
-                pages=plan.pages(sheet),
-                set_number=sheet // of_set + 1,
-                why=why,
-                behind=behind,
-                take_out=sheet not in lacking,
-            )
+    plan = _plan(run, None if gate is None else gate[0])
+    ended = run.state != "running"
+    rows = _rows_by_sheet(plan, pages)
+    cleared = _Cleared(labels, incident_of)
+    if gate is None:
+        tally = _by_verdicts(plan, rows, passed=passed, ended=ended, cleared=cleared)
+    else:
+        silent = _accepted_by_output(*gate)
+        tally = _by_trays(
+            plan, gate[1].sheets, rows, ended=ended, cleared=cleared, taken_for_delivered=silent
         )
-    return found
+    needed = _needed(run, plan) if ended else None
+    unprinted = range(tally.upto, tally.upto if needed is None else max(needed, tally.upto))
+    if unprinted and (spoiled := plan.layout.sheets_a_set or 1) > 1:
+        # The set within which the run ended is printed again as a whole.
+        until = min(-(-tally.upto // spoiled) * spoiled, unprinted.stop)
+        tally.lacking |= {sheet: _Lacking(why=NOT_PRINTED) for sheet in range(tally.upto, until)}
+        tally.upto, unprinted = until, range(until, unprinted.stop)
+    return ReprintList(
+        sheets=tuple(_reprints(plan, tally, rows)),
+        unprinted=unprinted,
+        plan=plan,
+        vouched=tuple(tally.vouched),
+        by="verdicts" if gate is None else "trays",
+        trays_from=None if gate is None else gate[1].source,
+    )
 
 
-def by_trays(sheets: Iterable[Accounted], kept: KeptDecisions) -> list[Reprint]:
-    """Of a run with a gate: sheets that are not in the good tray, up to the furthest that was seen."""
-    plan = gate_plan(kept)
-    delivered: dict[int, str] = {}
-    why: dict[int, tuple[str, str]] = {}
+# --- whether a sheet is delivered ---
+
+
+class _Cleared:
+    """Rows of the journal that labels clear."""
+
+    def __init__(self, labels: Labels, incident_of: Callable[[int], int | None]) -> None:
+        self._labels, self._incident_of = labels, incident_of
+
+    def good(self, row: PageRecord) -> bool:
+        """Whether its verdict is good, a person has vouched for it, or it is a misprint that people called good."""
+        verdict = row.verdict.verdict
+        if verdict == "good":
+            return True
+        label = self._labels.of(row.sheet, self._incident_of(row.sheet))
+        return label is not None and (
+            label.word == VOUCHED or (verdict == "misprint" and label.word in OF_GOOD)
+        )
+
+    def vouched(self, row: PageRecord) -> bool:
+        """Whether a person has vouched for it."""
+        label = self._labels.of(row.sheet)
+        return label is not None and label.word == VOUCHED
+
+    def by_hand(self, rows: Sequence[PageRecord]) -> bool:
+        """Whether people have vouched for a sheet, whose rows these are."""
+        return any(map(self.vouched, rows)) and all(map(self.good, rows))
+
+
+def _by_verdicts(
+    plan: SheetPlan,
+    rows: Mapping[int, list[PageRecord]],
+    *,
+    passed: int,
+    ended: bool,
+    cleared: _Cleared,
+) -> _Sheets:
+    """Tally a run without a gate."""
+    tally = _Sheets(upto=_seen(plan, passed, ended=ended))
+    for sheet, own in sorted(rows.items()):
+        if sheet >= tally.upto:
+            break
+        sides = [
+            [row for row in own if plan.sheet_at(_position(row))[1] == at] for at in range(plan.layout.sides)
+        ]
+        lacks = [
+            bool(side) or position >= passed
+            for side, position in zip(sides, plan.positions(sheet), strict=True)
+        ]
+        prints = _prints(sides, lacks)
+        good = [one for one in prints if all(map(cleared.good, one))]
+        if not good:
+            tally.lacking[sheet] = _Lacking(why=_why(plan, sides, lacks, cleared))
+        elif all(any(row.verdict.verdict != "good" for row in one) for one in good) and any(
+            map(cleared.by_hand, good)
+        ):
+            tally.vouched.append(sheet)
+    if ended:
+        for sheet in range(_seen(plan, passed, ended=False), tally.upto):  # of which a side did not come
+            if sheet not in rows:
+                tally.lacking[sheet] = _Lacking(why=NEVER)
+    return tally
+
+
+def _prints(sides: Sequence[list[PageRecord]], lacks: Sequence[bool]) -> list[list[PageRecord]]:
+    """Each print of a sheet: the rows of its sides, those left out that are good. Empty: a side never came.
+
+    Where a side came more often than another nobody can say which belong together: all are one print.
+    """
+    shown = [[row for row in side if came(row)] for side in sides]
+    if any(lack and not side for lack, side in zip(lacks, shown, strict=True)):
+        return []
+    present = [side for side in shown if side]
+    if len({len(side) for side in present}) <= 1:
+        return [list(one) for one in zip(*present, strict=True)]
+    return [[row for side in present for row in side]]
+
+
+def _why(plan: SheetPlan, sides: Sequence[list[PageRecord]], lacks: Sequence[bool], cleared: _Cleared) -> str:
+    names = ("",) if plan.layout.sides == 1 else ("front: ", "back: ")
+    reasons = []
+    for name, side, lack in zip(names, sides, lacks, strict=True):
+        shown = [row for row in side if came(row)]
+        bad = [row for row in shown if not cleared.good(row)]
+        if bad:
+            reasons.append(name + why_of(min(bad, key=_worst_first).verdict))
+        elif lack and not shown:
+            reasons.append(name + NEVER)
+    return "; ".join(reasons)
+
+
+def _by_trays(
+    plan: SheetPlan,
+    sheets: Sequence[Accounted],
+    rows: Mapping[int, list[PageRecord]],
+    *,
+    ended: bool,
+    cleared: _Cleared,
+    taken_for_delivered: Set[int],
+) -> _Sheets:
+    """Tally a run with a gate. A sheet that was accepted is on its way until one behind it has reached the gate.
+
+    taken_for_delivered: sheets of the run that were accepted, where the controller is a mere output that names no tray.
+    """
+    tally = _Sheets()
+    last = max((one.sheet for one in sheets if one.tray and one.sheet is not None), default=-1)
+    on_way = set[int]()
     for one in sheets:
         if one.job_page is None:
             continue
-        if one.account == "accepted" or (one.account == "not-at-gate" and one.decision == "accept"):
-            delivered[one.job_page] = one.page
+        tally.upto = max(tally.upto, one.job_page + 1)
+        if (one.account == "accepted" and not one.contested) or (
+            one.account == "not-at-gate" and one.decision == "accept" and one.sheet in taken_for_delivered
+        ):
+            tally.delivered[one.job_page] = one.page
+        elif (
+            not ended
+            and one.account == "not-at-gate"
+            and (not one.decision or (one.decision == "accept" and (one.sheet or 0) > last))
+        ):
+            on_way.add(one.job_page)
         else:
-            why.setdefault(one.job_page, (one.page, one.why))
-    upto = max((*delivered, *why), default=-1) + 1
-    lacking = {at: why.get(at, ("", NEVER)) for at in range(upto) if at not in delivered}
-    return reprints(plan, lacking, upto=upto, delivered=delivered.__getitem__)
+            assumed = "good" if one.decision == "accept" else "not-inspected"
+            verdict: Word = one.verdict or assumed  # type: ignore[assignment]
+            tally.lacking.setdefault(
+                one.job_page, _Lacking(why=_why_not(one), name=one.page, verdict=verdict)
+            )
+            if one.tray == "good" and not one.contested:
+                tally.taken_out.add(one.job_page)
+    for sheet, own in rows.items():
+        if sheet < tally.upto and sheet not in tally.delivered and cleared.by_hand(own):
+            tally.vouched.append(sheet)
+            tally.delivered[sheet] = ""
+    for sheet in range(tally.upto):
+        if sheet not in tally.delivered and sheet not in on_way:
+            tally.lacking.setdefault(sheet, _Lacking(why=NEVER))
+    tally.lacking = {
+        at: lacks for at, lacks in tally.lacking.items() if at not in {*tally.delivered, *on_way}
+    }
+    return tally
 
 
-def by_verdicts(
-    plan: SheetPlan, sheets: Iterable[SheetVerdict], *, upto: int, said_good: Callable[[int], bool]
-) -> list[Reprint]:
-    """Of a run without a gate: sheets whose verdict is not good.
-
-    sheets: those that somebody should look at; upto: so many have come. said_good: whether people called the misprint
-    in this row of the journal a false alarm.
-    """
-    lacking = {}
-    for one in sheets:
-        left = [
-            side
-            for side in one.sides
-            if side.verdict != "good" and not (side.rows and all(map(said_good, side.rows)))
-        ]
-        if left:
-            why = [f"{side.side}: {side.why}" if side.side else side.why for side in left]
-            lacking[one.sheet] = ("", "; ".join(why))
-    return reprints(plan, lacking, upto=upto)
+def _accepted_by_output(gate_log: KeptDecisions, accounts: Reconciliation) -> set[int]:
+    """Sheets for which the output was switched, of a gate that is one output and of which there is no log of trays."""
+    style = gate_log.began.get("settings", {}).get("plc", {}).get("style")
+    if style != "coil" or accounts.source == "file":
+        return set()
+    return {tag - 1 for tag in gate_log.decisions.keys() - gate_log.unsent.keys()}
 
 
-def gate_plan(kept: KeptDecisions) -> SheetPlan:
-    """How a run's job lay on sheets, from its gate's log."""
-    began = kept.began
-    pages_a_set = int(began.get("settings", {}).get("pages_a_set", 1))
-    return SheetPlan.of(began.get("layout")) or SheetPlan(
-        layout=Layout(pages_a_set=pages_a_set), sides=max(int(began.get("job_pages", 1)), 1), sheets=NO_END
+def _why_not(one: Accounted) -> str:
+    if one.contested:
+        return CONTESTED
+    if one.account == "not-at-gate" and one.decision == "accept":
+        return UNCONFIRMED
+    return f"{one.why or 'nobody judged it'}; {TAKE_OUT}" if one.tray == "good" else one.why
+
+
+# --- as a list ---
+
+
+def _reprints(plan: SheetPlan, tally: _Sheets, rows: Mapping[int, list[PageRecord]]) -> Iterator[Reprint]:
+    of_set = plan.layout.sheets_a_set or 1
+    again = dict.fromkeys(sorted(tally.lacking))
+    if of_set > 1:
+        sets = dict.fromkeys(sheet // of_set for sheet in again)
+        again = {at: None for own in sets for at in range(own * of_set, min((own + 1) * of_set, tally.upto))}
+    behind = ""
+    for sheet in again:
+        if sheet and sheet - 1 not in again:
+            behind = tally.delivered.get(sheet - 1) or plan.name(sheet - 1)
+        with_set = _Lacking(why=OF_ITS_SET, name=tally.delivered.get(sheet, ""), verdict="good")
+        yield _reprint(
+            plan,
+            sheet,
+            tally.lacking.get(sheet, with_set),
+            behind=behind,
+            take_out=sheet not in tally.lacking or sheet in tally.taken_out,
+            rows=rows.get(sheet, ()),
+        )
+
+
+def _reprint(
+    plan: SheetPlan,
+    sheet: int,
+    lacks: _Lacking,
+    *,
+    behind: str,
+    take_out: bool = False,
+    rows: Sequence[PageRecord] = (),
+) -> Reprint:
+    copy, number = divmod(sheet, plan.sheets_a_job)
+    row = min(rows, key=_worst_first, default=None)
+    name = lacks.name
+    if row is not None and plan.layout.pages_a_sheet == 1:
+        name = row.verdict.page or name
+    return Reprint(
+        run_sheet=sheet,
+        copy=copy + 1,
+        number=number + 1,
+        page=name or plan.name(sheet),
+        pages=plan.pages(sheet),
+        set_number=sheet // (plan.layout.sheets_a_set or 1) + 1,
+        why=lacks.why,
+        behind=behind,
+        take_out=take_out,
+        sheet=None if row is None else row.sheet,
+        job_page=None if row is None else row.job_page,
+        verdict=lacks.verdict if row is None else row.verdict.verdict,
+        kind=None if row is None else row.verdict.kind,
     )
+
+
+def _behind(listed: ReprintList) -> str:
+    """Name the sheet below those that were not printed."""
+    first = listed.unprinted.start
+    if listed.sheets and listed.sheets[-1].run_sheet == first - 1:
+        return listed.sheets[-1].behind
+    return listed.plan.name(first - 1) if first else ""
+
+
+# --- parts ---
+
+
+def _plan(run: RunRow, gate_log: KeptDecisions | None) -> SheetPlan:
+    """How the run's job lay on sheets."""
+    began: dict[str, Any] = {} if gate_log is None else gate_log.began
+    plan = SheetPlan.of(began.get("layout")) or facts_plan(run.facts.settings)
+    if plan is not None:
+        return plan
+    pages = began.get("job_pages") or run.facts.settings.get("job_pages") or run.facts.sheets or NO_END
+    pages_a_set = began.get("settings", {}).get("pages_a_set", 1)
+    return SheetPlan(layout=Layout(pages_a_set=int(pages_a_set)), sides=int(pages), sheets=NO_END)
+
+
+def _needed(run: RunRow, plan: SheetPlan) -> int | None:
+    """Sheets that the job needs; None: nobody said."""
+    if plan.sheets < NO_END:
+        return plan.sheets
+    return None if run.facts.sheets is None else run.facts.sheets // plan.layout.sides
+
+
+def _seen(plan: SheetPlan, passed: int, *, ended: bool) -> int:
+    """Sheets, from the first, whose sides have all passed; of a run that has ended, those of which one has."""
+    sides = plan.layout.sides
+    if sides == 1:
+        return min(passed, plan.sheets)
+    reached = min if ended else max
+    return bisect_left(range(plan.sheets), passed, key=lambda sheet: reached(plan.positions(sheet)))
+
+
+def _position(row: PageRecord) -> int:
+    assert row.job_page is not None
+    return row.job_page
+
+
+def _rows_by_sheet(plan: SheetPlan, pages: Iterable[PageRecord]) -> dict[int, list[PageRecord]]:
+    """Rows of each sheet in the order of the run; a side that nobody can place belongs to no sheet."""
+    by_sheet: dict[int, list[PageRecord]] = {}
+    for row in pages:
+        if row.job_page is not None and 0 <= row.job_page < plan.passings:
+            by_sheet.setdefault(plan.sheet_at(row.job_page)[0], []).append(row)
+    return by_sheet
+
+
+def _worst_first(row: PageRecord) -> int:
+    return WORST_FIRST.index(row.verdict.verdict)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from prooflight import __version__
 from prooflight.journal.words import Words
@@ -18,6 +19,7 @@ from prooflight.server.accounts.book import Accounts
 from prooflight.server.accounts.passwords import Passwords, Tries
 from prooflight.server.accounts.provider import Provider
 from prooflight.server.api import ROUTERS as API_ROUTERS
+from prooflight.server.bodies import BoundedBodies
 from prooflight.server.console import Console
 from prooflight.server.headers import Headers
 from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
@@ -27,6 +29,7 @@ from prooflight.server.reading.course import Courses
 from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
+from prooflight.server.reading.reprints import Reprints
 from prooflight.server.reading.runs import Reading
 from prooflight.server.reading.stations import Stations
 from prooflight.server.zones.desk import ZonesDesk
@@ -61,6 +64,8 @@ def console_app(
     reading = Reading(settings.journal)
     words = Words(settings.journal)
     incidents = RunIncidents(reading, words)
+    gates = Gates(reading, trays=settings.trays)
+    reprints = Reprints(reading, incidents, words, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
     zones = ZonesDesk(
@@ -74,8 +79,9 @@ def console_app(
         reading=reading,
         incidents=incidents,
         courses=Courses(reading),
-        gates=Gates(reading),
-        live=Live(reading, incidents, words, clock=ticking, ahead=pictures.ahead),
+        gates=gates,
+        reprints=reprints,
+        live=Live(reading, incidents, words, reprints, clock=ticking, ahead=pictures.ahead),
         stations=stations,
         pictures=pictures,
         zones=zones,
@@ -111,7 +117,10 @@ def console_app(
     app.state.console = console
     include(app, *API_ROUTERS, *PAGE_ROUTERS)
     problems.handle(app, page=problem_page)
+    app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
     app.add_middleware(Headers, secure=settings.secure)
+    if settings.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
     refuse_unguarded(app)
     return app

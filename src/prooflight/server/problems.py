@@ -117,7 +117,7 @@ def _told(error: Exception) -> tuple[int, str, str, dict[str, str], list[dict[st
     if isinstance(error, ProoflightError):
         return 409, "unusable", str(error), {}, []
     if isinstance(error, HTTPException):
-        kinds = {404: "not-found", 405: "method-not-allowed"}
+        kinds = {404: "not-found", 405: "method-not-allowed", 413: "too-large"}
         return (
             error.status_code,
             kinds.get(error.status_code, "http"),

@@ -32,6 +32,10 @@ class ConsoleSettings:
     """Whether it is reached by TLS: cookies then go no other way."""
     origins: tuple[str, ...] = field(default=())
     """Addresses beside its own by which browsers may reach it, as behind a proxy: https://console.example."""
+    trays: Path | None = None
+    """The controller's log of its trays; it may grow."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses or networks of proxies that say for whom they ask (``X-Forwarded-For``)."""
     provider: ProviderSettings | None = None
     """At which people may sign in as well."""
 

@@ -280,7 +280,8 @@ def reconcile(
 ) -> None:
     """Account for every sheet of a run with a gate, in the journal and in the trays alike.
 
-    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate.
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate, or if the
+    controller's log differs from what the controller said over the wire.
     """
     with reading(journal) as opened:
         run_gate.reconcile(opened, run_of(opened, run), trays=trays, json=json)
@@ -296,7 +297,10 @@ def reprint_list(
     ] = None,
     json: Json = False,
 ) -> None:
-    """What must be printed again of a run with a gate, where it goes in the stack, and why."""
+    """Every sheet that the job needs and that does not lie in the good tray, where it goes in the stack, and why.
+
+    Of a run without a gate: every sheet that was not judged good, nor called a false alarm, nor vouched for.
+    """
     with reading(journal) as opened:
         run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
 

@@ -30,6 +30,7 @@ ANY_DPI: Final = 72.0
 SHOWN: Final = 40
 """Sheets that are listed."""
 MARKS: Final = ("misprint", "good", "unknown")
+UNDO: Final = "undo"
 
 
 def register_of_runs(app: typer.Typer) -> None:
@@ -48,32 +49,43 @@ def register_of_presses(app: typer.Typer) -> None:
 def mark(
     run: RunNumber,
     sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.", min=0)],
-    word: Annotated[str, typer.Argument(metavar="WORD", help="What it was: misprint, good or unknown.")],
+    word: Annotated[
+        str,
+        typer.Argument(metavar="WORD", help="What it was: misprint, good or unknown; undo: the last word."),
+    ],
     by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who says so.")],
     why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Anything else.")] = "",
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
     """Say what a sheet was, also while its run goes on. Words are added, none is replaced; the last one counts."""
-    from prooflight.journal.words import MOST_NOTE, Words, run_key
+    from prooflight.journal.words import GOOD, MOST_NOTE, Labels, Words, run_key
 
-    if word not in MARKS:
-        raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join(MARKS)}")
+    if word not in (*MARKS, UNDO):
+        raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join((*MARKS, UNDO))}")
     if len(why) > MOST_NOTE:
         raise RequestError("--why", f"has {len(why):,} letters", remedy=f"give {MOST_NOTE:,} at most")
     with reading(journal) as opened:
         found = run_of(opened, run)
         page = opened.page(found.id, sheet)
-        said = Words(opened.path).say(
-            word, run=run_key(found), sheet=sheet, by=by, at_s=time.time(), note=why
-        )
+        words, key, now_s = Words(opened.path), run_key(found), time.time()
+        if word == UNDO:
+            last = Labels(words.of_run(key)).of(sheet)
+            if last is None:
+                what = f"nobody has said what sheet {sheet} of run {found.id} was"
+                raise RequestError("undo", what, remedy="see `prooflight run asked --all`")
+            said = words.undo(last.id, run=key, by=by, at_s=now_s)
+        else:
+            said = words.say(word, run=key, sheet=sheet, by=by, at_s=now_s, note=why)
     if json:
         show.print_json(
             {"run": found.id} | {name: value for name, value in asdict(said).items() if name != "run"}
         )
         return
     counts = "" if page.asked is not None else "; it was not asked about, so it moves no threshold"
-    show.people.print(f"sheet {sheet} of run {found.id}: {word}, says {said.by}{counts}")
+    if said.word == GOOD and page.verdict.verdict == "not-inspected":
+        counts += ", and it was not inspected: vouch for it in the console, or print it again"
+    show.people.print(f"sheet {sheet} of run {found.id}: {said.word}, says {said.by}{counts}")
 
 
 def asked(

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import MISPRINT_FOUND, NOT_ALL_INSPECTED
-from prooflight.errors import visible
+from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from prooflight.journal.journal import Journal
     from prooflight.journal.records import RunRow
-    from prooflight.plant.gate.log import KeptDecisions
     from prooflight.plant.gate.reconciling import Accounted, Reconciliation
+    from prooflight.plant.reprinting import ReprintList
 
     Opened = Callable[[str | None], Journal]
     Chosen = Callable[[Journal, str], RunRow]
@@ -48,8 +48,15 @@ WORDS: Final = {
 
 
 def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -> None:
-    """Account for every sheet of a run; exits 1 if one is in the good tray that must not be, 3 if one is open."""
-    found, _ = accounted(opened, run, trays)
+    """Account for every sheet of a run.
+
+    Exits 1 if one is in the good tray that must not be, 3 if one is open or the controller's log and the wire differ.
+    """
+    from prooflight.plant.gate.log import REMEDY, PlantError, log_path
+
+    listed, found = reprints(opened, run, trays)
+    if found is None:
+        raise PlantError(log_path(opened.path, run.id), "does not exist", remedy=REMEDY)
     if json:
         show.print_json(
             {
@@ -57,6 +64,10 @@ def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -
                 "counts": dict(found.counts),
                 "lost_by": dict(found.lost_by),
                 "off_mm": _off_facts(found),
+                "to_print_again": len(listed),
+                "unprinted": len(listed.unprinted),
+                "trays_from": found.source,
+                "disagreements": [asdict(one) for one in found.disagreements],
                 "not_in_the_journal": sum(
                     not one.in_journal and one.sheet is not None for one in found.sheets
                 ),
@@ -65,9 +76,10 @@ def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -
         )
     else:
         _told(found, run)
+        show.people.print(f"To print again: {count(len(listed), 'sheet')}; see `prooflight run reprint-list`")
     if found.wrong:
         raise typer.Exit(MISPRINT_FOUND)
-    if found.open:
+    if found.open or found.disagreements:
         raise typer.Exit(NOT_ALL_INSPECTED)
 
 
@@ -75,40 +87,72 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
     """What must be printed again, where it goes, and why."""
     from prooflight.files.atomic import whole_file
     from prooflight.journal.schema import json_text
-    from prooflight.plant.reprinting import by_trays
+    from prooflight.plant.reprinting import NOT_PRINTED
 
-    found, kept = accounted(opened, run, trays)
-    listed = by_trays(found.sheets, kept)
-    if out is not None:
+    listed, _ = reprints(opened, run, trays)
+    if out is not None or json:
+        facts = {
+            "run": run.id,
+            "job": run.facts.job,
+            "count": len(listed),
+            "unprinted": len(listed.unprinted),
+            "by": listed.by,
+            "trays_from": listed.trays_from,
+            "vouched": listed.vouched,
+            "reprints": [asdict(one) for one in listed.all()],
+        }
+        if out is None:
+            show.print_json(facts)
+            return
         with whole_file(out) as unfinished:
-            text = json_text(
-                {"run": run.id, "job": run.facts.job, "reprints": [asdict(one) for one in listed]}
-            )
-            unfinished.write_text(text + "\n", encoding="utf-8")
+            unfinished.write_text(json_text(facts) + "\n", encoding="utf-8")
         show.written(out)
-        return
-    if json:
-        show.print_json({"run": run.id, "job": run.facts.job, "reprints": [asdict(one) for one in listed]})
         return
     headings = ("copy", "page", "set", "goes behind", "why")
     table = show.table_of(f"To print again, run {run.id}", headings, words=headings[1:])
-    for one in listed:
+    for one in listed.sheets:
         why = f"{one.why}; take it out of the good tray" if one.take_out else one.why
         number = f"{one.number} ({visible(one.page)})"
         table.add_row(
             str(one.copy), number, str(one.set_number), visible(one.behind or "nothing"), visible(why)
         )
-    show.people.print(table if listed else "Nothing: every page is in the good tray.")
+    if rest := listed.unprinted:
+        number = f"{count(len(rest), 'sheet')} from sheet {rest.start} of the run on"
+        table.add_row("", number, "", "", NOT_PRINTED)
+    show.people.print(table if listed else "Nothing: every sheet that the job needs is delivered.")
+    if listed.vouched:
+        show.people.print(f"{count(len(listed.vouched), 'sheet')} delivered since people vouched for them")
 
 
-def accounted(opened: Journal, run: RunRow, trays: Path | None) -> tuple[Reconciliation, KeptDecisions]:
-    """A run's sheets, and its gate's log. PlantError: it had no gate. RequestError: the trays' log is none."""
+def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintList, Reconciliation | None]:
+    """What of a run is to be printed again, and what became of its sheets; None: it had no gate.
+
+    PlantError: the gate's log is damaged. RequestError: the controller's log is none, or is not of this run.
+    """
+    from prooflight.journal.words import Labels, Words, run_key
+    from prooflight.line.told import incidents_by_sheet
     from prooflight.plant.gate.log import KeptDecisions, log_path
     from prooflight.plant.gate.reconciling import read_trays, reconciled
+    from prooflight.plant.reprinting import reprint_list
 
-    kept = KeptDecisions.read(log_path(opened.path, run.id))
-    rows = None if trays is None else read_trays(trays)
-    return reconciled(opened.pages(run.id), kept, rows), kept
+    pages = list(opened.pages(run.id))
+    path, gate = log_path(opened.path, run.id), None
+    if path.is_file():
+        kept = KeptDecisions.read(path)
+        rows = None if trays is None else read_trays(trays)
+        gate = kept, reconciled(pages, kept, rows)
+        if trays is not None and kept.sessions and gate[1].source == "wire":
+            remedy = "give the log that the controller wrote during the run, or leave out --trays"
+            raise RequestError(trays, f"has no sheet of run {run.id}", remedy=remedy)
+    listed = reprint_list(
+        run,
+        pages,
+        passed=max((page.job_page + 1 for page in pages if page.job_page is not None), default=0),
+        labels=Labels(Words(opened.path).of_run(run_key(run))),
+        incident_of=incidents_by_sheet(pages)[1].get,
+        gate=gate,
+    )
+    return listed, None if gate is None else gate[1]
 
 
 def _told(found: Reconciliation, run: RunRow) -> None:
@@ -127,6 +171,13 @@ def _told(found: Reconciliation, run: RunRow) -> None:
             f"Sheets reached the gate {off['median']:+.1f} mm from their place (median), {off['greatest']:.1f} mm at "
             "most; a constant part of it goes into [gate] distance_mm."
         )
+    for different in found.disagreements[:SHOWN]:
+        where = different.file or "no row of it"
+        faults.told(
+            f"sheet {different.sheet}: {different.wire} tray over the wire, {where} in the controller's log"
+        )
+    if len(found.disagreements) > SHOWN:
+        faults.told(f"the two differ for {count(len(found.disagreements) - SHOWN, 'more sheet')}")
     for one in found.wrong[:SHOWN]:
         faults.told(f"{_name(one)} is in the good tray: {one.why}")
     if len(found.wrong) > SHOWN:

@@ -142,6 +142,10 @@ def watch(
     serve_port: Annotated[
         int, typer.Option("--serve-port", metavar="PORT", help="Of the console.", min=0, max=65_535)
     ] = 8080,
+    trays: Annotated[
+        Path | None,
+        typer.Option("--trays", metavar="FILE", help="The controller's log of its trays, for the console."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Inspect a press while it runs: every page's verdict as it passes.
@@ -225,6 +229,7 @@ def watch(
         started_s=time.time(),
         sheets=count,
         settings=asdict(settings)
+        | {"job_pages": pages}
         | ({} if plan is None else {"layout": plan.facts})
         | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest}),
     )
@@ -243,7 +248,7 @@ def watch(
         plan=plan,
     )
     with (
-        console_beside(serve, journal=journal, press=press, job=job, port=serve_port),
+        console_beside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
         _recorder(journal, facts) as recorder,
         _shown(planned, journal) as planned,
     ):

@@ -22,11 +22,19 @@ END_S: Final = 10.0
 
 @contextmanager
 def console_beside(
-    wanted: bool, *, journal: str | None, press: Path, job: Path, port: int, told: Told | None = None
+    wanted: bool,
+    *,
+    journal: str | None,
+    press: Path,
+    job: Path,
+    port: int,
+    trays: Path | None = None,
+    told: Told | None = None,
 ) -> Iterator[None]:
     """Started before the run and ended after it; it reads the journal and no more. RequestError: it cannot be.
 
-    told: the address, and the link for a first admin, in the console's process; None: they are printed.
+    trays: the controller's log of its trays. told: the address, and the link for a first admin, in the console's
+    process; None: they are printed.
     """
     if not wanted:
         yield
@@ -35,11 +43,15 @@ def console_beside(
         raise RequestError("--serve", "shows what the journal holds", remedy="leave out --journal none")
     needed()
     from prooflight.journal.opening import default_journal, journal_path
+    from prooflight.plant.gate.reconciling import read_trays
     from prooflight.server.running import Listening, spawned
     from prooflight.server.settings import ConsoleSettings
 
+    if trays is not None:
+        read_trays(trays)
     settings = ConsoleSettings.of(
         journal_path(journal or str(default_journal())).absolute(),
+        trays=None if trays is None else trays.absolute(),
         presses=(press.absolute(),),
         jobs=(job.absolute(),),
     )

@@ -3,6 +3,7 @@
 A controller's row names session and tag where it found a result, and its encoder's count always. A row without a tag
 is of the sheet whose place at the gate lies within the tolerance of that count, and of which no row between those of
 its neighbours speaks; and where all sheets between two neighbours went into one tray, it matters not which is which.
+What the controller said over the wire fills what its log lacks, and is compared with what the log has.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from prooflight.plant.gate.log import KeptDecisions
 
 Account = Literal["accepted", "diverted", "lost", "unseen", "not-at-gate", "did-not-come", "wrong"]
+TraySource = Literal["file", "wire"]
+"""From where it is known in which tray a sheet lies: the controller's log, or what it said over the wire."""
 COLUMNS: Final = ("session", "tag", "tray", "count")
 TRAY_FILES: Final = GivenFiles(
     error=RequestError,
@@ -67,6 +70,19 @@ class Accounted:
     tray: str = ""
     """good, reject; empty: nobody saw it at the gate."""
     why: str = ""
+    contested: bool = False
+    """Whether the controller named another tray over the wire than its log does."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disagreement:
+    """A sheet of which the controller's log and what the controller said over the wire differ."""
+
+    sheet: int
+    wire: str
+    """good, reject."""
+    file: str
+    """good, reject; empty: the log has no row of the sheet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +96,9 @@ class Reconciliation:
     off_mm: tuple[float, ...] = ()
     """How far behind its place each sheet reached the gate, where the controller logged its count; negative: before.
     [mm]"""
+    source: TraySource = "wire"
+    disagreements: tuple[Disagreement, ...] = ()
+    """Between the controller's log and the wire; none where there is no log."""
 
     @property
     def wrong(self) -> tuple[Accounted, ...]:
@@ -98,7 +117,7 @@ class Reconciliation:
 
 
 def read_trays(path: Path) -> list[Tray]:
-    """A controller's log, JSON lines or CSV. RequestError: it is neither, or a row lacks a column."""
+    """A controller's log, JSON lines or CSV; its end may be torn. RequestError: it is neither, or lacks a column."""
     try:
         text = TRAY_FILES.read_text(path)
     except OSError as error:
@@ -136,13 +155,21 @@ def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
 def reconciled(
     pages: Iterable[PageRecord], kept: KeptDecisions, trays: Sequence[Tray] | None
 ) -> Reconciliation:
-    """A run's sheets. trays: the controller's log; None: what it said over the wire, which may have holes."""
+    """A run's sheets.
+
+    trays: the controller's log; None, or no row of the run: what it said over the wire, which may have holes.
+    """
     journal = {page.sheet + 1: page for page in pages}
     settings = kept.began.get("settings", {})
     tolerance = settings.get("tolerance_mm", 0.0) * settings.get("plc", {}).get("counts_per_mm", 0.0)
     tolerated = settings.get("policy") == "accept"
     plan = SheetPlan.of(kept.began.get("layout"))
-    at_gate, strangers = _laid(kept, trays, tolerance)
+    rows = of_run(trays or (), kept.sessions)
+    at_gate, strangers = _laid(kept, rows, tolerance)
+    disagreements = _disagreements(kept, at_gate) if rows else ()
+    contested = {one.sheet + 1 for one in disagreements if one.file}
+    for tag, one in _wire_trays(kept).items():
+        at_gate.setdefault(tag, [one])
     rows_of = {tag: [row + 1 for row in decided.get("rows", ())] for tag, decided in kept.decisions.items()}
     with_others = {row for tag, rows in rows_of.items() for row in rows} - kept.decisions.keys()
     sheets = [
@@ -153,6 +180,7 @@ def reconciled(
             kept,
             at_gate.get(tag, []),
             tolerated=tolerated,
+            contested=tag in contested,
         )
         for tag in sorted((journal.keys() - with_others) | kept.decisions.keys())
     ]
@@ -171,7 +199,9 @@ def reconciled(
         sheets=tuple(sheets),
         tolerated=tolerated,
         counts=Counter(one.account for one in sheets),
-        off_mm=_off_mm(kept, trays or ()),
+        off_mm=_off_mm(kept, rows),
+        source="file" if rows else "wire",
+        disagreements=disagreements,
     )
 
 
@@ -193,10 +223,16 @@ def account_of(result: Result, *, verdict: str, tray: str, came: bool, tolerated
 def _rows(text: str, path: Path) -> Iterable[Any]:
     if not text.lstrip().startswith("{"):
         return csv.DictReader(io.StringIO(text))
-    try:
-        return [json.loads(line) for line in text.splitlines() if line.strip()]
-    except (ValueError, RecursionError) as error:
-        raise RequestError(path, f"is no JSON ({error})", remedy=TRAY_FILES.remedy) from error
+    lines = [line for line in text.splitlines() if line.strip()]
+    found = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            found.append(json.loads(line))
+        except (ValueError, RecursionError) as error:
+            if number == len(lines) > 1 and not text.endswith("\n"):
+                break  # the controller is writing it
+            raise RequestError(path, f"is no JSON ({error})", remedy=TRAY_FILES.remedy) from error
+    return found
 
 
 def _off_mm(kept: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
@@ -210,15 +246,10 @@ def _off_mm(kept: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
 
 
 def _laid(
-    kept: KeptDecisions, trays: Sequence[Tray] | None, tolerance: float
+    kept: KeptDecisions, rows: Sequence[Tray], tolerance: float
 ) -> tuple[dict[int, list[Tray]], list[Tray]]:
     """Rows by tag, and those that are of no sheet of the run."""
-    if trays is None:
-        said = kept.trays.items()
-        return {
-            tag: [Tray(session=one["session"], tag=tag, tray=one["tray"], count=0)] for tag, one in said
-        }, []
-    rows, own = of_run(trays, kept.sessions), set(kept.sessions)
+    own = set(kept.sessions)
     tags = [tray.tag if tray.session in own else 0 for tray in rows]
     _by_place(tags, rows, kept, tolerance)
     _by_order(tags, rows, kept)
@@ -227,6 +258,25 @@ def _laid(
         if tag:
             by_tag.setdefault(tag, []).append(tray)
     return by_tag, [tray for tag, tray in zip(tags, rows, strict=True) if not tag]
+
+
+def _wire_trays(kept: KeptDecisions) -> dict[int, Tray]:
+    """What the controller said itself, by tag."""
+    return {
+        tag: Tray(session=one["session"], tag=tag, tray=one["tray"], count=0)
+        for tag, one in kept.trays.items()
+        if one["tray"] in ("good", "reject")
+    }
+
+
+def _disagreements(kept: KeptDecisions, by_tag: dict[int, list[Tray]]) -> tuple[Disagreement, ...]:
+    """Where the controller's log, by tag, differs from the wire."""
+    found = []
+    for tag, wire in sorted(_wire_trays(kept).items()):
+        file = by_tag[tag][0].tray if tag in by_tag else ""
+        if file != wire.tray:
+            found.append(Disagreement(sheet=tag - 1, wire=wire.tray, file=file))
+    return tuple(found)
 
 
 def _by_place(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions, tolerance: float) -> None:
@@ -284,6 +334,7 @@ def _of_sheet(
     trays: list[Tray],
     *,
     tolerated: bool,
+    contested: bool,
 ) -> Accounted:
     """word: of all sides of the sheet together."""
     decided = kept.decisions.get(tag)
@@ -311,6 +362,7 @@ def _of_sheet(
         decision=result.name.lower() if result else "",
         tray=said,
         why=why,
+        contested=contested,
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import secrets
 import time
-import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +21,7 @@ from prooflight.server.accounts.database import (
     tokens_table,
     writing,
 )
+from prooflight.server.accounts.names import MOST_NAME, appearance, checked_name, readable
 from prooflight.server.accounts.passwords import Passwords
 from prooflight.server.accounts.roles import Role, Scope, Who
 
@@ -39,7 +39,6 @@ LINK_S: Final = 24 * 3600.0
 TOKEN_DAYS: Final = 365.0
 TOKEN_MARK: Final = "plt_"
 """Begins every token, so that one that leaks is known for what it is."""
-MOST_NAME: Final = 60
 LANGUAGES: Final = ("en", "de")
 
 
@@ -101,11 +100,11 @@ class Accounts:
 
     def add(self, name: str, role: Role, *, by: str) -> str:
         """A new person; returns the secret of the link by which they choose a password. RequestError."""
-        name = _name(name)
+        name = checked_name(name)
         with writing(self._engine).begin() as connection:
-            taken = select(people_table.c.id).where(func.lower(people_table.c.name) == name.lower())
-            if connection.execute(taken).first() is not None:
-                raise RequestError("user", f"there is a {name!r} already", remedy="choose another name")
+            if (taken := self._like(connection, name)) is not None:
+                alike = "already" if taken.lower() == name.lower() else f"already, and {name!r} looks like it"
+                raise RequestError("user", f"there is a {taken!r} {alike}", remedy="choose another name")
             held = {"name": name, "role": role.value, "locked": False, "created_s": self.clock()}
             added = connection.execute(insert(people_table).values(**held))
             self._said(connection, by, "user.add", name, after={"role": role.value})
@@ -234,17 +233,18 @@ class Accounts:
 
     def _free_name(self, connection: Connection, wanted: str) -> str:
         """The name that somebody has elsewhere, with a number where somebody here has it: nobody takes another's."""
-        printable = "".join(one if one.isprintable() else " " for one in wanted)
-        base = (
-            unicodedata.normalize("NFC", " ".join(printable.split()))[: MOST_NAME - 8].strip() or "somebody"
-        )
+        base = readable(wanted)[: MOST_NAME - 8].strip() or "somebody"
         count = 1
         while True:
             name = base if count == 1 else f"{base} ({count})"
-            taken = select(people_table.c.id).where(func.lower(people_table.c.name) == name.lower())
-            if connection.execute(taken).first() is None:
+            if self._like(connection, name) is None:
                 return name
             count += 1
+
+    def _like(self, connection: Connection, name: str) -> str | None:
+        """The name of somebody here that looks like this one; None: there is none."""
+        names = connection.execute(select(people_table.c.name)).scalars()
+        return next((one for one in names if appearance(one) == appearance(name)), None)
 
     def _refuse(self, connection: Connection, identity: Identity, row: Any) -> None:
         name = identity.name[:MOST_NAME] if row is None else row.name
@@ -343,7 +343,12 @@ class Accounts:
             raise RequestError("token", "has no scope", remedy=f"give some of {', '.join(Scope)}")
         with writing(self._engine).begin() as connection:
             row = self._row(connection, owner)
-            held = {"person_id": row.id, "name": _name(name), "digest": _digest(secret), "scopes": wanted}
+            held = {
+                "person_id": row.id,
+                "name": checked_name(name),
+                "digest": _digest(secret),
+                "scopes": wanted,
+            }
             held |= {"created_s": now, "ends_s": now + days * 86_400}
             added = connection.execute(insert(tokens_table).values(**held))
             number = int(added.inserted_primary_key[0])  # type: ignore[index]
@@ -464,11 +469,13 @@ class Accounts:
         return secret
 
     def _need_admin(self, connection: Connection) -> None:
-        """One whose password lies here: a provider may be down, or take all admins away."""
-        free = (people_table.c.role == Role.ADMIN) & ~people_table.c.locked
+        """One who can sign in, and whose password lies here: a provider may be down, or take all admins away."""
+        chosen = people_table.c.password.is_not(None)
+        free = (people_table.c.role == Role.ADMIN) & ~people_table.c.locked & chosen
         own = people_table.c.id.not_in(select(identities_table.c.person_id))
         if connection.execute(select(people_table.c.id).where(free, own)).first() is None:
-            raise RequestError("user", "the last admin must stay one", remedy="make another admin first")
+            what = "the last admin who can sign in must stay one"
+            raise RequestError("user", what, remedy="have another admin choose a password first")
 
     def _said(self, connection: Connection, who: str, what: str, target: str, **told: Any) -> None:
         audit.append(connection, at_s=self.clock(), who=who, what=what, target=target, **told)
@@ -490,15 +497,6 @@ def _person(row: Any) -> Person:
         created_s=row.created_s,
         issuer=row.issuer,
     )
-
-
-def _name(text: str) -> str:
-    """A name that people can read and tell from others; RequestError."""
-    name = unicodedata.normalize("NFC", " ".join(text.split()))
-    if not 0 < len(name) <= MOST_NAME or not name.isprintable():
-        remedy = f"give 1 to {MOST_NAME} letters that can be printed"
-        raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
-    return name
 
 
 def _digest(secret: str) -> str:

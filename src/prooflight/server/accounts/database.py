@@ -165,6 +165,7 @@ def _make(connection: Connection, path: Path) -> None:
 def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=BUSY_S, check_same_thread=False)
     connection.isolation_level = None
+    connection.create_function("lower", 1, lambda text: None if text is None else str(text).lower())
     with closing(connection.cursor()) as cursor:
         cursor.execute("PRAGMA journal_mode = WAL")
         cursor.execute("PRAGMA synchronous = FULL")

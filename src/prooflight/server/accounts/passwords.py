@@ -1,12 +1,15 @@
-"""Passwords: argon2, a few at a time beside the event loop, with a limit on tries."""
+"""Passwords: argon2, a few at a time beside the event loop, with a limit on failed tries."""
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import threading
 from collections import defaultdict, deque
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
+from weakref import WeakValueDictionary
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
@@ -14,7 +17,7 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import AsyncIterator, Callable
 
 LEAST_LETTERS: Final = 10
 """NIST SP 800-63B asks for 8 at least, and for no rules about kinds of letters."""
@@ -62,6 +65,15 @@ class Tries:
     """Seconds that only grow."""
     _failed: dict[tuple[str, ...], deque[float]] = field(default_factory=lambda: defaultdict(deque))
     _guard: threading.Lock = field(default_factory=threading.Lock)
+    _turns: WeakValueDictionary[tuple[str, str], asyncio.Lock] = field(default_factory=WeakValueDictionary)
+
+    @asynccontextmanager
+    async def in_turn(self, name: str, address: str) -> AsyncIterator[None]:
+        """One try of an address, and one of a name, at a time: whoever is next knows whether the last one failed."""
+        keys = ("address", address), ("name", name.casefold()[:200])
+        locks = [self._turns.setdefault(key, asyncio.Lock()) for key in keys]
+        async with locks[0], locks[1]:
+            yield
 
     def wait_s(self, name: str, address: str) -> float:
         """How long nothing more is tried; 0: go on."""
@@ -75,14 +87,14 @@ class Tries:
             return max(waits, default=0.0)
 
     def failed(self, name: str, address: str) -> None:
-        """One more."""
+        """One more; successes are not counted."""
         now = self.clock()
         with self._guard:
             for key, _ in self._keys(name, address):
                 self._recent(key, now).append(now)
 
     def passed(self, name: str, address: str) -> None:
-        """It was right after all."""
+        """It was right: what failed of this name from this address before is forgotten."""
         with self._guard:
             self._failed.pop(("pair", name.casefold(), address), None)
 

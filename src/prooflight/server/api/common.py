@@ -19,6 +19,8 @@ MOST_AT_ONCE: Final = 500
 
 Viewer = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
 Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
+OperatorThemselves = Annotated[Who, Depends(needs(Role.OPERATOR))]
+"""A person who signed in: no token will do."""
 Engineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.READ))]
 ZonesEngineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
 RunId = Annotated[str, Path(alias="run", description="Number of a run, or `last`.", max_length=20)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
@@ -31,17 +31,24 @@ class GatedSheet(Answer):
     decision: str = Field(description="accept, divert, stop; empty: none.")
     tray: str = Field(description="good, reject; empty: the controller did not say.")
     why: str
+    contested: bool = Field(description="Whether log and wire name different trays.")
     tag: int | None = Field(description="By which the controller knows it; null: it was not told of it.")
     position: int | None = Field(description="Encoder's count at which it was to reach the gate.")
     written: bool = Field(description="Whether the controller acknowledged the decision.")
 
 
 class GateAnswer(Answer):
-    """What became of the sheets of a run, by what the controller said over the wire."""
+    """What became of the sheets of a run, by the controller's log of its trays and by what it said over the wire."""
 
     run: int
     sessions: list[int]
     settings: dict[str, Any] = Field(description="[gate] of the press file, as the run began.")
+    trays_from: Literal["file", "wire"] = Field(
+        description="From where it is known in which tray a sheet lies: `serve --trays`, or the wire."
+    )
+    disagreements: list[dict[str, Any]] = Field(
+        description="Sheets of which the two differ; `file` is empty where the log has no row of it."
+    )
     counts: dict[str, int] = Field(description="Of all sheets of the run, by `account`.")
     lost_by: dict[str, int] = Field(description="Good sheets that were rejected, by why.")
     not_in_the_journal: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Path, Query, Request
 
 from prooflight.server.api.common import PREFIX, IncidentNumber, Limit, Operator, RunId, Viewer, console
 from prooflight.server.api.schemas import IncidentAnswer, IncidentsAnswer, WordAnswer, WordRequest
@@ -46,14 +46,27 @@ def incident(request: Request, _who: Viewer, run: RunId, incident: IncidentNumbe
 @router.post(
     "/runs/{run}/incidents/{incident}/words",
     status_code=201,
-    responses=responses(400, 401, 403, 404, 422, 503),
+    responses=responses(400, 401, 403, 404, 409, 422, 503),
 )
 def say(
     request: Request, who: Operator, run: RunId, incident: IncidentNumber, given: WordRequest
 ) -> WordAnswer:
-    """Say what an incident was, or that it was seen. Words are added, nothing is replaced; the last one counts."""
+    """Say what an incident was, or that it was seen. Words are added, nothing is replaced; the last one counts.
+
+    A label covers the sheets up to `upto`. Of sheets that were not inspected none says what they are.
+    """
     held = console(request)
     found = held.reading.run_named(run)
-    held.incidents.one(found, incident)
-    word = held.say(who, given.word, found, incident=incident, note=given.note)
+    word = held.say(who, given.word, found, incident=incident, note=given.note, upto=given.upto)
     return WordAnswer(**facts.word_of(word))
+
+
+@router.post(
+    "/runs/{run}/words/{word}/undo", status_code=201, responses=responses(400, 401, 403, 404, 409, 422, 503)
+)
+def undo(
+    request: Request, who: Operator, run: RunId, word: Annotated[int, Path(ge=1, lt=2**63)]
+) -> WordAnswer:
+    """Undo a word on a sheet or an incident, by its `id`: a word that says so is added, and the one before counts."""
+    held = console(request)
+    return WordAnswer(**facts.word_of(held.undo(who, held.reading.run_named(run), word)))

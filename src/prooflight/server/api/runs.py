@@ -13,7 +13,8 @@ from prooflight.server.api.schemas import ReportAnswer, ReprintAnswer, RunAnswer
 from prooflight.server.problems import responses
 from prooflight.server.reading import facts
 from prooflight.server.reading.report import report
-from prooflight.server.reading.together import reprint, together, together_facts
+from prooflight.server.reading.reprints import reprint_facts
+from prooflight.server.reading.together import together, together_facts
 
 router = APIRouter(prefix=PREFIX, tags=["runs"])
 
@@ -95,12 +96,13 @@ def search(
     return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
 
 
-@router.get("/runs/{run}/reprint", responses=responses(401, 403, 404, 422, 503))
+@router.get("/runs/{run}/reprint", responses=responses(401, 403, 404, 409, 422, 503))
 def reprint_list(request: Request, _who: Viewer, run: RunId) -> ReprintAnswer:
     """What is to be printed again: by the trays where there is a gate, else by verdicts that no person overruled."""
     held = console(request)
     found = held.reading.run_named(run)
-    return ReprintAnswer(**reprint(held.reading, held.incidents, found))
+    listed = held.reprints.of(found)
+    return ReprintAnswer(**reprint_facts(found, listed, held.incidents, held.reprints.gated(found)))
 
 
 @router.get("/runs/{run}/report", responses=responses(401, 403, 404, 422, 503))
@@ -110,7 +112,8 @@ def run_report(request: Request, _who: Viewer, run: RunId) -> ReportAnswer:
     found = held.reading.run_named(run)
     told = together(held.reading, found)
     sheets = None if told is None else together_facts(told)
-    return ReportAnswer(**report(held.reading, held.incidents, held.stations, found), together=sheets)
+    figures = report(held.reading, held.incidents, held.stations, held.reprints.count(found), found)
+    return ReportAnswer(**figures, together=sheets)
 
 
 def _unix_s(moment: datetime | None) -> float | None:

@@ -94,6 +94,10 @@ class WordAnswer(Answer):
     note: str
     by: str
     at_s: float
+    upto: int | None = Field(
+        description="On an incident, the last sheet that the person saw; null: all of them."
+    )
+    undoes: int | None = Field(description="Of `undone`: the word that does not count any more.")
 
 
 class WholeSheetAnswer(SheetAnswer):
@@ -140,6 +144,7 @@ class IncidentAnswer(Answer):
     box_mm: list[float] | None
     first_sheet: int
     last_sheet: int
+    reopened_sheet: int = Field(description="With which it last opened or came back.")
     count: int
     sheets: list[int]
     pages: list[str]
@@ -150,7 +155,8 @@ class IncidentAnswer(Answer):
     returned: int
     open: bool
     word: str | None
-    seen: bool
+    answered: bool = Field(description="Whether the word covers its sheets up to the last one.")
+    seen: bool = Field(description="Whether somebody has looked since it last opened or came back.")
     words: list[WordAnswer]
 
 
@@ -162,12 +168,23 @@ class IncidentsAnswer(Answer):
 
 
 class ReprintAnswer(Answer):
-    """What is to be printed again, sheet by sheet; a set as a whole.
+    """Every sheet that the job needs and that does not lie in the good tray, with its reason; a set as a whole.
 
-    by: ``trays``: what the gate did not deliver. ``verdicts``: misprints that nobody called false alarms, and sheets of
-    which not all was inspected.
+    by: ``trays``: of a run with a gate. ``verdicts``: sheets that were not judged good, that nobody called false alarms
+    and that nobody vouched for.
     """
 
+    count: int
+    unprinted: int = Field(description="Of these, sheets that were not printed when the run ended.")
+    trays_from: Literal["file", "wire"] | None = Field(
+        description="The controller's log of its trays, or what it said over the wire; null: there is no gate."
+    )
+    vouched: list[int] = Field(
+        description="Sheets of the run that are delivered since a person vouched for them."
+    )
+    disagreements: list[dict[str, Any]] = Field(
+        description="Sheets of which log and wire name different trays; they are to be printed again."
+    )
     sheets: list[dict[str, Any]]
     pages: dict[str, int]
     truncated: bool
@@ -180,6 +197,16 @@ class WordRequest(BaseModel):
     model_config = ConfigDict(extra="forbid")
     word: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
     note: Annotated[str, Field(max_length=1000)] = ""
+    upto: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        default=None, description="On an incident, the last sheet that was seen; default its last one."
+    )
+
+
+class VouchRequest(BaseModel):
+    """Why a sheet is good."""
+
+    model_config = ConfigDict(extra="forbid")
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class DriftAnswer(Answer):
@@ -255,8 +282,11 @@ class ReportAnswer(Answer):
     run: RunAnswer
     kinds: dict[str, int]
     incidents: int
+    misprint_incidents: int = Field(description="Of these, those of misprints, which can be answered.")
     answered: int
-    false_alarms: int
+    false_alarms: int = Field(description="Misprints by verdict whose alarm people called false.")
+    to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
+    unprinted: int
     promised: str | None
     realised_per_good_sheet: float | None
     sample: dict[str, Any] = Field(
@@ -279,7 +309,8 @@ class NowAnswer(Answer):
     run: RunAnswer | None
     cause: int | None
     incidents: list[dict[str, Any]]
-    to_print_again: int
+    to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
+    unprinted: int
     together: dict[str, Any] | None
     """How many sheets and sets came to what; None: every page is a sheet of its own, and belongs to no set."""
     health: dict[str, Any]

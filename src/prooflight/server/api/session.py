@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from prooflight import __version__
 from prooflight.server.access import cookie_name, needs, open_to_all
 from prooflight.server.accounts.book import SESSION_S
+from prooflight.server.accounts.passwords import Tries
 from prooflight.server.accounts.roles import Role, Who
 from prooflight.server.api.common import PREFIX, Viewer, console
 from prooflight.server.api.schemas import AboutAnswer, NowAnswer, SessionAnswer, SignInRequest
@@ -66,20 +67,29 @@ def now(request: Request, _who: Viewer) -> NowAnswer:
 
 
 async def tried(request: Request, name: str, password: str) -> str:
-    """The secret of a new session; ``Problem`` 401: wrong; 429: tried too often. argon2 runs beside the event loop."""
+    """The secret of a new session; ``Problem`` 401: wrong; 429: failed too often. argon2 runs beside the event loop.
+
+    Tries of one address and of one name are made one after the other, so that each knows whether those before failed.
+    """
     held = console(request)
     address = request.client.host if request.client else ""
-    if wait_s := held.tries.wait_s(name, address):
+    _refuse_tries(held.tries, name, address)
+    async with held.tries.in_turn(name, address):
+        _refuse_tries(held.tries, name, address)
+        secret = await anyio.to_thread.run_sync(held.accounts.sign_in, name, password)
+        if secret is None:
+            held.tries.failed(name, address)
+            detail = "name or password is wrong"
+            raise Problem(401, "password", detail, headers={"WWW-Authenticate": "Bearer"})
+        held.tries.passed(name, address)
+    return secret
+
+
+def _refuse_tries(tries: Tries, name: str, address: str) -> None:
+    if wait_s := tries.wait_s(name, address):
         headers = {"Retry-After": f"{wait_s:.0f}"}
         detail = f"wait {max(wait_s / 60, 1):.0f} minutes, or ask an admin for a link"
         raise Problem(429, "tries", detail, headers=headers)
-    held.tries.failed(name, address)  # before the answer is known, so that tries at once count as well
-    secret = await anyio.to_thread.run_sync(held.accounts.sign_in, name, password)
-    if secret is None:
-        detail = "name or password is wrong"
-        raise Problem(401, "password", detail, headers={"WWW-Authenticate": "Bearer"})
-    held.tries.passed(name, address)
-    return secret
 
 
 def set_cookie(request: Request, response: Response, secret: str) -> None:

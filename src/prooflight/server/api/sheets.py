@@ -16,6 +16,7 @@ from prooflight.server.api.common import (
     PREFIX,
     Engineer,
     Operator,
+    OperatorThemselves,
     RunId,
     SheetNumber,
     TileLevel,
@@ -31,6 +32,7 @@ from prooflight.server.api.schemas import (
     EvidenceArray,
     PictureAnswer,
     ReplayAnswer,
+    VouchRequest,
     WholeSheetAnswer,
     WordAnswer,
     WordRequest,
@@ -71,6 +73,20 @@ def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: 
     found = held.reading.run_named(run)
     held.reading.sheet(found.id, sheet)
     word = held.say(who, given.word, found, sheet=sheet, note=given.note)
+    return WordAnswer(**facts.word_of(word))
+
+
+@router.post(
+    "/runs/{run}/sheets/{sheet}/vouch",
+    status_code=201,
+    responses=responses(400, 401, 403, 404, 409, 422, 503),
+)
+def vouch(
+    request: Request, who: OperatorThemselves, run: RunId, sheet: SheetNumber, given: VouchRequest
+) -> WordAnswer:
+    """Vouch for this one sheet: you have it in hand, it is good, and you put it where it belongs. No token may."""
+    held = console(request)
+    word = held.vouch(who, held.reading.run_named(run), sheet, reason=given.reason)
     return WordAnswer(**facts.word_of(word))
 
 

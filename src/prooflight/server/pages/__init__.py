@@ -8,6 +8,7 @@ from prooflight.server.pages import (
     press,
     provider,
     report,
+    reprint,
     search,
     setup,
     sign_in,
@@ -16,6 +17,6 @@ from prooflight.server.pages import (
 
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
-    *(now.router, incident.router),
+    *(now.router, incident.router, reprint.router),
     *(report.router, search.router, press.router, setup.router, camera.router, zones.router),
 )

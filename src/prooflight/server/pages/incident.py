@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from fastapi import APIRouter, Form, Query, Request
+from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
 
-from prooflight.journal.words import run_key
+from prooflight.inspection.sheets import came
+from prooflight.journal.words import UNDONE, Labels, run_key
+from prooflight.plant.gate.log import log_path
+from prooflight.server.accounts.roles import Role
 from prooflight.server.api.common import (
     IncidentNumber,
+    OperatorThemselves,
     RunId,
     SheetNumber,
     console,
@@ -20,19 +22,16 @@ from prooflight.server.api.common import (
     unchanged,
 )
 from prooflight.server.pages.shell import OperatorPage, ViewerPage, page
-from prooflight.server.reading.together import reprint
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.words import Word
     from prooflight.server.accounts.roles import Who
     from prooflight.server.console import Console
     from prooflight.server.reading.incidents import Told
 
-COLUMNS = (
-    *("sheet", "page", "job_page", "verdict", "kind", "incident"),
-    *("copy", "number", "pages", "set", "behind", "why", "take_out"),
-)
-"""Of the list of what is to be printed again."""
 router = APIRouter(include_in_schema=False)
 
 A_WHILE: Final = "private, max-age=3600"
@@ -82,28 +81,6 @@ def thumbnail(request: Request, _who: ViewerPage, run: RunId, sheet: SheetNumber
     return Response(picture, media_type="image/webp", headers=headers)
 
 
-@router.get("/runs/{run}/reprint")
-def reprint_page(request: Request, who: ViewerPage, run: RunId) -> Response:
-    """What is to be printed again."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    return page(request, who, "reprint", run=found, listed=reprint(held.reading, held.incidents, found))
-
-
-@router.get("/runs/{run}/reprint.csv")
-def reprint_csv(request: Request, _who: ViewerPage, run: RunId) -> Response:
-    """The same for a spreadsheet."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    file = io.StringIO()
-    writer = csv.DictWriter(file, COLUMNS)
-    writer.writeheader()
-    listed = reprint(held.reading, held.incidents, found)["sheets"]
-    writer.writerows({**one, "pages": " ".join(map(str, one["pages"]))} for one in listed)
-    name = f'attachment; filename="reprint-run-{found.id}.csv"'
-    return Response(file.getvalue(), media_type="text/csv", headers={"Content-Disposition": name})
-
-
 @router.post("/runs/{run}/incidents/{incident}/word")
 def say(
     request: Request,
@@ -112,14 +89,13 @@ def say(
     incident: IncidentNumber,
     word: Annotated[str, Form(max_length=40)],
     note: Annotated[str, Form(max_length=1000)] = "",
+    upto: Annotated[int | None, Form(ge=0, lt=2**63)] = None,
 ) -> Response:
-    """One tap: misprint, false alarm, don't know; answers with the list of words."""
+    """One tap: misprint, false alarm, don't know; answers with the list of words. upto: the last sheet shown."""
     held = console(request)
     found = held.reading.run_named(run)
-    held.incidents.one(found, incident)
-    held.say(who, word, found, incident=incident, note=note)
-    told = held.incidents.one(found, incident)
-    return page(request, who, "incident_words", run=found, told=told)
+    held.say(who, word, found, incident=incident, note=note, upto=upto)
+    return _incident_part(request, who, found, incident)
 
 
 @router.post("/runs/{run}/sheets/{sheet}/word")
@@ -131,30 +107,89 @@ def say_of_sheet(
     word: Annotated[str, Form(max_length=40)],
     note: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
-    """One tap on a sheet that is of no incident: good, misprint, don't know."""
+    """One tap on a sheet that passed: good, misprint, don't know."""
     held = console(request)
     found = held.reading.run_named(run)
-    record = held.reading.sheet(found.id, sheet)
+    held.reading.sheet(found.id, sheet)
     held.say(who, word, found, sheet=sheet, note=note)
-    words = held.incidents.said_of(found, sheet)
-    return page(
-        request,
-        who,
-        "sheet_words",
-        run=found,
-        sheet=sheet,
-        record=record,
-        said=words,
-        next_asked=_next_asked(held, found, record),
-    )
+    return _sheet_part(request, who, found, sheet)
+
+
+@router.post("/runs/{run}/sheets/{sheet}/vouch")
+def vouch(
+    request: Request,
+    who: OperatorThemselves,
+    run: RunId,
+    sheet: SheetNumber,
+    reason: Annotated[str, Form(max_length=1000)] = "",
+) -> Response:
+    """Somebody has this one sheet in hand, and it is good."""
+    held = console(request)
+    found = held.reading.run_named(run)
+    if not reason.strip():
+        return _sheet_part(request, who, found, sheet, vouch_wrong=True)
+    held.vouch(who, found, sheet, reason=reason)
+    return _sheet_part(request, who, found, sheet)
+
+
+@router.post("/runs/{run}/words/{word}/undo")
+def undo(
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    word: Annotated[int, Path(ge=1, lt=2**63)],
+    shown: Annotated[int, Query(ge=0, lt=2**63, description="The sheet on whose page it was undone.")],
+) -> Response:
+    """A word does not count any more; answers with the list that it stood in."""
+    held = console(request)
+    found = held.reading.run_named(run)
+    undone = held.undo(who, found, word)
+    if undone.incident is not None:
+        return _incident_part(request, who, found, int(undone.incident), sheet=shown)
+    return _sheet_part(request, who, found, shown)
+
+
+def _incident_part(
+    request: Request, who: Who, run: RunRow, incident: int, *, sheet: int | None = None
+) -> Response:
+    told = console(request).incidents.one(run, incident)
+    shown = told.incident.last_sheet if sheet is None else sheet
+    return page(request, who, "incident_words", run=run, told=told, sheet=shown, history_of=history_of)
+
+
+def _sheet_part(
+    request: Request, who: Who, run: RunRow, sheet: int, *, vouch_wrong: bool = False
+) -> Response:
+    values = _of_sheet(console(request), who, run, sheet) | {"vouch_wrong": vouch_wrong}
+    return page(request, who, "sheet_words", run=run, sheet=sheet, **values)
+
+
+def _of_sheet(held: Console, who: Who, run: RunRow, sheet: int) -> dict[str, Any]:
+    """What its page says of a sheet itself."""
+    record, said = held.reading.sheet(run.id, sheet), held.incidents.said_of(run, sheet)
+    doubtful = record.verdict.verdict != "good" or log_path(held.reading.path, run.id).is_file()
+    return {
+        "record": record,
+        "said": said,
+        "label": Labels(said).of(sheet),
+        "history_of": history_of,
+        "next_asked": _next_asked(held, run, record),
+        "may_vouch": who.role.may(Role.OPERATOR) and doubtful and came(record),
+        "vouch_wrong": False,
+    }
+
+
+def history_of(words: Sequence[Word]) -> list[tuple[Word, Word | None]]:
+    """The latest first, each with what undid it; None: it stands."""
+    undone = {word.undoes: word for word in words if word.undoes is not None}
+    return [(word, undone.get(word.id)) for word in reversed(words) if word.word != UNDONE]
 
 
 def _shown(request: Request, who: Who, run: RunRow, told: Told | None, sheet: int) -> Response:
     held = console(request)
-    record = held.reading.sheet(run.id, sheet)
-    values: dict[str, Any] = {"run": run, "told": told, "record": record, "sheet": sheet}
-    values["said"] = held.incidents.said_of(run, sheet)
-    values["next_asked"] = _next_asked(held, run, record)
+    values = _of_sheet(held, who, run, sheet)
+    record = values["record"]
+    values |= {"run": run, "told": told, "sheet": sheet}
     values["pictures"] = held.pictures.told(run, record, wait=False)
     values["can_replay"] = record.evidence is not None and held.stations.press(run) is not None
     return page(request, who, "incident", **values)

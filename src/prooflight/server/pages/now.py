@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, Response, StreamingResponse
 
 from prooflight.server.accounts.roles import Role
@@ -45,12 +45,17 @@ def now_events(
 
 
 @router.post("/runs/{run}/incidents/{incident}/seen")
-def seen(request: Request, who: OperatorPage, run: RunId, incident: IncidentNumber) -> Response:
+def seen(
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    incident: IncidentNumber,
+    upto: Annotated[int | None, Form(ge=0, lt=2**63)] = None,
+) -> Response:
     """Somebody has seen it: it need not sound any more. The page hears of it as all others do."""
     held = console(request)
     found = held.reading.run_named(run)
-    held.incidents.one(found, incident)
-    held.say(who, "seen", found, incident=incident)
+    held.say(who, "seen", found, incident=incident, upto=upto)
     return HTMLResponse(status_code=204)
 
 

@@ -36,7 +36,7 @@ def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
     """One run in figures and pictures; prints as it is seen."""
     held = console(request)
     found = held.reading.run_named(run)
-    told = quality(held.reading, held.incidents, held.stations, found)
+    told = quality(held.reading, held.incidents, held.stations, held.reprints.count(found), found)
     return page(
         request,
         who,

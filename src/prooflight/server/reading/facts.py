@@ -65,6 +65,7 @@ def incident_of(told: Told) -> dict[str, Any]:
         **held,
         "open": told.incident.open,
         "word": told.word,
+        "answered": told.answered,
         "seen": told.seen,
         "words": [word_of(word) for word in told.words],
     }
@@ -74,7 +75,8 @@ def brief_incident(told: Told) -> dict[str, Any]:
     """An incident in as few words as a list needs."""
     incident = told.incident
     names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "action", "open")
-    return {name: getattr(incident, name) for name in names} | {"word": told.word, "seen": told.seen}
+    said = {"word": told.word, "answered": told.answered, "seen": told.seen}
+    return {name: getattr(incident, name) for name in names} | said
 
 
 def now_facts(now: Now) -> dict[str, Any]:
@@ -91,7 +93,8 @@ def now_facts(now: Now) -> dict[str, Any]:
         "run": None if now.run is None else run_of(now.run),
         "cause": None if now.cause is None else now.cause.incident.number,
         "incidents": [brief_incident(told) for told in now.incidents[:MOST_INCIDENTS]],
-        "to_print_again": now.to_print_again,
+        "to_print_again": now.reprints.count,
+        "unprinted": now.reprints.unprinted,
         "together": None if now.together is None else now.together.facts,
         "health": _finite(health)
         | {

@@ -8,11 +8,12 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.errors import RequestError
 from prooflight.journal.following import Asked
 from prooflight.journal.words import run_key
 from prooflight.pages.memory import file_stamp
 from prooflight.plant.gate.log import KeptDecisions, log_path, rows_of
-from prooflight.plant.gate.reconciling import Account, Accounted, Reconciliation, reconciled
+from prooflight.plant.gate.reconciling import Account, Accounted, Reconciliation, read_trays, reconciled
 from prooflight.server.problems import not_found
 
 if TYPE_CHECKING:
@@ -47,19 +48,21 @@ class Gated:
 class Gates:
     """Of any run; accounted for anew when the run, or its gate's log, has come further."""
 
-    def __init__(self, reading: Reading) -> None:
-        self._reading = reading
+    def __init__(self, reading: Reading, *, trays: Path | None = None) -> None:
+        """trays: the controller's log of its trays, which may grow."""
+        self._reading, self._trays = reading, trays
         self._guard = threading.Lock()
         self._kept: OrderedDict[tuple[Any, ...], Gated] = OrderedDict()
 
     def of(self, run: RunRow) -> Gated:
-        """``Problem`` 404: it had no gate. PlantError: its log is damaged."""
-        path = log_of(self._reading, run)
-        key = run_key(run), run.pages, run.state, *file_stamp(path)
+        """``Problem`` 404: it had no gate. PlantError: its log is damaged. RequestError: the controller's is."""
+        path, trays = log_of(self._reading, run), self._trays
+        key = run_key(run), run.pages, run.state, *file_stamp(path), *([] if trays is None else _stamp(trays))
         with self._guard:
             if (gated := self._kept.get(key)) is None:
                 kept = KeptDecisions.read(path)
-                gated = Gated(kept=kept, found=reconciled(all_pages(self._reading, run), kept, None))
+                rows = None if trays is None else read_trays(trays)
+                gated = Gated(kept=kept, found=reconciled(all_pages(self._reading, run), kept, rows))
                 self._kept[key] = gated
                 while len(self._kept) > KEPT:
                     self._kept.popitem(last=False)
@@ -72,6 +75,15 @@ class Gates:
         return [{"line": number, **row} for number, row in islice(rows, after, after + limit)]
 
 
+def _stamp(trays: Path) -> list[int]:
+    """RequestError: the controller's log is gone."""
+    try:
+        return file_stamp(trays)
+    except OSError as error:
+        remedy = "put it back, or start the console without --trays"
+        raise RequestError(trays, f"cannot be read ({error.strerror})", remedy=remedy) from error
+
+
 def gate_facts(run: RunRow, gated: Gated) -> dict[str, Any]:
     """A run's sheets in counts, and how its gate was set."""
     found, kept = gated.found, gated.kept
@@ -79,6 +91,8 @@ def gate_facts(run: RunRow, gated: Gated) -> dict[str, Any]:
         "run": run.id,
         "sessions": kept.sessions,
         "settings": kept.began.get("settings", {}),
+        "trays_from": found.source,
+        "disagreements": [asdict(one) for one in found.disagreements],
         "counts": dict(found.counts),
         "lost_by": dict(found.lost_by),
         "not_in_the_journal": sum(not one.in_journal for one in found.sheets if one.sheet is not None),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.plant.gate.handshake import State
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.journal.records import RunRow
+    from prooflight.plant.gate.reconciling import Reconciliation
+    from prooflight.server.reading.gate import Gated
 
 AT_ONCE_BYTES: Final = 8_000_000
 """Of a log, in one look: one of a long run is caught up with in several."""
@@ -106,8 +108,11 @@ class GateFollower:
         self._journal = journal
         self._read: _Read | None = None
 
-    def of(self, run: RunRow) -> GateHealth | None:
-        """As of now; None: the run has no gate."""
+    def of(self, run: RunRow, gated: Gated | None = None) -> GateHealth | None:
+        """As of now; None: the run has no gate.
+
+        gated: what became of its sheets; where the controller's log says it, that counts.
+        """
         path = log_path(self._journal, run.id)
         try:
             size = path.stat().st_size
@@ -119,7 +124,7 @@ class GateFollower:
         _go_on(read)
         told = read.counts
         ended = run.state != "running" and read.state != "damaged"
-        return GateHealth(
+        health = GateHealth(
             state="ended" if ended else read.state,
             decided=told["decided"],
             diverted=told["refused"],
@@ -130,6 +135,20 @@ class GateFollower:
             wrong=told["wrong"],
             first_wrong=read.first_wrong,
         )
+        return health if gated is None or gated.found.source == "wire" else _by_log(health, gated.found)
+
+
+def _by_log(health: GateHealth, found: Reconciliation) -> GateHealth:
+    """With trays as the controller's log has them."""
+    numbers = [one.sheet for one in found.sheets if one.tray and one.decision and one.sheet is not None]
+    return replace(
+        health,
+        reconciled=len(numbers),
+        last_reconciled=max(numbers, default=None),
+        lost=found.counts["lost"],
+        wrong=found.counts["wrong"],
+        first_wrong=next((one.sheet for one in found.wrong if one.sheet is not None), None),
+    )
 
 
 def _go_on(read: _Read) -> None:

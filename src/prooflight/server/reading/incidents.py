@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from prooflight.journal.following import Asked
-from prooflight.journal.words import run_key
-from prooflight.line.incidents import Incident, Incidents
+from prooflight.journal.words import FALSE_ALARM, SEEN, Labels, run_key, standing
+from prooflight.line.incidents import NO_MISPRINT, Incident, Incidents
 from prooflight.line.told import AskedSheet, asked_sheets
 from prooflight.line.tolerances import Proposal, proposals
 from prooflight.server.problems import not_found
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from prooflight.journal.records import RunRow
     from prooflight.journal.words import Word, Words
@@ -25,8 +25,6 @@ AT_ONCE: Final = 2000
 """Rows that are read between two looks at the rest of the world."""
 KEPT: Final = 16
 """Runs whose incidents stay known."""
-NO_MISPRINT: Final = frozenset({"missing-page", "lost-lines", "camera-gone", "not-inspected", "late"})
-"""Kinds of incidents in which nothing wrong was seen on a sheet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,22 +33,44 @@ class Told:
 
     incident: Incident
     words: tuple[Word, ...]
-    """In order."""
+    """In order; those that were undone and what undid them as well."""
+
+    @property
+    def standing(self) -> tuple[Word, ...]:
+        """Words that were not undone, in order."""
+        return tuple(standing(self.words))
+
+    @property
+    def label(self) -> Word | None:
+        """The last that says what it is; None: nobody said, or there is no misprint of which to say it."""
+        if not self.of_misprints:
+            return None
+        return next((word for word in reversed(self.standing) if word.word != SEEN), None)
 
     @property
     def word(self) -> str | None:
-        """The last that says what it is; None: nobody said."""
-        return next((word.word for word in reversed(self.words) if word.word != "seen"), None)
+        """What the label says."""
+        return None if self.label is None else self.label.word
+
+    @property
+    def answered(self) -> bool:
+        """Whether a label covers its sheets up to the last one."""
+        return self.label is not None and self.label.covers(self.incident.last_sheet)
 
     @property
     def seen(self) -> bool:
-        """Whether anybody has looked."""
-        return bool(self.words)
+        """Whether somebody has looked at it since it last opened or came back."""
+        return any(word.covers(self.incident.reopened_sheet) for word in self.standing)
+
+    @property
+    def of_misprints(self) -> bool:
+        """Whether something wrong was seen on its sheets; of others no label says what they were."""
+        return self.incident.kind not in NO_MISPRINT
 
     @property
     def misprint(self) -> bool:
-        """Whether its sheets are taken for misprints: by the verdict, unless people said otherwise."""
-        return self.incident.kind not in NO_MISPRINT and self.word != "false-alarm"
+        """Whether its last sheets are taken for misprints: by the verdict, unless people said otherwise."""
+        return self.of_misprints and not (self.answered and self.word == FALSE_ALARM)
 
 
 @dataclass(slots=True)
@@ -94,6 +114,20 @@ class RunIncidents:
         tracked = self._read(run)
         with tracked.guard:
             return tracked.of_sheet.get(sheet)
+
+    def labels(self, run: RunRow) -> Callable[[int], Word | None]:
+        """The label that counts of each sheet of a run."""
+        tracked = self._read(run)
+        with tracked.guard:
+            of_sheet = dict(tracked.of_sheet)
+        labels = Labels(self._words.of_run(run_key(run)))
+        return lambda sheet: labels.of(sheet, of_sheet.get(sheet))
+
+    def sheets_of(self, run: RunRow, number: int) -> list[int]:
+        """All sheets of an incident, in order."""
+        tracked = self._read(run)
+        with tracked.guard:
+            return [sheet for sheet, incident in tracked.of_sheet.items() if incident == number]
 
     def asked(self, run: RunRow) -> list[AskedSheet]:
         """Sheets of a run about which people are asked, with what they said."""

@@ -21,6 +21,7 @@ from prooflight.journal.schema import JournalError
 from prooflight.server.reading import facts
 from prooflight.server.reading.gate_health import GateFollower
 from prooflight.server.reading.now import RECENT, Now, now
+from prooflight.server.reading.reprints import Counted
 from prooflight.server.reading.together import together
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.journal.words import Words
     from prooflight.server.reading.incidents import RunIncidents
+    from prooflight.server.reading.reprints import Reprints
     from prooflight.server.reading.runs import Reading
 
     Parts = Callable[[Now], str]
@@ -79,12 +81,14 @@ class Live:
         reading: Reading,
         incidents: RunIncidents,
         words: Words,
+        reprints: Reprints,
         *,
         clock: Callable[[], float] = time.monotonic,
         ahead: Callable[[RunRow, PageRecord], None] = lambda _run, _page: None,
     ) -> None:
         """ahead: told of the misprints of the run that goes on, so that their pictures are there before people are."""
         self._reading, self._incidents, self._words, self._clock = reading, incidents, words, clock
+        self._reprints = reprints
         self._gate = GateFollower(reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
@@ -198,15 +202,15 @@ class Live:
             self._ahead(run, misprint)
         told = [] if run is None else self._incidents.of(run)
         counts = None if run is None else self._counted(run)
-        spoilt = sum(one.incident.count for one in told if one.misprint)
+        reprints = Counted(count=0) if run is None else self._reprints.counted(run)
         self._now = now(
             run,
             told,
             [row.page for row in self._recent],
             quiet_s=self._clock() - self._moved_s,
-            spoilt=spoilt,
+            reprints=reprints,
             together=counts,
-            gate=None if run is None else self._gate.of(run),
+            gate=None if run is None else self._gate.of(run, reprints.gated),
         )
         return self._say("now", facts.now_facts(self._now))
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.server.reading.gate_health import GateHealth
     from prooflight.server.reading.incidents import Told
+    from prooflight.server.reading.reprints import Counted
 
 State = Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
 """waiting: for the first sheet. stop: an alarm advises to stop, and nobody has answered. look: another alarm is open or
@@ -69,8 +70,8 @@ class Now:
     """The most urgent incident; None: none asks for anything."""
     incidents: tuple[Told, ...]
     """Open, or not answered; the most urgent first."""
-    to_print_again: int
-    """Sheets."""
+    reprints: Counted
+    """Sheets to print again."""
     health: Health
     together: Counts | None = None
     """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
@@ -106,11 +107,11 @@ def now(
     pages: Sequence[PageRecord],
     *,
     quiet_s: float,
-    spoilt: int,
+    reprints: Counted,
     together: Counts | None = None,
     gate: GateHealth | None = None,
 ) -> Now:
-    """Put together. incidents: of the run, all; pages: the last ones; spoilt: sheets to be printed again."""
+    """Put together. incidents: of the run, all; pages: the last ones."""
     going = run is not None and run.state == "running"
     asked = sorted((told for told in incidents if _asks(told)), key=_urgency)
     of = health(pages, quiet_s=quiet_s if going else None)
@@ -134,7 +135,7 @@ def now(
         run=run,
         cause=asked[0] if asked else None,
         incidents=tuple(asked),
-        to_print_again=spoilt,
+        reprints=reprints,
         health=of,
         together=together,
         gate=gate,
@@ -142,8 +143,12 @@ def now(
 
 
 def _asks(told: Told) -> bool:
-    """Whether somebody should look: it goes on and is not known for a false alarm, or nobody has answered."""
-    return not told.seen or (told.incident.open and told.word != "false-alarm")
+    """Whether somebody should look: nobody has, a label does not cover its last sheets, or it goes on and is no false
+    alarm.
+    """
+    if not told.seen or (told.label is not None and not told.answered):
+        return True
+    return told.incident.open and told.word != "false-alarm"
 
 
 def _urgency(told: Told) -> tuple[bool, bool, bool, int]:

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from scipy import special
 
-from prooflight.server.reading.report import looked_at, report
+from prooflight.journal.words import FALSE_ALARM, UNKNOWN
+from prooflight.server.reading.report import report
+from prooflight.server.reading.runs import looked_at
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunRow
     from prooflight.press.artefact import Press
     from prooflight.server.reading.incidents import RunIncidents, Told
+    from prooflight.server.reading.reprints import Counted
     from prooflight.server.reading.runs import Reading
     from prooflight.server.reading.stations import Stations
 
@@ -40,9 +43,9 @@ class Promise:
     good: int
     """Sheets that were good, as far as people have said."""
     confirmed: int
-    """Sheets of incidents that somebody called a false alarm."""
+    """Sheets whose alarm somebody called false."""
     unanswered: int
-    """Misprints of incidents of which nobody said what they are."""
+    """Misprints of which nobody said what they are."""
     suspended_from: int | None
 
     @property
@@ -72,6 +75,7 @@ class Override:
     incident: int
     kind: str
     sheets: int
+    """That the person saw."""
     by: str
     at_s: float
     note: str
@@ -93,11 +97,13 @@ class Quality:
     """Misprints, sheets not inspected and late ones in equal parts of the run."""
 
 
-def quality(reading: Reading, incidents: RunIncidents, stations: Stations, run: RunRow) -> Quality:
+def quality(
+    reading: Reading, incidents: RunIncidents, stations: Stations, reprints: Counted, run: RunRow
+) -> Quality:
     """A run report; JournalError."""
-    figures = report(reading, incidents, stations, run)
+    figures = report(reading, incidents, stations, reprints, run)
     told = incidents.of(run)
-    open_questions = {one.incident.number for one in told if one.word in (None, "unknown")}
+    label_of = incidents.labels(run)
     reasons: Counter[str] = Counter()
     course = [{"misprint": 0, "not-inspected": 0, "late": 0} for _ in range(BINS)]
     last, unanswered = _last_sheet(reading, run), 0
@@ -111,7 +117,8 @@ def quality(reading: Reading, incidents: RunIncidents, stations: Stations, run: 
         if verdict.verdict == "not-inspected":
             reasons[_NUMBERS.sub("…", verdict.reason)[:160]] += 1
         else:
-            unanswered += incidents.of_sheet(run, page.sheet) in open_questions
+            label = label_of(page.sheet)
+            unanswered += label is None or label.word == UNKNOWN
     promise = Promise(
         text=figures["promised"] or "",
         rate=_rate(stations.press(run), run.facts.detector),
@@ -120,7 +127,10 @@ def quality(reading: Reading, incidents: RunIncidents, stations: Stations, run: 
         unanswered=unanswered,
         suspended_from=run.promise_suspended_from,
     )
-    found = tuple(sorted((one for each in told for one in _overrides(each)), key=lambda one: -one.at_s))
+    overrides = (
+        one for each in told for one in _overrides(each, incidents.sheets_of(run, each.incident.number))
+    )
+    found = tuple(sorted(overrides, key=lambda one: -one.at_s))
     return Quality(
         figures=figures,
         promise=promise,
@@ -130,19 +140,22 @@ def quality(reading: Reading, incidents: RunIncidents, stations: Stations, run: 
     )
 
 
-def _overrides(told: Told) -> list[Override]:
-    said = [word for word in told.words if word.word == "false-alarm"]
+def _overrides(told: Told, sheets: list[int]) -> list[Override]:
+    """sheets: of the incident."""
+    if not told.of_misprints:
+        return []
     return [
         Override(
             incident=told.incident.number,
             kind=told.incident.kind,
-            sheets=told.incident.count,
+            sheets=sum(map(word.covers, sheets)),
             by=word.by,
             at_s=word.at_s,
             note=word.note,
-            stands=told.word == "false-alarm" and word is said[-1],
+            stands=told.label is word,
         )
-        for word in said
+        for word in told.words
+        if word.word == FALSE_ALARM
     ]
 
 

@@ -10,15 +10,15 @@ import numpy as np
 
 from prooflight.errors import ProoflightError
 from prooflight.inspection.inspector import Inspector
-from prooflight.journal.following import Asked
+from prooflight.journal.words import OF_GOOD
 from prooflight.line.told import counts_of
 from prooflight.server.reading import facts
+from prooflight.server.reading.runs import looked_at
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.records import RunRow
     from prooflight.server.reading.incidents import RunIncidents
+    from prooflight.server.reading.reprints import Counted
     from prooflight.server.reading.runs import Reading
     from prooflight.server.reading.stations import Stations
 
@@ -26,26 +26,19 @@ HEAT_MM: Final = 10.0
 """Side of a cell of the heat map."""
 MOST_CELLS: Final = 120
 """Along each side: pages longer than 1.2 m have larger cells."""
-AT_ONCE: Final = 1000
 MOST_OPEN: Final = 60
 """Sheets of the sample that are listed as not yet told."""
 
 
-def looked_at(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
-    """A run's sheets that somebody should look at."""
-    after, asked = -1, Asked(run_id=run.id, to_look_at=True)
-    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None):
-        yield from (row.page for row in rows)
-        after = rows[-1].page.sheet
-
-
-def report(reading: Reading, incidents: RunIncidents, stations: Stations, run: RunRow) -> dict[str, Any]:
-    """See ``ReportAnswer``. A sheet counts as a false alarm where its incident was called one.
+def report(
+    reading: Reading, incidents: RunIncidents, stations: Stations, reprints: Counted, run: RunRow
+) -> dict[str, Any]:
+    """See ``ReportAnswer``. Labels change no verdict: a false alarm is one of the misprints by verdict.
 
     Only alarms are confirmed by people, so ``realised_per_good_sheet`` counts unanswered alarms as misprints.
     """
     told = incidents.of(run)
-    cleared = {one.incident.number for one in told if one.word == "false-alarm"}
+    label_of = incidents.labels(run)
     kinds: Counter[str] = Counter()
     by: dict[str, Counter[str]] = defaultdict(Counter)
     false_alarms, boxes = 0, []
@@ -53,21 +46,25 @@ def report(reading: Reading, incidents: RunIncidents, stations: Stations, run: R
         if page.verdict.verdict != "misprint":
             continue
         kinds[page.verdict.kind or "unknown"] += 1
-        false_alarms += incidents.of_sheet(run, page.sheet) in cleared
+        label = label_of(page.sheet)
+        false_alarms += label is not None and label.word in OF_GOOD
         boxes += [
             (region.x_mm, region.y_mm, region.width_mm, region.height_mm)
             for region in page.verdict.regions[:1]
         ]
     for one in told:
-        for word in one.words:
+        for word in one.standing:
             by[word.by][word.word] += 1
     good = run.pages - run.not_inspected - run.misprints + false_alarms
     return {
         "run": facts.run_of(run),
         "kinds": dict(kinds.most_common()),
         "incidents": len(told),
-        "answered": sum(one.word is not None for one in told),
+        "misprint_incidents": sum(one.of_misprints for one in told),
+        "answered": sum(one.answered for one in told),
         "false_alarms": false_alarms,
+        "to_print_again": reprints.count,
+        "unprinted": reprints.unprinted,
         "promised": _promised(stations, run),
         "realised_per_good_sheet": false_alarms / good if good else None,
         "sample": sample_of(incidents, run),

@@ -12,12 +12,13 @@ from prooflight.journal.reading import MOST_ID
 from prooflight.server.problems import not_found
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.journal.schema import JournalError
 
+AT_ONCE: Final = 1000
 KEPT: Final = 512
 """Runs that ended: they do not change, and their pages need not be counted again."""
 
@@ -149,3 +150,11 @@ class Reading:
         if follower is None:
             return []
         return follower.written_after(row, run_id=run_id, limit=limit, damaged=damaged)
+
+
+def looked_at(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
+    """A run's sheets that somebody should look at."""
+    after, asked = -1, Asked(run_id=run.id, to_look_at=True)
+    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None):
+        yield from (row.page for row in rows)
+        after = rows[-1].page.sheet

@@ -137,7 +137,11 @@ if (coming) arrived().catch(() => {
   document.getElementById("coming-not").hidden = false;
 });
 
-// --- one tap, one key ---
+// --- one tap, one key; but never Enter, with which readers of bar codes end what they read ---
+
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Enter" && event.target.closest(".tap, .vouch")) event.preventDefault();
+});
 
 document.addEventListener("keydown", (event) => {
   if (event.target.matches("input, textarea, select") || event.ctrlKey || event.metaKey || event.altKey) return;

@@ -1,0 +1,45 @@
+"""Bodies of requests are bounded before they are read: whoever sends one need not have signed in yet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from starlette.exceptions import HTTPException
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MOST_BYTES: Final = 4_000_000
+"""The zones of a job, 2,000 at most, take a megabyte."""
+
+
+class BoundedBodies:
+    """Refuses a body that says it is larger, and stops to read one that turns out to be."""
+
+    def __init__(self, app: ASGIApp, *, most_bytes: int = MOST_BYTES) -> None:
+        self._app, self._most_bytes = app, most_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        stated = dict(scope["headers"]).get(b"content-length", b"0")
+        too_large = stated.isdigit() and int(stated) > self._most_bytes
+        came = 0
+
+        async def bounded() -> Message:
+            nonlocal came
+            if too_large:
+                raise self._refusal()
+            message = await receive()
+            came += len(message.get("body", b""))
+            if came > self._most_bytes:
+                raise self._refusal()
+            return message
+
+        await self._app(scope, bounded, send)
+
+    def _refusal(self) -> HTTPException:
+        headers = {"Connection": "close"}
+        return HTTPException(413, f"a body has at most {self._most_bytes:,} bytes", headers=headers)

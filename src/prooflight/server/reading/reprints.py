@@ -1,0 +1,182 @@
+"""Sheets to print again of any run, as ``plant.reprinting`` counts them: for Now, page, CSV, API and report alike."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from dataclasses import asdict, dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.errors import ProoflightError
+from prooflight.journal.following import Asked
+from prooflight.journal.words import Labels, run_key
+from prooflight.pages.memory import file_stamp
+from prooflight.plant.gate.log import log_path
+from prooflight.plant.reprinting import reprint_list
+from prooflight.server.reading.runs import looked_at
+from prooflight.server.reading.together import MOST_LISTED, positions_passed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.journal.records import PageRecord, RunRow
+    from prooflight.journal.words import Words
+    from prooflight.plant.gate.reconciling import Disagreement
+    from prooflight.plant.reprinting import ReprintList
+    from prooflight.server.reading.gate import Gated, Gates
+    from prooflight.server.reading.incidents import RunIncidents
+    from prooflight.server.reading.runs import Reading
+
+MOST_STORED: Final = 16
+"""Runs whose lists stay stored."""
+QUICK_S: Final = 0.05
+SHARE: Final = 20
+"""A list that takes more processor time than ``QUICK_S`` is made anew for Now in one part of so many of the time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counted:
+    """Sheets to print again as Now shows them."""
+
+    count: int | None
+    """Number of sheets; None if they cannot be counted."""
+    unprinted: int = 0
+    """Number of them that were not printed when the run ended."""
+    trouble: str = ""
+    """Why they cannot be counted."""
+    disagreements: int = 0
+    """Sheets of which the controller's log and the wire name different trays."""
+    gated: Gated | None = None
+    """State of the gate's sheets; None if the run had no gate."""
+
+
+@dataclass(slots=True)
+class _Lately:
+    forced: tuple[Any, ...] | None = None
+    """Run, its state and its last word: a change of these asks for a new count at once."""
+    at_s: float = 0.0
+    took_s: float = 0.0
+    counted: Counted | None = None
+
+
+class Reprints:
+    """Of any run; made anew when the run, its words or what is known of its gate have come further."""
+
+    def __init__(
+        self, reading: Reading, incidents: RunIncidents, words: Words, gates: Gates, *, trays: Path | None
+    ) -> None:
+        """trays: the controller's log of its trays."""
+        self._reading, self._incidents, self._words, self._gates = reading, incidents, words, gates
+        self._trays = trays
+        self._guard = threading.Lock()
+        self._stored: OrderedDict[tuple[Any, ...], ReprintList] = OrderedDict()
+        self._lately = _Lately()
+
+    def of(self, run: RunRow) -> ReprintList:
+        """ProoflightError: the gate's log or the controller's cannot be read."""
+        key = self._key(run)
+        with self._guard:
+            if (stored := self._stored.get(key)) is None:
+                stored = self._stored[key] = self._listed(run)
+                while len(self._stored) > MOST_STORED:
+                    self._stored.popitem(last=False)
+            self._stored.move_to_end(key)
+            return stored
+
+    def counted(self, run: RunRow) -> Counted:
+        """For Now: of a long run that goes on it may lie some sheets behind."""
+        forced = run_key(run), run.state, self._words.last()
+        lately, now_s, began_s = self._lately, time.monotonic(), time.thread_time()
+        waits = lately.took_s > QUICK_S and now_s - lately.at_s < SHARE * lately.took_s
+        if lately.counted is None or lately.forced != forced or not waits:
+            counted = self.count(run)
+            lately = _Lately(forced=forced, at_s=now_s, took_s=time.thread_time() - began_s, counted=counted)
+            self._lately = lately
+        assert lately.counted is not None
+        return lately.counted
+
+    def gated(self, run: RunRow) -> Gated | None:
+        """What became of the sheets of a run with a gate; None: it had none. ProoflightError as ``of``."""
+        return self._gates.of(run) if log_path(self._reading.path, run.id).is_file() else None
+
+    def count(self, run: RunRow) -> Counted:
+        """As it is now, or why it cannot be said."""
+        try:
+            listed, gated = self.of(run), self.gated(run)
+        except (ProoflightError, OSError) as error:
+            return Counted(count=None, trouble=str(error))
+        return Counted(
+            count=len(listed),
+            unprinted=len(listed.unprinted),
+            disagreements=0 if gated is None else len(disagreements(run, gated)),
+            gated=gated,
+        )
+
+    def _key(self, run: RunRow) -> tuple[Any, ...]:
+        counts = run.pages, run.misprints, run.not_inspected, run.state
+        files = (log_path(self._reading.path, run.id), self._trays)
+        return run_key(run), *counts, self._words.last(), *map(_stamp, files)
+
+    def _listed(self, run: RunRow) -> ReprintList:
+        labels = Labels(self._words.of_run(run_key(run)))
+        rows = list(looked_at(self._reading, run))
+        gated = self.gated(run)
+        return reprint_list(
+            run,
+            self._with_others(run, rows, labels),
+            passed=positions_passed(self._reading, run, rows),
+            labels=labels,
+            incident_of=lambda sheet: self._incidents.of_sheet(run, sheet),
+            gate=None if gated is None else (gated.kept, gated.found),
+        )
+
+    def _with_others(self, run: RunRow, rows: list[PageRecord], labels: Labels) -> list[PageRecord]:
+        """Rows that somebody should look at, rows with a label, and all prints of sheets that came again."""
+        found = {row.sheet: row for row in rows}
+        again = {row.job_page for row in rows if "repeated" in row.faults and row.job_page is not None}
+        query = Asked(run_id=run.id, sheets=tuple(labels.sheets), job_pages=tuple(again))
+        after = -1
+        while (labels.sheets or again) and (
+            more := self._reading.sheets(query, after=after, limit=1000, damaged=lambda _: None)
+        ):
+            found |= {row.page.sheet: row.page for row in more}
+            after = more[-1].page.sheet
+        return [found[sheet] for sheet in sorted(found)]
+
+
+def disagreements(run: RunRow, gated: Gated) -> list[Disagreement]:
+    """Where the controller's log and the wire differ; of a run that goes on, the log's rows may still be to come."""
+    return [one for one in gated.found.disagreements if one.file or run.state != "running"]
+
+
+def reprint_facts(
+    run: RunRow, listed: ReprintList, incidents: RunIncidents, gated: Gated | None
+) -> dict[str, Any]:
+    """For programs; see ``ReprintAnswer``."""
+    sheets = []
+    for one in islice(listed.all(), MOST_LISTED):
+        facts = asdict(one)
+        facts["set"] = facts.pop("set_number")
+        facts["incident"] = None if one.sheet is None else incidents.of_sheet(run, one.sheet)
+        sheets.append(facts | {"pages": list(one.pages)})
+    return {
+        "count": len(listed),
+        "unprinted": len(listed.unprinted),
+        "sheets": sheets,
+        "pages": dict(listed.pages()),
+        "truncated": len(listed) > len(sheets),
+        "by": listed.by,
+        "trays_from": listed.trays_from,
+        "vouched": list(listed.vouched),
+        "disagreements": [] if gated is None else [asdict(one) for one in disagreements(run, gated)],
+    }
+
+
+def _stamp(path: Path | None) -> tuple[int, ...]:
+    """Empty: there is no file."""
+    try:
+        return () if path is None else tuple(file_stamp(path))
+    except OSError:
+        return ()

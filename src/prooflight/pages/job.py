@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.pages.layout.layout import Layout
+    from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.warnings import PageWarning
 
@@ -57,6 +58,8 @@ class JobSource:
     press's, and inks are averaged."""
     profile: Path | None = None
     """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
+    engine: RipEngine | None = None
+    """What draws the pages of PDFs; None: MuPDF."""
     layout: Layout | None = None
     """How pages lie on sheets: the job's pages then are the sides that are printed (``pages.layout``). None: as they
     are."""
@@ -80,7 +83,7 @@ class Job:
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
         for path in _files_of(source.path):
             if _is_pdf(path):
-                self._pdfs[path] = PdfJob(path, profile=source.profile)
+                self._pdfs[path] = PdfJob(path, profile=source.profile, engine=source.engine)
                 count = len(self._pdfs[path])
             else:
                 count = files.page_count(path)

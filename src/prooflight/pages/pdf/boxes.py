@@ -46,6 +46,17 @@ def printed_box(page: Any) -> Any:
     return found
 
 
+def deciding_box(page: Any) -> str:
+    """Name the box that ``printed_box`` gives."""
+    for name, inherited in (("TrimBox", False), ("CropBox", True)):
+        try:
+            if _box(page, name, inherited=inherited) is not None:
+                return name
+        except BoxError:
+            continue
+    return "MediaBox"
+
+
 def _box(page: Any, name: str, *, inherited: bool) -> Box | None:
     """A box with its corners in order; None if the page has none."""
     get = mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets

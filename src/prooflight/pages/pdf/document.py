@@ -17,8 +17,9 @@ from pymupdf import mupdf
 
 from prooflight.errors import InputError, JobError, ProfileError, RequestError
 from prooflight.pages.memory import available_bytes, refuse_oversize
+from prooflight.pages.pdf import external
 from prooflight.pages.pdf import separations as plates
-from prooflight.pages.pdf.boxes import BoxError, printed_box
+from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.raster import POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
@@ -70,7 +72,7 @@ class PdfFile:
 
     def __init__(self, path: Path, shown: str, profile: bytes | None) -> None:
         """``shown``: how errors name it. JobError: encrypted, empty or damaged; MemoryError: beyond its limit."""
-        self._shown, self._profile = shown, profile
+        self._path, self._shown, self._profile = path, shown, profile
         self._warnings = dict[PageWarning, None]()
         with self._listening("the PDF is damaged"):
             self._document = self._open(path)
@@ -159,6 +161,55 @@ class PdfFile:
 
                     taken_together(fine, band, light, step=step, first=top * step - above)
             self._warn(number - 1, troubles)
+        return cmyk
+
+    def draw_by(
+        self,
+        engine: RipEngine,
+        folder: Path,
+        number: int,
+        dpi: float,
+        raster: Callable[[tuple[int, int, int], int], NDArray[np.uint8]],
+        *,
+        room_bytes: float,
+        drawn_dpi: float | None = None,
+        light: InkLight | None = None,
+    ) -> NDArray[np.uint8]:
+        """Have another engine draw page ``number`` at once, not in bands; else as ``draw``.
+
+        folder: where it writes. room_bytes: that it may take beside its raster.
+        """
+        with self._listening(f"page {number} is damaged", number):
+            page = self._load(number)
+            box = self._box(page, number)
+            size = box.x1 - box.x0, box.y1 - box.y0
+            rows, columns = external.pixels_of(size, dpi)
+            step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
+            high, wide = math.ceil(rows * step), math.ceil(columns * step)
+            intent = b"" if self._profile is not None else plates.output_intent(page)
+            profile = self._profile or (intent if intent[16:20] == b"CMYK" else b"")
+            asked = external.PageToDraw(
+                pdf=self._path,
+                shown=self._shown,
+                number=number,
+                box=deciding_box(page),
+                size_points=size,
+                dpi=dpi * step,
+                columns=wide,
+                rows=high,
+                profile=profile,
+            )
+        held = high * wide * 4 // BYTES_PER_PIXEL  # as many pixels as take so much memory while MuPDF draws
+        self._refuse_oversize(number, dpi, rows, columns, drawn=held)
+        cmyk = raster((rows, columns, 4), held)
+        drawn = external.draw(asked, engine, folder, room_bytes=room_bytes)
+        if drawn_dpi is None:
+            cmyk[:] = drawn.cmyk
+        else:
+            from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+
+            taken_together(drawn.cmyk, cmyk, light, step=step)
+        self._warnings |= dict.fromkeys(drawn.warnings)
         return cmyk
 
     def _load(self, number: int) -> Any:

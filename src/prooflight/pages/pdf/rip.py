@@ -29,6 +29,7 @@ from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
+    from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
 
 PDF_HEAD_BYTES: Final = 1024
@@ -54,13 +55,20 @@ class PageMarks:
 class PdfJob:
     """A PDF whose pages can be ripped one at a time, by any thread; they wait for one another."""
 
-    def __init__(self, path: Path, *, profile: Path | None = None) -> None:
-        """JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF is missing. ProfileError: not a CMYK profile."""
+    def __init__(self, path: Path, *, profile: Path | None = None, engine: RipEngine | None = None) -> None:
+        """Engine: what draws its pages; None: MuPDF.
+
+        JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF or the engine is missing. ProfileError: not a CMYK
+        profile.
+        """
         self.path = Path(path)
         self._warnings = dict[PageWarning, None]()
         if find_spec("pymupdf") is None:
             remedy = 'pip install "prooflight[pdf]", or give CMYK TIFF or JPEG files'
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
+        if engine is not None and engine.missing:
+            raise JobError(path, f"its pages cannot be drawn: {engine.missing}", remedy=engine.remedy)
+        self._engine = None if engine is None or engine.name == "mupdf" else (engine.name, engine.command)
         self._limits = rip_process.RipLimits.of_environment()
         self._request = self._about_file() | self._about_profile(profile)
         self._count = int(self._asked("opening it", do="open")["pages"])
@@ -109,8 +117,8 @@ class PdfJob:
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
-        asked = {"do": "page", "number": number, "dpi": float(dpi), "drawn_dpi": drawn_dpi, "light": light}
-        cmyk = self._asked(f"page {number}", **asked)["cmyk"]
+        how = {"drawn_dpi": drawn_dpi, "light": light, "engine": self._engine}
+        cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
         warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)
 

@@ -2,7 +2,8 @@
 
 Started by ``rip_process`` as ``python -m prooflight.pages.pdf.worker`` with three file descriptors: a socket, on which
 requests and answers travel as JSON; a pipe that nobody writes to, whose end is the end of the process that asks; and
-the shared memory that pages are drawn into. It ends when it is no longer asked.
+the shared memory that pages are drawn into; and with a folder for what other engines write (``external``). It ends when
+it is no longer asked, and with it every program that it started.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from prooflight.errors import InputError, JobError
 from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
+from prooflight.pages.pdf.engine import RipEngine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,8 +67,8 @@ class SharedRaster:
 class Worker:
     """Answers requests, each of which says everything that it depends on."""
 
-    def __init__(self, raster: SharedRaster) -> None:
-        self._raster = raster
+    def __init__(self, raster: SharedRaster, folder: Path) -> None:
+        self._raster, self._folder = raster, folder
         self._files: OrderedDict[tuple[Any, ...], PdfFile] = OrderedDict()
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -108,9 +110,15 @@ class Worker:
             return self._raster(shape)
 
         light = request["light"] and tuple(map(tuple, request["light"]))
-        shape = file.draw(
-            request["number"], request["dpi"], raster, drawn_dpi=request["drawn_dpi"], light=light
-        ).shape
+        how: dict[str, Any] = {"drawn_dpi": request["drawn_dpi"], "light": light}
+        if request["engine"] is None:
+            shape = file.draw(request["number"], request["dpi"], raster, **how).shape
+        else:
+            engine = RipEngine(name=request["engine"][0], command=tuple(request["engine"][1]))
+            room_bytes, folder = request["room_bytes"], self._folder
+            shape = file.draw_by(
+                engine, folder, request["number"], request["dpi"], raster, room_bytes=room_bytes, **how
+            ).shape
         return {"shape": shape, "warnings": _plain(file.warnings())}
 
     def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -163,17 +171,17 @@ def _end_with(lifeline: int) -> None:
     """End with the process that asks, also in the midst of a page: Python's own threads would wait for MuPDF."""
     signal.signal(signal.SIGIO, signal.SIG_DFL)  # its default is to end the process
     with contextlib.suppress(OSError):
-        fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, -os.getpgrp())  # and the programs that it started
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
 
 
 def main() -> None:
     """Answer until nobody asks."""
-    connection, lifeline, memory = (int(text) for text in sys.argv[1:])
+    connection, lifeline, memory = (int(text) for text in sys.argv[1:4])
     _end_with(lifeline)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     keep_memory()
-    asked, worker = Connection(connection), Worker(SharedRaster(memory))
+    asked, worker = Connection(connection), Worker(SharedRaster(memory), Path(sys.argv[4]))
     with contextlib.suppress(EOFError, ConnectionError):
         asked.send_bytes(b"{}")  # ready
         while True:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.layout.layout import Layout
     from prooflight.pages.pdf.engine import RipEngine
+    from prooflight.pages.pdf.facts import PageFacts
     from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.warnings import PageWarning
 
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 FINER: Final = 2
 """A PDF of which nobody says at what resolution its press prints it is drawn at so many times that of its raster
 (`prooflight study resolution`). Three times as finely called no fewer good prints misprints."""
+COARSE_DPI: Final = 18.0
+"""At which a page is drawn where only its warnings are asked for: all of it is read, and next to nothing is painted."""
 UNKNOWN_DPI: Final = 600.0
 """Resolution at which such a press is taken to print. (assumed: no press of letters prints more coarsely)"""
 
@@ -189,6 +192,29 @@ class Job:
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
         return None if pdf is None else pdf.marks(place)
+
+    @property
+    def own_pages(self) -> int:
+        """How many pages its files have, however they lie on sheets."""
+        return len(self._places)
+
+    def facts(self, number: int) -> tuple[PageFacts, dict[str, tuple[int, ...]]] | None:
+        """Facts of page ``number`` of its files, and what is printed of its spot colours (``PdfJob.facts``).
+
+        None: it is of no PDF. Errors as ``page``.
+        """
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        return None if pdf is None else pdf.facts(place)
+
+    def coarse_warnings(self, number: int) -> tuple[PageWarning, ...]:
+        """Warnings of page ``number`` of its files, which is drawn coarsely for that; errors as ``page``."""
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        if pdf is None:
+            return ()
+        found = pdf.page(place, COARSE_DPI).warnings
+        return tuple(replace(warning, page=number - 1) for warning in found)
 
     def page(self, number: int) -> Page:
         """Page ``number`` of the job, from 1; RequestError: there is none; JobError: it cannot be used."""

@@ -113,6 +113,20 @@ class PdfFile:
             box = self._box(page, number)
             return page_marks(page, (box.x0, box.y0))
 
+    def facts(self, number: int, swatches: Path) -> dict[str, Any]:
+        """Facts of page ``number`` (``page_facts``), as long as nothing has been drawn; errors as ``draw``.
+
+        swatches: where a PDF of its spot colours is written; "swatches" of what is returned names them.
+        """
+        from prooflight.pages.pdf.page_facts import page_facts, write_swatches
+
+        with self._listening(f"page {number} is damaged", number):
+            page = self._load(number)
+            printed = deciding_box(page)
+            self._box(page, number)
+            named = write_swatches(page, swatches)
+            return {"facts": page_facts(page, printed), "swatches": named}
+
     def draw(
         self,
         number: int,
@@ -181,9 +195,8 @@ class PdfFile:
         """
         with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
-            box = self._box(page, number)
-            size = box.x1 - box.x0, box.y1 - box.y0
-            rows, columns = external.pixels_of(size, dpi)
+            box, media = self._box(page, number), mupdf.pdf_bound_page(page, mupdf.FZ_MEDIA_BOX)
+            rows, columns = external.pixels_of((box.x1 - box.x0, box.y1 - box.y0), dpi)
             step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
             high, wide = math.ceil(rows * step), math.ceil(columns * step)
             intent = b"" if self._profile is not None else plates.output_intent(page)
@@ -192,8 +205,8 @@ class PdfFile:
                 pdf=self._path,
                 shown=self._shown,
                 number=number,
-                box=deciding_box(page),
-                size_points=size,
+                left_points=box.x0 - media.x0,
+                below_points=media.y1 - box.y0,
                 dpi=dpi * step,
                 columns=wide,
                 rows=high,

@@ -63,10 +63,10 @@ class PageToDraw:
     """How errors name the PDF."""
     number: int
     """From 1."""
-    box: str
-    """The box that is printed: TrimBox, CropBox or MediaBox."""
-    size_points: tuple[float, float]
-    """Width and height as printed."""
+    left_points: float
+    """From the left edge of its MediaBox, as the page is turned, to that of what is printed."""
+    below_points: float
+    """From the lower edge of its MediaBox, as the page is turned, to the upper edge of what is printed."""
     dpi: float
     columns: int
     rows: int
@@ -114,21 +114,17 @@ def _warnings(page: PageToDraw, engine: RipEngine, messages: list[str]) -> Itera
     place = page.number - 1
     if engine.name != "ghostscript":
         for line in dict.fromkeys(messages[-MESSAGES_MAX:]):
-            yield PageWarning(
-                page=place, kind="rip-message", message=f"page {page.number}: {engine.program}: {line}"
-            )
+            yield PageWarning(page=place, kind="rip-message", message=f"{engine.program}: {line}")
         return
     for line in dict.fromkeys(messages):
         if _GS_DAMAGE.search(line):
             what = f"Ghostscript leaves something out of it ({line})"
             raise page.error(what, "correct what it complains of, and export the PDF again")
         if font := _GS_FONT.match(line):
-            message = f"page {page.number}: font {font[1]} is not embedded, and {Path(font[2]).name} stands in for it"
+            message = f"the font {font[1]} is not embedded, and {Path(font[2]).name} is drawn in its place: embed it"
             yield PageWarning(page=place, kind="font-substituted", message=message, object_name=font[1])
         elif not _GS_NOISE.match(line):
-            yield PageWarning(
-                page=place, kind="rip-message", message=f"page {page.number}: Ghostscript: {line}"
-            )
+            yield PageWarning(page=place, kind="rip-message", message=f"Ghostscript: {line}")
 
 
 def _arguments(page: PageToDraw, engine: RipEngine, folder: Path) -> list[str]:
@@ -150,8 +146,9 @@ def _ghostscript(page: PageToDraw, folder: Path) -> list[str]:
     transforms at the end, which ``tiffsep`` does not. Native CMYK stays as it stands, because the device and DeviceCMYK
     have one profile.
     """
-    shift = page.rows * POINTS_PER_INCH / page.dpi - page.size_points[1]
-    box = [] if page.box == "MediaBox" else [f"-dUse{page.box}"]
+    # Without a box of its own choice Ghostscript puts the lower left corner of the MediaBox at that of the raster.
+    down = page.below_points - page.rows * POINTS_PER_INCH / page.dpi
+    offset = f"{-page.left_points:.8f} {down:.8f}"
     profile = []
     if page.profile:
         (folder / PROFILE).write_bytes(page.profile)
@@ -163,10 +160,9 @@ def _ghostscript(page: PageToDraw, folder: Path) -> list[str]:
         *("-dTextAlphaBits=1", "-dGraphicsAlphaBits=1", "-dPrinted=true", "-sCompression=none"),
         *(f"-r{page.dpi:.10g}", f"-g{page.columns}x{page.rows}"),
         *(f"-dFirstPage={page.number}", f"-dLastPage={page.number}"),
-        *box,
         *profile,
         f"-sOutputFile={TIFF}",
-        *("-c", f"<</PageOffset [0 {shift:.8f}]>> setpagedevice", "-f", str(page.pdf)),
+        *("-c", f"<</PageOffset [{offset}]>> setpagedevice", "-f", str(page.pdf)),
     ]
 
 
@@ -231,7 +227,9 @@ def _read(page: PageToDraw, engine: RipEngine, path: Path) -> NDArray[np.uint8]:
     rows, columns = read.cmyk.shape[:2]
     if max(abs(rows - page.rows), abs(columns - page.columns)) > PIXELS_OFF_MAX:
         size = f"{page.columns} x {page.rows}"
-        what = f"{engine.program} writes {columns} x {rows} pixels where its {page.box} has {size}"
+        what = (
+            f"{engine.program} writes {columns} x {rows} pixels where what is printed of the page has {size}"
+        )
         raise page.error(what, remedy)
     return fitted(read.cmyk, page.rows, page.columns)
 

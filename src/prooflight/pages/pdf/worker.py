@@ -70,6 +70,7 @@ class Worker:
     def __init__(self, raster: SharedRaster, folder: Path) -> None:
         self._raster, self._folder = raster, folder
         self._files: OrderedDict[tuple[Any, ...], PdfFile] = OrderedDict()
+        self._examined: tuple[tuple[Any, ...], PdfFile] | None = None
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """What was asked for, or why not."""
@@ -125,26 +126,43 @@ class Worker:
         file = self._file(request)
         return {"marks": file.marks(request["number"]), "warnings": _plain(file.warnings())}
 
+    def _facts(self, request: dict[str, Any]) -> dict[str, Any]:
+        # Of a document of its own: drawing may rename what it draws with.
+        key = _key(request)
+        if self._examined is None or self._examined[0] != key:
+            self._examined = key, self._opened(request)
+        file = self._examined[1]
+        found = file.facts(request["number"], Path(request["swatches"]))
+        file.warnings()  # what is wrong with the page is said when it is drawn
+        return found | {"warnings": []}
+
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
-        file = self._files.pop(_key(request), None)
+        file, examined = self._files.pop(_key(request), None), self._examined
         if file is not None:
             file.close()
+        if examined is not None and examined[0] == _key(request):
+            examined[1].close()
+            self._examined = None
         return {}
 
     def _file(self, request: dict[str, Any]) -> PdfFile:
         """The PDF, opened if it is not open, or no longer. JobError: it is another one than before."""
         key = _key(request)
         if key not in self._files:
-            path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
-            if file_stamp(path) != request["stamp"]:
-                what = "has been changed while it was in use"
-                raise JobError(shown, what, remedy="leave it alone until the job is done")
-            icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
-            self._files[key] = PdfFile(path, shown, icc)
+            self._files[key] = self._opened(request)
             if len(self._files) > FILES_KEPT:
                 self._files.popitem(last=False)[1].close()
         self._files.move_to_end(key)
         return self._files[key]
+
+    @staticmethod
+    def _opened(request: dict[str, Any]) -> PdfFile:
+        path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
+        if file_stamp(path) != request["stamp"]:
+            what = "has been changed while it was in use"
+            raise JobError(shown, what, remedy="leave it alone until the job is done")
+        icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
+        return PdfFile(path, shown, icc)
 
 
 def _plain(warnings: list[PageWarning]) -> list[dict[str, Any]]:

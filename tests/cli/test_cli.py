@@ -78,7 +78,9 @@ def test_press_build_reports_digest_and_table_accuracy(
     )
     answer = json.loads(out)
     assert code == 0
-    assert set(answer) == {"press", "digest", "seconds", "detectors", "tables"}
+    assert set(answer) == {"press", "digest", "seconds", "detectors", "tables", "rip"}
+    assert answer["rip"]["engine"] == "mupdf"
+    assert answer["rip"]["differs"] == []
     assert answer["tables"][0]["white_sigma"] <= 0.03
 
 

@@ -9,6 +9,7 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from prooflight.errors import PressError
+from prooflight.pages.pdf.engine import RipEngine
 from prooflight.prediction.predict import predict
 from prooflight.press.artefact import KIND, SCHEMA, Press, _digest
 
@@ -104,6 +105,26 @@ def test_the_rips_resolution_travels_and_says_nothing_where_nobody_knows(
     assert Press.load(tmp_path / "untold.press").rip_dpi is None
     with safe_open(tmp_path / "untold.press", framework="numpy") as file:
         assert "rip_dpi" not in file.metadata()["document"]
+
+
+def test_the_rips_engine_travels_and_is_mupdf_where_nothing_is_stated(press: Press, tmp_path: Path) -> None:
+    front_end = RipEngine(name="command", command=("rip", "{pdf}", "{page}", "{dpi}", "{out}"))
+    for engine in (RipEngine(name="ghostscript"), front_end):
+        other = replace(press, rip_engine=engine)
+        other.save(tmp_path / "other.press")
+        assert Press.load(tmp_path / "other.press").rip_engine == engine
+        assert other.digest != press.digest
+    press.save(tmp_path / "usual.press")
+    assert Press.load(tmp_path / "usual.press").rip_engine == RipEngine()
+    with safe_open(tmp_path / "usual.press", framework="numpy") as file:
+        assert "rip_engine" not in file.metadata()["document"]
+
+
+def test_an_artefact_whose_engine_cannot_be_meant_is_refused(press: Press, tmp_path: Path) -> None:
+    engine = RipEngine(name="ghostscript")
+    object.__setattr__(engine, "command", ("rm", "-r", "/"))
+    with pytest.raises(PressError, match="rip_engine"):
+        replace(press, rip_engine=engine).save(tmp_path / "other.press")
 
 
 def test_a_press_without_fringes_is_what_it_was_before_there_were_any(press: Press, tmp_path: Path) -> None:

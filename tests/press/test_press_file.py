@@ -8,6 +8,7 @@ import pytest
 
 from prooflight import spectra
 from prooflight.errors import PressFileError
+from prooflight.pages.pdf.engine import RipEngine
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
@@ -110,6 +111,29 @@ def test_the_rips_resolution_is_of_the_press(tmp_path: Path) -> None:
     assert PressFile(Path("press.toml"), CONTRACT).rip_dpi is None
     press_file = PressFile(Path("press.toml"), CONTRACT + "[rip]\ndpi = 1200\n")
     assert press_file.rip_dpi == 1200
+
+
+def test_the_rips_engine_is_of_the_press() -> None:
+    assert PressFile(Path("press.toml"), CONTRACT).rip_engine == RipEngine()
+    by_gs = PressFile(Path("press.toml"), CONTRACT + '[rip]\nengine = "ghostscript"\n')
+    assert by_gs.rip_engine.name == "ghostscript"
+    named = '["rip", "{pdf}", "{page}", "{dpi}", "{out}"]'
+    by_command = PressFile(Path("press.toml"), f'{CONTRACT}[rip]\nengine = "command"\ncommand = {named}\n')
+    assert by_command.rip_engine.command == ("rip", "{pdf}", "{page}", "{dpi}", "{out}")
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ('engine = "harlequin"', "rip.engine: "),
+        ('engine = "command"', "rip: command goes with"),
+        ('command = ["rip"]', "rip: command goes with"),
+        ('engine = "command"\ncommand = ["rip", "{pdf}"]', "rip: command must say where {page} goes"),
+        ('engine = "command"\ncommand = "rip {pdf}"', "rip.command: "),
+    ],
+)
+def test_engines_that_cannot_be_meant_are_refused(fields: str, said: str) -> None:
+    assert said in refused(f"{CONTRACT}[rip]\n{fields}\n")
 
 
 @pytest.mark.parametrize("dpi", ["0", "-600", "99", "1e9", "nan", "true", '"600 dpi"', "[600, 600]"])

@@ -204,3 +204,29 @@ def test_seen_ends_the_alarm_and_not_the_incident(console: Served) -> None:
         console.console.live._look()
         told = operator.get("/api/v1/now").json()
         assert (told["state"], told["alarm"], len(told["incidents"])) == ("look", False, 1)
+
+
+def test_warnings_of_the_job_stand_on_the_page_now_and_in_the_report(tmp_path: Path) -> None:
+    """Before the first sheet, and as text whatever they hold."""
+    console = served(tmp_path, run=False)
+    warnings = [
+        {"page": number, "kind": "font-substituted", "message": f"font {number} {SCRIPT}", "object": ""}
+        for number in (1, 2, 3, 4)
+    ]
+    unsound: list[object] = [7, {"page": "x", "message": 3}, {"page": [1], "message": "of no page"}]
+    write_run(console.journal, sheets=0, settings={"warnings": [*warnings, *unsound]})
+    client = console.client(Role.VIEWER)
+    now, report = client.get("/").text, client.get("/report/1").text
+    for text in (now, report):
+        assert "5 warnings of the job" in text
+        assert "p0001: font 1 &lt;script&gt;" in text
+        assert "<script>alert" not in text
+    assert "p0004" not in now
+    assert "p0004: font 4" in report
+    assert "of no page" in report
+    console.close()
+
+
+def test_a_run_without_warnings_says_nothing_of_them(console: Served) -> None:
+    client = console.client(Role.VIEWER)
+    assert "warnings of the job" not in client.get("/").text + client.get("/report/1").text

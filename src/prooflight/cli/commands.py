@@ -37,7 +37,7 @@ LISTED: Final = {
     "rip": Listed("jobs.command", "Write each page as a CMYK TIFF, as the press prints it."),
     "simulate": Listed("jobs.command", "Print and scan a job on the simulated press."),
     "inspect": Listed("jobs.command", "Compare scans with the job, one verdict a page."),
-    "job": Listed("jobs.zones", "Zones of a job, from layers, annotations, boxes, codes."),
+    "job": Listed("jobs.zones", "Check a job before it is printed; zones by what it says."),
     "zones": Listed("jobs.zones", "What zones cost before they are in force; draw them."),
     "codes": Listed("jobs.codes", "Bar codes of a job, as this press's camera will read them."),
     "watch": Listed("watch.command", "Inspect a press while it runs."),

@@ -15,7 +15,7 @@ from prooflight.cli import show
 from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
-from prooflight.errors import RequestError
+from prooflight.errors import PressFileError, RequestError
 
 if TYPE_CHECKING:
     from prooflight.commissioning.training.learned_variation import StatedBesideLearned
@@ -70,6 +70,7 @@ def build(
     from prooflight.commissioning.line_camera.dialogue import measured_columns
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.inspection.registry import promises
+    from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
@@ -80,6 +81,10 @@ def build(
         Plan.of(designs or TEACHING[detector])  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)
+    if settings.rip_engine.missing:
+        raise PressFileError(
+            press_file, f"rip.engine: {settings.rip_engine.missing}", remedy=settings.rip_engine.remedy
+        )
     measured = None if columns is None else measured_columns(columns, settings.camera())
     press = build_press(settings, seed=seed, columns=measured, progress=show.steps(quiet=json))
     accuracy = table_accuracy(
@@ -89,11 +94,13 @@ def build(
         rate = 1 / settings.good_pages_per_false_alarm if settings.states_promise else DEFAULT_RATE
         teaching = designs or TEACHING[detector]
         press = _trained(press, teaching, rate=rate, full=detector == "full", seed=seed, quiet=json)
+    differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
     if json:
         facts = {"press": str(out), "digest": digest, "seconds": seconds, "detectors": promises(press)}
-        show.print_json(facts | {"tables": accuracy})
+        rip = {"engine": press.rip_engine.name, "dpi": drawn_dpi(press), "differs": differing}
+        show.print_json(facts | {"tables": accuracy, "rip": rip})
         return
     show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
     for entry in accuracy:
@@ -106,6 +113,29 @@ def build(
         show.people.print(f"detector {name}: {promise}")
     if press.ours is not None:
         show.people.print(catches(press.ours))
+    show.people.print(_rip_sentence(press, differing))
+
+
+def _rip_differences(press: Press, *, quiet: bool) -> tuple[str, ...] | None:
+    """What the press's RIP draws otherwise on a test page of ours; None: PyMuPDF is missing, so that no PDF is read."""
+    from importlib.util import find_spec
+
+    from prooflight.pages.pdf.engine_check import differences
+    from prooflight.press.pages import drawn_dpi
+
+    if find_spec("pymupdf") is None:
+        return None
+    show.steps(quiet=quiet)(f"having {press.rip_engine.name} draw a test page")
+    return differences(press.rip_engine, drawn_dpi(press))
+
+
+def _rip_sentence(press: Press, differing: tuple[str, ...] | None) -> str:
+    from prooflight.pages.pdf.engine_check import sentence
+    from prooflight.press.pages import drawn_dpi
+
+    if differing is None:
+        return f"RIP {press.rip_engine.name}: not checked, since PyMuPDF, which reads PDFs, is not installed"
+    return sentence(press.rip_engine, drawn_dpi(press), differing)
 
 
 def catches(ours: CalibratedDetector) -> str:
@@ -281,6 +311,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "supersampling": press.supersampling,
         "raster_dpi": round(press.dpi, 2),
         "rip_dpi": press.rip_dpi,
+        "rip_engine": " ".join((press.rip_engine.name, *press.rip_engine.command)),
         "good_pages_per_false_alarm": press.good_pages_per_false_alarm,
         "misprint_rate": press.costs.misprint_rate,
         "false_alarm_cents": press.costs.false_alarm_cents,

@@ -98,6 +98,7 @@ def build_press(
         variation=press_file.variation(),
         fringes=press_file.fringes,
         rip_dpi=press_file.rip_dpi,
+        rip_engine=press_file.rip_engine,
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,

@@ -170,8 +170,9 @@ class InspectPage:
         number, scan = pair
         if scan is None:
             return Judged(scan_missing(self.name(pair), self.scans))
-        inspection = self.inspection(self.page(number), scan)
-        return Judged(inspection.verdict, summary_of(inspection))
+        page = self.page(number)
+        inspection = self.inspection(page, scan)
+        return Judged(inspection.verdict, summary_of(inspection), page.warnings)
 
     def name(self, pair: Pair) -> str:
         """Of a page that has a scan, or has none."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Detector, Inspection, RunTest
     from prooflight.detectors.verdict import Verdict
+    from prooflight.pages.warnings import PageWarning
 
 SUSPENDED: Final = (
     "this press's good pages are not like those that the promise rests on (most of all: {}): the promised "
@@ -32,6 +33,8 @@ class Judged:
     verdict: Verdict
     summary: NDArray[np.float64] | None = None
     """``summary_of``."""
+    warnings: tuple[PageWarning, ...] = ()
+    """Of its page."""
 
 
 def summary_of(inspection: Inspection) -> NDArray[np.float64] | None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from prooflight.journal.columns import ASKED_ALONE
 from prooflight.journal.records import COUNTED
 from prooflight.journal.schema import json_text
+from prooflight.pages.check import in_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,6 +50,17 @@ def run_facts(run: RunRow) -> dict[str, Any]:
             "settings": settings,
             "counts": {} if end is None else end.counts,
         }
+    )
+
+
+def job_warnings(run: RunRow) -> tuple[str, ...]:
+    """Warnings of a run's job that were told before its first sheet, a line each."""
+    kept = run.facts.settings.get("warnings")
+    found = [one for one in (kept if isinstance(kept, list) else []) if isinstance(one, dict)]
+    return tuple(
+        in_line({"page": page if isinstance(page, int) else None, "message": message})
+        for page, message in ((one.get("page"), one.get("message")) for one in found)
+        if isinstance(message, str)
     )
 
 

@@ -12,6 +12,7 @@ from prooflight.pages.job import opened
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
+    from prooflight.line.notices import PageWarnings
     from prooflight.line.prefetch import PageBook
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.job import JobSource
@@ -33,6 +34,8 @@ class JobBook:
     sheets: int
     plan: SheetPlan | None = None
     """Where sides pass in another order than they are numbered; its pages are the job's sides then."""
+    warnings: PageWarnings | None = None
+    """Told of each page's; None: nobody is."""
 
     def __len__(self) -> int:
         return self.sheets
@@ -47,7 +50,10 @@ class JobBook:
 
     def page(self, sheet: int) -> Page:
         """See ``PageBook``; JobError, RequestError: as ``Job.page``, or it is wider than the press's field."""
-        return self.press.geometry.lay(opened(self.job).page(self.design(sheet)))
+        page = opened(self.job).page(self.design(sheet))
+        if self.warnings is not None:
+            self.warnings.add(page.warnings)
+        return self.press.geometry.lay(page)
 
 
 class KnownThumbnails:

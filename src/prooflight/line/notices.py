@@ -10,15 +10,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from prooflight.inspection.reasons import reason_of
+from prooflight.pages.check import in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator
+    from collections.abc import Callable, Hashable, Iterable, Iterator
 
+    from prooflight.pages.warnings import PageWarning
     from prooflight.scans.lines import LineBlock
 
 NoticeKind = Literal[
     "page-unusable",
     "page-usable",
+    "page-warning",
     "silent",
     "lines-again",
     "camera-away",
@@ -84,6 +87,22 @@ class Silence:
                 lasted_s = self._clock() - since_s
                 self._say(Notice(kind="lines-again", text=f"lines come again, after {lasted_s:.0f} s"))
             self._said = False
+
+
+class PageWarnings:
+    """Warnings of pages as these are made ready, each told once; by several threads."""
+
+    def __init__(self, say: Callable[[Notice], None], known: Iterable[PageWarning] = ()) -> None:
+        """``known``: those that were told before the run."""
+        self._say, self._known, self._guard = say, set(known), threading.Lock()
+
+    def add(self, warnings: Iterable[PageWarning]) -> None:
+        """Tell those of a page that nobody was told yet."""
+        with self._guard:
+            new = [warning for warning in warnings if warning not in self._known]
+            self._known.update(new)
+        for warning in new:
+            self._say(Notice(kind="page-warning", text=in_words(warning)))
 
 
 class Unusable:

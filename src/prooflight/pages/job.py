@@ -18,17 +18,23 @@ from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
 from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.warnings import WHOLE_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.pages.layout.layout import Layout
+    from prooflight.pages.pdf.engine import RipEngine
+    from prooflight.pages.pdf.facts import PageFacts
     from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.warnings import PageWarning
 
 
 FINER: Final = 2
 """A PDF of which nobody says at what resolution its press prints it is drawn at so many times that of its raster
 (`prooflight study resolution`). Three times as finely called no fewer good prints misprints."""
+COARSE_DPI: Final = 18.0
+"""At which a page is drawn where only its warnings are asked for: all of it is read, and next to nothing is painted."""
 UNKNOWN_DPI: Final = 600.0
 """Resolution at which such a press is taken to print. (assumed: no press of letters prints more coarsely)"""
 
@@ -55,6 +61,8 @@ class JobSource:
     press's, and inks are averaged."""
     profile: Path | None = None
     """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
+    engine: RipEngine | None = None
+    """What draws the pages of PDFs; None: MuPDF."""
     layout: Layout | None = None
     """How pages lie on sheets: the job's pages then are the sides that are printed (``pages.layout``). None: as they
     are."""
@@ -78,7 +86,7 @@ class Job:
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
         for path in _files_of(source.path):
             if _is_pdf(path):
-                self._pdfs[path] = PdfJob(path, profile=source.profile)
+                self._pdfs[path] = PdfJob(path, profile=source.profile, engine=source.engine)
                 count = len(self._pdfs[path])
             else:
                 count = files.page_count(path)
@@ -162,9 +170,14 @@ class Job:
         return files.page_size_mm(path, place)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What MuPDF had to say about the PDFs so far."""
-        return tuple(line for pdf in self._pdfs.values() for line in pdf.warnings)
+    def warnings(self) -> tuple[PageWarning, ...]:
+        """Warnings of the job's files and of the pages drawn so far, which are numbered as without a layout."""
+        places = {place: number for number, place in enumerate(self._places)}
+        return tuple(
+            replace(warning, page=places.get((path, warning.page + 1), WHOLE_FILE))
+            for path, pdf in self._pdfs.items()
+            for warning in pdf.warnings
+        )
 
     def marks(self, number: int) -> PageMarks | None:
         """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``.
@@ -180,6 +193,29 @@ class Job:
         pdf = self._pdfs.get(path)
         return None if pdf is None else pdf.marks(place)
 
+    @property
+    def own_pages(self) -> int:
+        """How many pages its files have, however they lie on sheets."""
+        return len(self._places)
+
+    def facts(self, number: int) -> tuple[PageFacts, dict[str, tuple[int, ...]]] | None:
+        """Facts of page ``number`` of its files, and what is printed of its spot colours (``PdfJob.facts``).
+
+        None: it is of no PDF. Errors as ``page``.
+        """
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        return None if pdf is None else pdf.facts(place)
+
+    def coarse_warnings(self, number: int) -> tuple[PageWarning, ...]:
+        """Warnings of page ``number`` of its files, which is drawn coarsely for that; errors as ``page``."""
+        path, place = self._places[number - 1]
+        pdf = self._pdfs.get(path)
+        if pdf is None:
+            return ()
+        found = pdf.page(place, COARSE_DPI).warnings
+        return tuple(replace(warning, page=number - 1) for warning in found)
+
     def page(self, number: int) -> Page:
         """Page ``number`` of the job, from 1; RequestError: there is none; JobError: it cannot be used."""
         if not 1 <= number <= len(self):
@@ -193,7 +229,7 @@ class Job:
         if None in shown:
             like = _sizing_page(layout, number)
             sized = own[like] if like in own else self._own_page(like)
-            blank = replace(sized, cmyk=np.zeros_like(sized.cmyk))
+            blank = replace(sized, cmyk=np.zeros_like(sized.cmyk), warnings=())
             return imposed([blank if page is None else own[page] for page in shown], layout, number)
         return imposed([own[page] for page in shown if page is not None], layout, number)
 
@@ -207,7 +243,8 @@ class Job:
             drawn_dpi = source.drawn_dpi or FINER * source.dpi
             page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light)
             page = replace(page, edge_sd_mm=edge_sd_mm(source.drawn_dpi))
-        return replace(page, name=files.page_name(number), number=number)
+        warnings = tuple(replace(warning, page=number - 1) for warning in page.warnings)
+        return replace(page, name=files.page_name(number), number=number, warnings=warnings)
 
 
 def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:

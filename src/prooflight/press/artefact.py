@@ -7,7 +7,8 @@ What it may hold, ``press_schema`` says; nothing else is written or read. Schema
 4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
 5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
 6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
-presses of before did, so that their digests stay: ``fringes``, ``rip_dpi``, and in our detector ``prior``.
+presses of before did, so that their digests stay: ``fringes``, ``rip_dpi``, ``rip_engine``, and in our detector
+``prior``.
 7: our detector is a ranking that was learned once, made fit for the press by its own good pages (``ours.values``,
 ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 8: those of other presses by how many pages made a ranking fit (``ours.reference``, ``ours.reference_pages``).
@@ -36,6 +37,7 @@ from prooflight.errors import PressError
 from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
 from prooflight.pages.lens_correction import LensCorrection
+from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.sampling import Footprint
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.schema import check_press
@@ -62,6 +64,7 @@ DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
 }
 REBUILD = "build it again with `prooflight press build`"
 
+MUPDF: Final = RipEngine()
 LIGHT_STEPS: Final = 18
 """15 bytes of ink apart, so that no ink and all of it are two of them."""
 
@@ -106,6 +109,8 @@ class Press(Shown):
     """Whether our detector predicts planes that share edges where their fringes show them; it is taught with it."""
     rip_dpi: float | None = None
     """Resolution at which the press itself rips PDFs; None: nobody said. [pixels/inch]"""
+    rip_engine: RipEngine = MUPDF
+    """What draws the pages of PDFs: MuPDF, or what the press file names."""
     ours: CalibratedDetector | None = None
     """Our detector, taught for this press; None: not yet."""
     bayes: BayesDetector | None = None
@@ -215,6 +220,8 @@ class Press(Shown):
             document["fringes"] = True
         if self.rip_dpi is not None:
             document["rip_dpi"] = self.rip_dpi
+        if self.rip_engine != MUPDF:
+            document["rip_engine"] = asdict(self.rip_engine)
         return arrays, json.dumps(document, sort_keys=True)
 
     @classmethod
@@ -252,8 +259,13 @@ class Press(Shown):
             variation=document["variation"],
             fringes=document.get("fringes", False),
             rip_dpi=document.get("rip_dpi"),
+            rip_engine=_engine(document.get("rip_engine")),
             **detectors,
         )
+
+
+def _engine(facts: Mapping[str, Any] | None) -> RipEngine:
+    return MUPDF if facts is None else RipEngine(name=facts["name"], command=tuple(facts["command"]))
 
 
 def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:

@@ -20,6 +20,7 @@ from pydantic import (
 from prooflight.detectors.cost import FLOOR_SHARE
 from prooflight.errors import PressFileError
 from prooflight.files.given import shortly
+from prooflight.pages.pdf.engine import RipEngine
 from prooflight.press.outlets import PlantBlock
 
 if TYPE_CHECKING:
@@ -133,6 +134,13 @@ class RipBlock(_Block):
 
     dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
     """None: nobody knows."""
+    engine: Literal["mupdf", "ghostscript", "command"] = "mupdf"
+    command: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_an_engine(self) -> Self:
+        RipEngine(name=self.engine, command=self.command)
+        return self
 
 
 class InksBlock(_Block):

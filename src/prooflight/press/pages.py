@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from prooflight.pages.job import Job, JobSource
+from prooflight.pages.job import FINER, Job, JobSource
 
 if TYPE_CHECKING:
     from prooflight.pages.layout.layout import Layout
@@ -40,8 +40,14 @@ def job_source(
         drawn_dpi=press.rip_dpi,
         light=press.ink_light,
         profile=profile,
+        engine=press.rip_engine,
         layout=layout,
     )
+
+
+def drawn_dpi(press: Press) -> float:
+    """Resolution at which PDF pages are drawn for a press before their pixels are taken together. [pixels/inch]"""
+    return press.rip_dpi or FINER * press.dpi
 
 
 def open_job(path: str | Path, press: Press, *, profile: str | Path | None = None) -> PressJob:

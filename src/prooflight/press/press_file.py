@@ -24,6 +24,7 @@ from prooflight.inks.cgats import number
 from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
+from prooflight.pages.pdf.engine import RipEngine
 from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
 from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.press.limits import refuse_unworkable
@@ -114,6 +115,12 @@ class PressFile:
     def rip_dpi(self) -> float | None:
         """``[rip]``: at what resolution the press rips PDFs; None: the file does not say. [pixels/inch]"""
         return self._document.rip.dpi
+
+    @property
+    def rip_engine(self) -> RipEngine:
+        """``[rip]``: what draws the pages of PDFs."""
+        block = self._document.rip
+        return RipEngine(name=block.engine, command=block.command)
 
     @property
     def backing_reflectance(self) -> float:

@@ -6,10 +6,10 @@ Detectors check their own parts (``deciding``), ink models theirs (``ink_schema`
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import BayesDetector
@@ -29,6 +29,7 @@ from prooflight.files.schema import (
 )
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 from prooflight.kernels.prediction.look_up import NODES
+from prooflight.pages.pdf.engine import ARGUMENT_LETTERS_MAX, EngineName, RipEngine
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
 
@@ -100,6 +101,18 @@ class DetectorFacts(Block):
     bayes: dict[str, Any] | None = None
 
 
+class EngineFacts(Block):
+    """``RipEngine``."""
+
+    name: EngineName
+    command: tuple[Annotated[str, Field(strict=True, max_length=ARGUMENT_LETTERS_MAX)], ...]
+
+    @model_validator(mode="after")
+    def _is_an_engine(self) -> Self:
+        RipEngine(name=self.name, command=self.command)
+        return self
+
+
 class PressFacts(Block):
     """All of a press that is no array."""
 
@@ -116,6 +129,7 @@ class PressFacts(Block):
     detectors: DetectorFacts
     floor_share: Share
     fringes: Annotated[bool, Field(strict=True)] = False
+    rip_engine: EngineFacts | None = None
     rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
 
 

@@ -88,10 +88,15 @@ class AlarmPictures:
 
 def page_picture(page: Page, press: Press, *, width_px: int) -> Image.Image:
     """The page as a person would see it, width_px wide; never enlarged."""
+    return raster_picture(page, press.appearance_srgb, width_px=width_px)
+
+
+def raster_picture(page: Page, colours: NDArray[np.uint8], *, width_px: int) -> Image.Image:
+    """As ``page_picture``, by the sRGB of recipes (n, n, n, n, 3)."""
     rows, columns = page.cmyk.shape[:2]
     size = _within(columns, rows, width_px)
     recipes = cv2.resize(page.cmyk, size, interpolation=cv2.INTER_AREA)
-    return Image.fromarray(appearance(recipes, press.appearance_srgb))
+    return Image.fromarray(appearance(recipes, colours))
 
 
 def appearance(cmyk: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.uint8]:

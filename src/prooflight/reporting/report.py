@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.pages.raster import Page
+    from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
     from prooflight.reporting.two_worlds import TwoWorlds
@@ -62,6 +63,8 @@ class PageEntry:
     """What was done to the page on purpose; None: nothing, or not known."""
     summary: NDArray[np.float64] | None = field(default=None, compare=False)
     """What it adds to its run, until that is known."""
+    warnings: tuple[PageWarning, ...] = ()
+    """What is printed of the page otherwise than its file asks, or may be."""
 
     @property
     def alarmed(self) -> bool:
@@ -85,6 +88,8 @@ class RunSummary:
     pages_per_s: float
     suspended: str = ""
     """Why the promise does not hold for these pages; empty: nothing says so."""
+    warnings: tuple[str, ...] = ()
+    """Of the job, a line each."""
 
     @classmethod
     def today(
@@ -96,6 +101,7 @@ class RunSummary:
         world: str | None = None,
         seed: int | None = None,
         suspended: str = "",
+        warnings: Sequence[str] = (),
     ) -> Self:
         """Of a job that was inspected today."""
         return cls(
@@ -108,6 +114,7 @@ class RunSummary:
             date=datetime.now(UTC).strftime("%Y-%m-%d"),
             pages_per_s=pages_per_s,
             suspended=suspended,
+            warnings=tuple(warnings),
         )
 
 
@@ -177,6 +184,7 @@ def page_entry(
         picture=pictures.encoded(pictures.page_picture(page, press, width_px=PAGE_PICTURE_PX)),
         alarm=alarm,
         truth=truth,
+        warnings=page.warnings,
     )
 
 

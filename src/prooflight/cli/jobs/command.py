@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from prooflight.cli.jobs.inspected import Inspected
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.pages.warnings import PageWarning
     from prooflight.reporting.report import PageEntry
 
 InRun = TypeVar("InRun", "Judged", "PageEntry")
@@ -280,6 +282,7 @@ def inspect(
         raise RequestError(
             "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
         )
+    from prooflight.cli.jobs.check import checked_early, tell_warnings
     from prooflight.cli.jobs.inspected import inspected
     from prooflight.cli.jobs.zones import zones_in_force
     from prooflight.inspection.inspector import Inspector
@@ -297,6 +300,7 @@ def inspect(
         known = zones_in_force(zones, opened, loaded)
         inspector = replace(inspector, zones=known)
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
+        early = checked_early(opened, json=json)
     work = InspectPage(job=source, inspector=inspector, scans=scans)
     promise = PromiseWatch.of(inspector.detector)
     if report is None:
@@ -309,7 +313,8 @@ def inspect(
             json=json,
         )
     else:
-        done = _reported(work, pairs, report, promise, job=name, plan=plan, json=json)
+        done = _reported(work, pairs, report, promise, job=name, plan=plan, early=early, json=json)
+    tell_warnings(_later(done, early), json=json)
     if not json:
         each = "page" if plan is None else "side"
         show.judged(done.verdicts, title=f"{name} on press {loaded.name}", each=each)
@@ -329,6 +334,12 @@ def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
         yield replace(item, verdict=promise.marked(item.verdict), summary=None)
 
 
+def _later(done: Inspected[Any], early: EarlyWarnings) -> list[PageWarning]:
+    """Warnings of pages that were not told before the first of them."""
+    every = dict.fromkeys(warning for item in done.items for warning in item.warnings)
+    return [warning for warning in every if warning not in early.known]
+
+
 def _leave(done: Inspected[Any]) -> None:
     """Say what was not inspected, and end with the run's exit code."""
     if code := done.code():
@@ -343,10 +354,12 @@ def _reported(
     *,
     job: str,
     plan: SheetPlan | None,
+    early: EarlyWarnings,
     json: bool,
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
+    from prooflight.pages.check import in_words
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
 
@@ -360,7 +373,13 @@ def _reported(
     )
     report.mkdir(parents=True, exist_ok=True)
     pages_per_s = len(pairs) / (time.perf_counter() - started)
-    summary = RunSummary.today(work.inspector, job=job, pages_per_s=pages_per_s, suspended=promise.suspended)
+    summary = RunSummary.today(
+        work.inspector,
+        job=job,
+        pages_per_s=pages_per_s,
+        suspended=promise.suspended,
+        warnings=[in_words(warning) for warning in (*early.warnings, *_later(done, early))],
+    )
     sheets = () if plan is None else laid_out.of_job(plan, done.verdicts)
     write_report(report / "report.html", done.items, summary, sheets=sheets)
     return done

@@ -48,8 +48,13 @@ def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the program."""
-    job = typer.Typer(help="Zones from what a job says of itself.", no_args_is_help=True)
+    from prooflight.cli.jobs.check import check
+
+    job = typer.Typer(
+        help="Check a job before it is printed; zones from what it says of itself.", no_args_is_help=True
+    )
     job.callback()(_job)
+    job.command("check")(check)
     job.command("zones")(job_zones)
     zones = typer.Typer(help="Zones: their price, and a picture.", no_args_is_help=True)
     zones.command("price")(price)
@@ -60,7 +65,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _job() -> None:
-    """Zones from what a job says of itself."""
+    """Check a job before it is printed; zones from what it says of itself."""
 
 
 def job_zones(

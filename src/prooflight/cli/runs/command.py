@@ -119,7 +119,7 @@ def show_run(
     json: Json = False,
 ) -> None:
     """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
-    from prooflight.journal.exporting import page_facts, write_csv
+    from prooflight.journal.exporting import job_warnings, page_facts, write_csv
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run
 
@@ -146,6 +146,8 @@ def show_run(
             shown.append(page)
         together = laid_out.of_run(opened, found, damaged=damaged.add)
     show.people.print(_facts_table(found))
+    for line in job_warnings(found):
+        show.people.print(f"warning: {line}")
     if found.facts.settings.get("sample") or any(one.word for one in asked):
         for line in feedback.sample_lines(found, asked):
             show.people.print(line)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from prooflight.line.status import Status
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.pages.warnings import PageWarning
 
 Told = TypeVar("Told")
 MOST_SHEETS: Final = 10_000_000
@@ -153,6 +154,7 @@ def watch(
     Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded. Ctrl-C ends cleanly:
     what has passed is still inspected; a second one drops it, and says so.
     """
+    from prooflight.cli.jobs.check import checked_early
     from prooflight.cli.jobs.zones import zones_in_force
     from prooflight.cli.watch.plant import Plant
     from prooflight.cli.watch.view import Watching
@@ -176,6 +178,7 @@ def watch(
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         served = Plant.tried(plant, opened, loaded)
         known = zones_in_force(zones, opened, loaded)
+        early = checked_early(opened, json=json)
     inspector = replace(inspector, zones=known)
     plan = served.with_sets(plan, pages=pages, sheets=sheets)
     count = (sheets or pages) if plan is None else plan.passings
@@ -231,7 +234,8 @@ def watch(
         settings=asdict(settings)
         | {"job_pages": pages}
         | ({} if plan is None else {"layout": plan.facts})
-        | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest}),
+        | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest})
+        | ({"warnings": early.plain} if early.warnings else {}),
     )
     planned = PlannedRun(
         facts=facts,
@@ -246,6 +250,7 @@ def watch(
         follow=follow,
         false_alarms=false_alarms,
         plan=plan,
+        warnings=early.warnings,
     )
     with (
         console_beside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
@@ -282,6 +287,8 @@ class PlannedRun:
     """Of the run level, a 100,000 pages."""
     plan: SheetPlan | None = None
     """How the job lies on sheets; None: a page a sheet."""
+    warnings: tuple[PageWarning, ...] = ()
+    """Of the job that were told before the run."""
 
     def position(self, number: int) -> int:
         """When page ``number`` of the job, from 1, first passes."""
@@ -298,7 +305,7 @@ class PlannedRun:
 def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching) -> Status:
     """Watch until the lines end or somebody stops it; how it stands then."""
     from prooflight.line.book import JobBook
-    from prooflight.line.notices import Notice
+    from prooflight.line.notices import Notice, PageWarnings
     from prooflight.line.recording import ending_of
     from prooflight.line.watching import watched
 
@@ -314,7 +321,14 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
         progress=show.steps(quiet=console.json),
     ) as served:
         console.phase = served.phase
-        book = JobBook(job=planned.job, press=press, pages=planned.pages, sheets=sheets, plan=planned.plan)
+        book = JobBook(
+            job=planned.job,
+            press=press,
+            pages=planned.pages,
+            sheets=sheets,
+            plan=planned.plan,
+            warnings=PageWarnings(lambda one: said(one), planned.warnings),
+        )
         running = watched(
             planned.inspector,
             source=served.followed(given.source),

@@ -46,6 +46,18 @@ def printed_box(page: Any) -> Any:
     return found
 
 
+def deciding_box(page: Any) -> str:
+    """Name the box that ``printed_box`` will give: the first of an area."""
+    for name in ("TrimBox", "CropBox"):
+        array = mupdf.pdf_dict_gets(page.obj(), name)
+        if name == "CropBox":
+            array = mupdf.pdf_dict_gets_inheritable(page.obj(), name)
+        x0, y0, x1, y1 = (mupdf.pdf_to_real(mupdf.pdf_array_get(array, i)) for i in range(4))
+        if x0 != x1 and y0 != y1:
+            return name
+    return "MediaBox"
+
+
 def _box(page: Any, name: str, *, inherited: bool) -> Box | None:
     """A box with its corners in order; None if the page has none."""
     get = mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets

@@ -17,17 +17,20 @@ from pymupdf import mupdf
 
 from prooflight.errors import InputError, JobError, ProfileError, RequestError
 from prooflight.pages.memory import available_bytes, refuse_oversize
+from prooflight.pages.pdf import external
 from prooflight.pages.pdf import separations as plates
-from prooflight.pages.pdf.boxes import BoxError, printed_box
+from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.raster import POINTS_PER_INCH
+from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
@@ -69,8 +72,8 @@ class PdfFile:
 
     def __init__(self, path: Path, shown: str, profile: bytes | None) -> None:
         """``shown``: how errors name it. JobError: encrypted, empty or damaged; MemoryError: beyond its limit."""
-        self._shown, self._profile = shown, profile
-        self._said: list[str] = []
+        self._path, self._shown, self._profile = path, shown, profile
+        self._warnings = dict[PageWarning, None]()
         with self._listening("the PDF is damaged"):
             self._document = self._open(path)
             self.pages = int(self._document.page_count)
@@ -92,10 +95,10 @@ class PdfFile:
         """Let go of the file."""
         self._document.close()
 
-    def said(self) -> list[str]:
-        """What MuPDF had to say since this was last asked, one line each."""
-        lines, self._said = self._said, []
-        return lines
+    def warnings(self) -> list[PageWarning]:
+        """Warnings since this was last called, each once, in their order."""
+        found, self._warnings = list(self._warnings), {}
+        return found
 
     def sizes_points(self) -> list[tuple[float, float]]:
         """Width and height of every page as printed. JobError: a page does not say."""
@@ -105,10 +108,24 @@ class PdfFile:
 
     def marks(self, number: int) -> dict[str, Any]:
         """What page ``number`` says of its own places (``pages.pdf.marks``); errors as ``draw``."""
-        with self._listening(f"page {number} is damaged"):
+        with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box = self._box(page, number)
             return page_marks(page, (box.x0, box.y0))
+
+    def facts(self, number: int, swatches: Path) -> dict[str, Any]:
+        """Facts of page ``number`` (``page_facts``), as long as nothing has been drawn; errors as ``draw``.
+
+        swatches: where a PDF of its spot colours is written; "swatches" of what is returned names them.
+        """
+        from prooflight.pages.pdf.page_facts import page_facts, write_swatches
+
+        with self._listening(f"page {number} is damaged", number):
+            page = self._load(number)
+            printed = deciding_box(page)
+            self._box(page, number)
+            named = write_swatches(page, swatches)
+            return {"facts": page_facts(page, printed), "swatches": named}
 
     def draw(
         self,
@@ -125,7 +142,7 @@ class PdfFile:
         raster's, and ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be
         ripped; MemoryError: not within its limit.
         """
-        with self._listening(f"page {number} is damaged"):
+        with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
@@ -157,7 +174,55 @@ class PdfFile:
                     from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
 
                     taken_together(fine, band, light, step=step, first=top * step - above)
-            self._said += [f"page {number}: {trouble}" for trouble in troubles]
+            self._warn(number - 1, troubles)
+        return cmyk
+
+    def draw_by(
+        self,
+        engine: RipEngine,
+        folder: Path,
+        number: int,
+        dpi: float,
+        raster: Callable[[tuple[int, int, int], int], NDArray[np.uint8]],
+        *,
+        room_bytes: float,
+        drawn_dpi: float | None = None,
+        light: InkLight | None = None,
+    ) -> NDArray[np.uint8]:
+        """Have another engine draw page ``number`` at once, not in bands; else as ``draw``.
+
+        folder: where it writes. room_bytes: that it may take beside its raster.
+        """
+        with self._listening(f"page {number} is damaged", number):
+            page = self._load(number)
+            box, media = self._box(page, number), mupdf.pdf_bound_page(page, mupdf.FZ_MEDIA_BOX)
+            rows, columns = external.pixels_of((box.x1 - box.x0, box.y1 - box.y0), dpi)
+            step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
+            high, wide = math.ceil(rows * step), math.ceil(columns * step)
+            intent = b"" if self._profile is not None else plates.output_intent(page)
+            profile = self._profile or (intent if intent[16:20] == b"CMYK" else b"")
+            asked = external.PageToDraw(
+                pdf=self._path,
+                shown=self._shown,
+                number=number,
+                left_points=box.x0 - media.x0,
+                below_points=media.y1 - box.y0,
+                dpi=dpi * step,
+                columns=wide,
+                rows=high,
+                profile=profile,
+            )
+        held = high * wide * 4 // BYTES_PER_PIXEL  # as many pixels as take so much memory while MuPDF draws
+        self._refuse_oversize(number, dpi, rows, columns, drawn=held)
+        cmyk = raster((rows, columns, 4), held)
+        drawn = external.draw(asked, engine, folder, room_bytes=room_bytes)
+        if drawn_dpi is None:
+            cmyk[:] = drawn.cmyk
+        else:
+            from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+
+            taken_together(drawn.cmyk, cmyk, light, step=step)
+        self._warnings |= dict.fromkeys(drawn.warnings)
         return cmyk
 
     def _load(self, number: int) -> Any:
@@ -187,8 +252,8 @@ class PdfFile:
             )
 
     @contextlib.contextmanager
-    def _listening(self, damage: str) -> Iterator[None]:
-        """MuPDF's messages go to ``said``, not to stderr; what it raises is raised as a JobError.
+    def _listening(self, damage: str, number: int = WHOLE_FILE + 1) -> Iterator[None]:
+        """MuPDF's messages become warnings of page ``number``; what it raises is raised as a JobError.
 
         MemoryError: it lacked memory, even where it went on without what it could not draw.
         """
@@ -201,14 +266,19 @@ class PdfFile:
         except (InputError, MemoryError):
             raise
         except Exception as error:  # beside MuPDF's, what becomes of its errors if their text is not UTF-8
-            self._take_in(tools.mupdf_warnings(), str(error))
+            self._take_in(number - 1, tools.mupdf_warnings(), str(error))
             raise JobError(self._shown, damage, remedy=_AGAIN) from None
-        self._take_in(tools.mupdf_warnings(), "")
+        self._take_in(number - 1, tools.mupdf_warnings(), "")
 
-    def _take_in(self, said: str, raised: str) -> None:
-        if any(_NO_MEMORY.search(text) for text in (said, raised, *self._said)):
+    def _take_in(self, page: int, messages: str, raised: str) -> None:
+        earlier = (warning.message for warning in self._warnings)
+        if any(_NO_MEMORY.search(text) for text in (messages, raised, *earlier)):
             raise MemoryError
-        self._said += said.splitlines()
+        self._warn(page, messages.splitlines())
+
+    def _warn(self, page: int, messages: Iterable[str]) -> None:
+        for message in messages:
+            self._warnings[PageWarning(page=page, kind="renderer", message=message)] = None
 
 
 def _name_for_mupdf(path: Path, file: BinaryIO) -> str:

@@ -10,6 +10,7 @@ import contextlib
 import json
 import mmap
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -72,11 +73,20 @@ class RipProcess:
         ours, theirs = Pipe()
         lifeline, kept = os.pipe()
         self._memory = _shared_memory()
+        self.folder = tempfile.mkdtemp(prefix="prooflight-rip-")
+        """What other engines write, until it is read."""
         self._map: mmap.mmap | None = None
         try:
             descriptors = (theirs.fileno(), lifeline, self._memory)
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "prooflight.pages.pdf.worker", *map(str, descriptors)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "prooflight.pages.pdf.worker",
+                    *map(str, descriptors),
+                    self.folder,
+                ],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -92,7 +102,7 @@ class RipProcess:
             theirs.close()
             os.close(lifeline)
         self._process, self._connection, self._loaded = process, ours, False
-        self.end = weakref.finalize(self, _end, process, ours, (kept, self._memory))
+        self.end = weakref.finalize(self, _end, process, ours, (kept, self._memory), self.folder)
         """End the process and let go of all that was shared with it; also called at the interpreter's exit."""
         self._answer(START_SECONDS, "does not start")
 
@@ -168,7 +178,7 @@ def _abandoned() -> None:
     _guard = threading.RLock()
     for detached in [one.end.detach() for one in _running]:
         if detached is not None:
-            process, connection, descriptors = detached[2]
+            process, connection, descriptors, _folder = detached[2]
             connection.close()
             for descriptor in descriptors:
                 os.close(descriptor)
@@ -179,12 +189,16 @@ def _abandoned() -> None:
 os.register_at_fork(after_in_child=_abandoned)
 
 
-def _end(process: subprocess.Popen[bytes], connection: Connection, descriptors: tuple[int, ...]) -> None:
+def _end(
+    process: subprocess.Popen[bytes], connection: Connection, descriptors: tuple[int, ...], folder: str
+) -> None:
     connection.close()
     for descriptor in descriptors:
         os.close(descriptor)
-    process.kill()
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)  # with it whatever draws for it
     process.wait()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _fate(process: subprocess.Popen[bytes]) -> str:

@@ -16,6 +16,7 @@ Opening and ripping take place in a process of their own, within limits: ``rip_p
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,11 +26,19 @@ from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
+from prooflight.pages.pdf.facts import PageFacts
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
+from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
 
+SWATCHES_A_PAGE: Final = 16
+"""Spot colours that are drawn at once to see what is printed of them: no engine draws any number on one page."""
+SWATCH_DPI: Final = 72.0
 PDF_HEAD_BYTES: Final = 1024
 """Within the first so many a PDF says that it is one (ISO 32000-1, annex H.3.4.1)."""
 
@@ -53,14 +62,20 @@ class PageMarks:
 class PdfJob:
     """A PDF whose pages can be ripped one at a time, by any thread; they wait for one another."""
 
-    def __init__(self, path: Path, *, profile: Path | None = None) -> None:
-        """JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF is missing. ProfileError: not a CMYK profile."""
+    def __init__(self, path: Path, *, profile: Path | None = None, engine: RipEngine | None = None) -> None:
+        """Engine: what draws its pages; None: MuPDF.
+
+        JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF or the engine is missing. ProfileError: not a CMYK
+        profile.
+        """
         self.path = Path(path)
-        self.warnings: list[str] = []
-        """What MuPDF had to say about the file so far, one line each."""
+        self._warnings = dict[PageWarning, None]()
         if find_spec("pymupdf") is None:
             remedy = 'pip install "prooflight[pdf]", or give CMYK TIFF or JPEG files'
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
+        if engine is not None and engine.missing:
+            raise JobError(path, f"its pages cannot be drawn: {engine.missing}", remedy=engine.remedy)
+        self._engine, self._profile = engine, profile
         self._limits = rip_process.RipLimits.of_environment()
         self._request = self._about_file() | self._about_profile(profile)
         self._count = int(self._asked("opening it", do="open")["pages"])
@@ -109,9 +124,33 @@ class PdfJob:
         if not 1 <= number <= len(self):
             remedy = f"it has pages 1 to {len(self)}"
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
-        asked = {"do": "page", "number": number, "dpi": float(dpi), "drawn_dpi": drawn_dpi, "light": light}
-        cmyk = self._asked(f"page {number}", **asked)["cmyk"]
-        return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
+        engine = self._engine
+        named = None if engine is None or engine.name == "mupdf" else (engine.name, engine.command)
+        how = {"drawn_dpi": drawn_dpi, "light": light, "engine": named}
+        cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
+        warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
+        return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)
+
+    @property
+    def warnings(self) -> tuple[PageWarning, ...]:
+        """Of the file and of its pages that have been drawn or measured so far."""
+        return tuple(self._warnings)
+
+    def facts(self, number: int) -> tuple[PageFacts, dict[str, tuple[int, ...]]]:
+        """Facts of page ``number`` (from 1), and CMYK 0 to 255 of its spot colours as its engine prints them, by name.
+
+        Errors as ``page``.
+        """
+        with tempfile.TemporaryDirectory(prefix="prooflight-") as folder:
+            path = Path(folder) / "swatches.pdf"
+            answer = self._asked(f"page {number}", do="facts", number=number, swatches=str(path))
+            printed: dict[str, tuple[int, ...]] = {}
+            if answer["swatches"]:
+                with PdfJob(path, profile=self._profile, engine=self._engine) as swatches:
+                    for first, colours in enumerate(_swatch_colours(swatches)):
+                        names = answer["swatches"][first * SWATCHES_A_PAGE :]
+                        printed |= dict(zip(names, colours, strict=False))
+        return PageFacts.from_plain(answer["facts"]), printed
 
     def marks(self, number: int) -> PageMarks:
         """What page ``number`` (from 1) says of its own places; errors as ``page``."""
@@ -134,5 +173,13 @@ class PdfJob:
             answer = rip_process.ask(self._request | asked, self._limits)
         except rip_process.RipFailure as failure:
             raise JobError(self.path, f"{subject} {failure.what}", remedy=failure.remedy) from None
-        self.warnings += [line for line in answer["said"] if line not in self.warnings]
+        self._warnings |= dict.fromkeys(PageWarning(**warning) for warning in answer["warnings"])
         return answer
+
+
+def _swatch_colours(swatches: PdfJob) -> Iterator[list[tuple[int, ...]]]:
+    """CMYK of the swatches of each page of a file of them."""
+    for number in range(1, len(swatches) + 1):
+        row = swatches.page(number, SWATCH_DPI).cmyk
+        middle, wide = row[row.shape[0] // 2], row.shape[1] / SWATCHES_A_PAGE
+        yield [tuple(middle[int((i + 0.5) * wide)].tolist()) for i in range(SWATCHES_A_PAGE)]

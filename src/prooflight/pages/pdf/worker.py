@@ -2,12 +2,14 @@
 
 Started by ``rip_process`` as ``python -m prooflight.pages.pdf.worker`` with three file descriptors: a socket, on which
 requests and answers travel as JSON; a pipe that nobody writes to, whose end is the end of the process that asks; and
-the shared memory that pages are drawn into. It ends when it is no longer asked.
+the shared memory that pages are drawn into; and with a folder for what other engines write (``external``). It ends when
+it is no longer asked, and with it every program that it started.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import fcntl
 import json
 import mmap
@@ -26,9 +28,12 @@ from prooflight.errors import InputError, JobError
 from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
+from prooflight.pages.pdf.engine import RipEngine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from prooflight.pages.warnings import PageWarning
 
 FILES_KEPT: Final = 8
 """PDFs kept open for their next page."""
@@ -62,9 +67,10 @@ class SharedRaster:
 class Worker:
     """Answers requests, each of which says everything that it depends on."""
 
-    def __init__(self, raster: SharedRaster) -> None:
-        self._raster = raster
+    def __init__(self, raster: SharedRaster, folder: Path) -> None:
+        self._raster, self._folder = raster, folder
         self._files: OrderedDict[tuple[Any, ...], PdfFile] = OrderedDict()
+        self._examined: tuple[tuple[Any, ...], PdfFile] | None = None
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """What was asked for, or why not."""
@@ -91,11 +97,11 @@ class Worker:
 
     def _open(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"pages": file.pages, "said": file.said()}
+        return {"pages": file.pages, "warnings": _plain(file.warnings())}
 
     def _sizes(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"sizes": file.sizes_points(), "said": file.said()}
+        return {"sizes": file.sizes_points(), "warnings": _plain(file.warnings())}
 
     def _page(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
@@ -105,35 +111,62 @@ class Worker:
             return self._raster(shape)
 
         light = request["light"] and tuple(map(tuple, request["light"]))
-        shape = file.draw(
-            request["number"], request["dpi"], raster, drawn_dpi=request["drawn_dpi"], light=light
-        ).shape
-        return {"shape": shape, "said": file.said()}
+        how: dict[str, Any] = {"drawn_dpi": request["drawn_dpi"], "light": light}
+        if request["engine"] is None:
+            shape = file.draw(request["number"], request["dpi"], raster, **how).shape
+        else:
+            engine = RipEngine(name=request["engine"][0], command=tuple(request["engine"][1]))
+            room_bytes, folder = request["room_bytes"], self._folder
+            shape = file.draw_by(
+                engine, folder, request["number"], request["dpi"], raster, room_bytes=room_bytes, **how
+            ).shape
+        return {"shape": shape, "warnings": _plain(file.warnings())}
 
     def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"marks": file.marks(request["number"]), "said": file.said()}
+        return {"marks": file.marks(request["number"]), "warnings": _plain(file.warnings())}
+
+    def _facts(self, request: dict[str, Any]) -> dict[str, Any]:
+        # Of a document of its own: drawing may rename what it draws with.
+        key = _key(request)
+        if self._examined is None or self._examined[0] != key:
+            self._examined = key, self._opened(request)
+        file = self._examined[1]
+        found = file.facts(request["number"], Path(request["swatches"]))
+        file.warnings()  # what is wrong with the page is said when it is drawn
+        return found | {"warnings": []}
 
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
-        file = self._files.pop(_key(request), None)
+        file, examined = self._files.pop(_key(request), None), self._examined
         if file is not None:
             file.close()
+        if examined is not None and examined[0] == _key(request):
+            examined[1].close()
+            self._examined = None
         return {}
 
     def _file(self, request: dict[str, Any]) -> PdfFile:
         """The PDF, opened if it is not open, or no longer. JobError: it is another one than before."""
         key = _key(request)
         if key not in self._files:
-            path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
-            if file_stamp(path) != request["stamp"]:
-                what = "has been changed while it was in use"
-                raise JobError(shown, what, remedy="leave it alone until the job is done")
-            icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
-            self._files[key] = PdfFile(path, shown, icc)
+            self._files[key] = self._opened(request)
             if len(self._files) > FILES_KEPT:
                 self._files.popitem(last=False)[1].close()
         self._files.move_to_end(key)
         return self._files[key]
+
+    @staticmethod
+    def _opened(request: dict[str, Any]) -> PdfFile:
+        path, shown, profile = Path(request["path"]), request["shown"], request["profile"]
+        if file_stamp(path) != request["stamp"]:
+            what = "has been changed while it was in use"
+            raise JobError(shown, what, remedy="leave it alone until the job is done")
+        icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
+        return PdfFile(path, shown, icc)
+
+
+def _plain(warnings: list[PageWarning]) -> list[dict[str, Any]]:
+    return [dataclasses.asdict(warning) for warning in warnings]
 
 
 def _key(request: dict[str, Any]) -> tuple[Any, ...]:
@@ -156,17 +189,17 @@ def _end_with(lifeline: int) -> None:
     """End with the process that asks, also in the midst of a page: Python's own threads would wait for MuPDF."""
     signal.signal(signal.SIGIO, signal.SIG_DFL)  # its default is to end the process
     with contextlib.suppress(OSError):
-        fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, -os.getpgrp())  # and the programs that it started
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
 
 
 def main() -> None:
     """Answer until nobody asks."""
-    connection, lifeline, memory = (int(text) for text in sys.argv[1:])
+    connection, lifeline, memory = (int(text) for text in sys.argv[1:4])
     _end_with(lifeline)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     keep_memory()
-    asked, worker = Connection(connection), Worker(SharedRaster(memory))
+    asked, worker = Connection(connection), Worker(SharedRaster(memory), Path(sys.argv[4]))
     with contextlib.suppress(EOFError, ConnectionError):
         asked.send_bytes(b"{}")  # ready
         while True:

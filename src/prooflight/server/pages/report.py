@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
+from prooflight.journal.exporting import job_warnings
 from prooflight.server.api.common import Damaged, RunId, console
 from prooflight.server.pages.drawings import bars, heat_drawing
 from prooflight.server.pages.shell import ViewerPage, page
@@ -43,6 +44,7 @@ def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
         "report/report",
         run=found,
         told=told,
+        warnings=job_warnings(found),
         together=together(held.reading, found),
         kinds=bars(told.figures["kinds"]),
         reasons=bars(told.reasons),

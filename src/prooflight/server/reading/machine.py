@@ -108,4 +108,5 @@ def settings_rows(run: RunRow) -> list[tuple[str, Any]]:
     """What a run was started with."""
     plan = facts_plan(run.facts.settings)
     told = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.words})
+    told.pop("warnings", None)  # of the job, and shown with it
     return sorted((name, value) for name, value in told.items() if value is not None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight.journal.exporting import job_warnings
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -77,6 +79,11 @@ class Now:
     """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
     """None: the run has no gate."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Of the run's job, a line each."""
+        return () if self.run is None else job_warnings(self.run)
 
     @property
     def alarm(self) -> bool:

@@ -1,0 +1,155 @@
+"""A job checked before it is printed: what each page is made of, and what will be printed otherwise than it asks."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight.cmyk import INKS
+from prooflight.errors import JobError, sentence
+from prooflight.pages.files import page_name
+from prooflight.pages.warnings import PageWarning
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from prooflight.pages.job import Job
+    from prooflight.pages.pdf.facts import PageFacts
+    from prooflight.pages.raster import Page
+
+EARLY_S: Final = 10.0
+"""For so long pages are drawn for their warnings before the first sheet; a job of thousands is not waited for."""
+KEPT_MAX: Final = 500
+"""Warnings of a job that a run keeps in its journal."""
+REFUSED: Final = "page-refused"
+"""The kind of warning that a page cannot be used at all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckedPage:
+    """One page of a job's files."""
+
+    number: int
+    """From 1."""
+    name: str
+    size_mm: tuple[float, float] | None
+    """Width and height as printed; None: nobody knows."""
+    facts: PageFacts | None
+    """None: it is of no PDF, or cannot be read."""
+    spots: Mapping[str, tuple[int, ...]]
+    """CMYK 0 to 255 that is printed of each spot colour."""
+    coverage: tuple[float, ...] | None
+    """Mean of each process ink over the page, 0 to 1, spot colours among them; None: it cannot be drawn."""
+    warnings: tuple[PageWarning, ...]
+    refused: str = ""
+    """Why it will not be inspected; empty: it will."""
+
+
+def checked_page(job: Job, number: int) -> tuple[CheckedPage, Page | None]:
+    """Check page ``number`` (from 1) of a job without a layout, and draw it; None: it cannot be drawn."""
+    name = page_name(number)
+    size: tuple[float, float] | None = None
+    facts: PageFacts | None = None
+    page: Page | None = None
+    spots: Mapping[str, tuple[int, ...]] = {}
+    refused = ""
+    try:
+        size = job.page_size_mm(number)
+        known = job.facts(number)
+        if known is not None:
+            facts, spots = known
+        page = job.page(number)
+    except JobError as error:
+        refused = f"{sentence(error.what)}; {sentence(error.remedy)}"
+    coverage = None
+    if page is not None:
+        coverage = tuple(float(page.cmyk[..., ink].mean()) / 255 for ink in range(INKS))
+    checked = CheckedPage(
+        number=number,
+        name=name,
+        size_mm=size,
+        facts=facts,
+        spots=spots,
+        coverage=coverage,
+        warnings=() if page is None else page.warnings,
+        refused=refused,
+    )
+    return checked, page
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EarlyWarnings:
+    """Warnings of a job before its first sheet."""
+
+    warnings: tuple[PageWarning, ...] = ()
+    """Of its files and of the pages that were looked through, those that are refused among them."""
+    pages: int = 0
+    """How many were looked through, from the first."""
+    of: int = 0
+    """How many the job has."""
+    known: frozenset[PageWarning] = field(default_factory=frozenset)
+    """The same warnings, to tell those that come later."""
+
+    @property
+    def remark(self) -> str:
+        """That some pages were not looked through; empty: all were."""
+        if self.pages == self.of:
+            return ""
+        return (
+            f"the first {self.pages:,} of {self.of:,} pages were checked before the first sheet: "
+            "warnings of the others come as they are drawn"
+        )
+
+    @property
+    def plain(self) -> list[dict[str, Any]]:
+        """As JSON holds them, the first ``KEPT_MAX``."""
+        return [plain(warning) for warning in self.warnings[:KEPT_MAX]]
+
+
+def early_warnings(
+    job: Job,
+    *,
+    shown: Callable[[Iterable[int], int], Iterable[int]] = lambda numbers, _total: numbers,
+    seconds: float = EARLY_S,
+    clock: Callable[[], float] = time.monotonic,
+) -> EarlyWarnings:
+    """Look a job's pages through for warnings, from the first on, for about so many seconds.
+
+    shown: shows progress of page numbers, of which it is told how many there are.
+    """
+    until, found, pages = clock() + seconds, dict[PageWarning, None](), 0
+    for number in shown(range(1, job.own_pages + 1), job.own_pages):
+        if pages and clock() >= until:
+            break
+        try:
+            found |= dict.fromkeys(job.coarse_warnings(number))
+        except JobError as error:
+            what = sentence(error.what)
+            message = f"cannot be used, its sheets will not be inspected: {what}"
+            found[PageWarning(page=number - 1, kind=REFUSED, message=message)] = None
+        pages = number
+    of_files = dict.fromkeys(warning for warning in job.warnings if warning.page < 0)
+    every = tuple(of_files | found)
+    return EarlyWarnings(warnings=every, pages=pages, of=job.own_pages, known=frozenset(every))
+
+
+def plain(warning: PageWarning) -> dict[str, Any]:
+    """A warning as programs read it: pages are numbered from 1, and one of no page has null."""
+    return {
+        "page": None if warning.page < 0 else warning.page + 1,
+        "kind": warning.kind,
+        "message": sentence(warning.message),
+        "object": sentence(warning.object_name),
+    }
+
+
+def in_words(warning: PageWarning) -> str:
+    """One line for people, which names the page."""
+    return in_line(plain(warning))
+
+
+def in_line(warning: Mapping[str, Any]) -> str:
+    """As ``in_words``, from what ``plain`` gives."""
+    page, message = warning["page"], warning["message"]
+    return str(message) if page is None else f"{page_name(page)}: {message}"

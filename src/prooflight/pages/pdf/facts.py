@@ -1,0 +1,82 @@
+"""What a PDF page is made of, as far as it decides what is printed: for people who check a job before it is printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """An optional-content group that the page uses."""
+
+    name: str
+    printed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Font:
+    """A font of the page's resources."""
+
+    name: str
+    kind: str
+    """Its subtype, as Type1 or TrueType."""
+    embedded: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedImage:
+    """An image as it is painted once."""
+
+    width_px: int
+    height_px: int
+    bits: int
+    """A component."""
+    colours: str
+    """Its colour space; a stencil has none."""
+    dpi: tuple[float, float]
+    """Resolution across and along on paper. [pixels/inch]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """A colorant of the page's resources that is no process ink."""
+
+    name: str
+    painted: bool
+    """Whether anything is painted in its space."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageFacts:
+    """All of one page."""
+
+    box: str
+    """The box that is printed: TrimBox, CropBox or MediaBox."""
+    output_intent: str
+    """Name and colours of the printing condition that the file states; empty: it states none."""
+    transparency: tuple[str, ...]
+    """Kinds of transparency in use: alpha, soft mask, or a blend mode by its name."""
+    overprint: tuple[str, ...]
+    """Overprint modes in use, as ``mode 1``."""
+    layers: tuple[Layer, ...]
+    fonts: tuple[Font, ...]
+    images: tuple[PlacedImage, ...]
+    spots: tuple[Spot, ...]
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """From what JSON holds (``page_facts.page_facts``)."""
+        return cls(
+            box=plain["box"],
+            output_intent=plain["output_intent"],
+            transparency=tuple(plain["transparency"]),
+            overprint=tuple(plain["overprint"]),
+            layers=tuple(Layer(**one) for one in plain["layers"]),
+            fonts=tuple(Font(**one) for one in plain["fonts"]),
+            images=tuple(PlacedImage(**one | {"dpi": tuple(one["dpi"])}) for one in plain["images"]),
+            spots=tuple(Spot(**one) for one in plain["spots"]),
+        )

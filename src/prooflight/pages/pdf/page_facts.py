@@ -1,0 +1,287 @@
+"""Facts of a PDF page, by what it is drawn with and by what is drawn (``facts``), and swatches of its spot colours.
+
+Used in the process that rips (``worker``) alone: it needs PyMuPDF at import. The document is one that nothing is drawn
+from, so that its names are those of its file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from math import hypot
+from typing import TYPE_CHECKING, Any, Final
+
+from pymupdf import mupdf
+
+from prooflight.pages.pdf.resources import get, items, name_of, page_resources, shown_name
+from prooflight.pages.pdf.rip import SWATCHES_A_PAGE
+from prooflight.pages.raster import POINTS_PER_INCH
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+PROCESS: Final = ("Cyan", "Magenta", "Yellow", "Black")
+NO_INK: Final = ("All", "None")
+MOST: Final = 1000
+"""Fonts, images, layers and spot colours of a page that are listed."""
+SWATCH_POINTS: Final = 6.0
+_FONT_FILES: Final = ("FontFile", "FontFile2", "FontFile3")
+_COLOURED: Final = {"fill_path": 3, "stroke_path": 3, "fill_text": 2, "stroke_text": 3}
+"""Drawing calls with a colour, and where among their arguments the colour space stands, then colour and alpha."""
+
+
+def page_facts(page: Any, box: str) -> dict[str, Any]:
+    """Facts of a ``mupdf.PdfPage`` whose ``box`` is printed, as JSON holds them (``facts.PageFacts``)."""
+    drawn = DrawnFacts()
+    mupdf.pdf_run_page_with_usage(page, drawn, mupdf.FzMatrix(), "Print", mupdf.FzCookie())
+    mupdf.fz_close_device(drawn)
+    layers, spots = dict[str, bool](), dict[str, None]()
+    fonts = dict[tuple[Any, ...], dict[str, Any]]()
+    for resource in page_resources(page.obj()):
+        if resource.category == "Properties":
+            layers |= _layers(page.doc(), resource.thing)
+        elif resource.category == "Font":
+            font = _font(resource.thing, resource.name)
+            fonts[tuple(font.values())] = font
+        elif resource.category == "ColorSpace":
+            spots |= dict.fromkeys(_spots(resource.thing))
+    return {
+        "box": box,
+        "output_intent": _output_intent(page),
+        "transparency": list(drawn.transparency),
+        "overprint": list(drawn.overprint),
+        "layers": [{"name": name, "printed": printed} for name, printed in layers.items()][:MOST],
+        "fonts": list(fonts.values())[:MOST],
+        "images": drawn.images[:MOST],
+        "spots": [{"name": shown_name(name), "painted": name in drawn.colorants} for name in spots][:MOST],
+    }
+
+
+class DrawnFacts(mupdf.FzDevice2):  # type: ignore[misc]
+    """What is drawn on a page; nothing is painted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.transparency: dict[str, None] = {}
+        self.overprint: dict[str, None] = {}
+        self.colorants: dict[str, None] = {}
+        """Colorants of the Separation and DeviceN spaces that anything is painted in."""
+        self.images: list[dict[str, Any]] = []
+        for name in (*_COLOURED, "fill_shade", "fill_image", "fill_image_mask", "begin_mask", "begin_group"):
+            getattr(self, f"use_virtual_{name}")()
+
+    def fill_shade(self, _context: Any, shade: Any, _ctm: Any, alpha: float, parameters: Any) -> None:
+        """Take in a gradient."""
+        self.take_in(shade.colorspace, alpha, parameters)
+
+    def fill_image(self, _context: Any, image: Any, ctm: Any, alpha: float, parameters: Any) -> None:
+        """Take in an image."""
+        self.take_in(image.colorspace, alpha, parameters)
+        if image.mask:
+            self.transparency["soft mask"] = None
+        self._place(image, ctm)
+
+    def fill_image_mask(
+        self, _context: Any, image: Any, ctm: Any, space: Any, _colour: Any, alpha: float, parameters: Any
+    ) -> None:
+        """Take in a stencil."""
+        self.take_in(space, alpha, parameters)
+        self._place(image, ctm)
+
+    def begin_mask(self, _context: Any, *_: Any) -> None:
+        """Take in a soft mask."""
+        self.transparency["soft mask"] = None
+
+    def begin_group(
+        self, _context: Any, _area: Any, _space: Any, _isolated: int, _knockout: int, mode: int, alpha: float
+    ) -> None:
+        """Take in a transparency group."""
+        if mode:
+            self.transparency[f"blend mode {mupdf.fz_blendmode_name(mode)}"] = None
+        self._translucent(alpha)
+
+    def take_in(self, space: Any, alpha: float, parameters: Any) -> None:
+        """Take in the colour space (low level), opacity and overprint of whatever is painted."""
+        self._translucent(alpha)
+        if parameters.op:
+            self.overprint[f"mode {parameters.opm}"] = None
+        if space and mupdf.ll_fz_colorspace_is_indexed(space):
+            space = mupdf.ll_fz_base_colorspace(space)
+        if space and mupdf.ll_fz_colorspace_is_device_n(space):
+            for i in range(space.n):
+                with contextlib.suppress(UnicodeDecodeError):  # a name that is no text
+                    self.colorants[mupdf.ll_fz_colorspace_colorant(space, i)] = None
+
+    def _translucent(self, alpha: float) -> None:
+        if alpha < 1:
+            self.transparency["alpha"] = None
+
+    def _place(self, image: Any, ctm: Any) -> None:
+        across, along = hypot(ctm.a, ctm.b), hypot(ctm.c, ctm.d)
+        space = image.colorspace
+        self.images.append(
+            {
+                "width_px": image.w,
+                "height_px": image.h,
+                "bits": image.bpc,
+                "colours": "stencil" if not space else _colours(space),
+                "dpi": [
+                    round(POINTS_PER_INCH * pixels / side, 1) if side > 0 else 0.0
+                    for pixels, side in ((image.w, across), (image.h, along))
+                ],
+            }
+        )
+
+
+def _painting(place: int) -> Any:
+    def paint(self: DrawnFacts, _context: Any, *arguments: Any) -> None:
+        self.take_in(arguments[place], arguments[place + 2], arguments[-1])
+
+    return paint
+
+
+for _name, _place in _COLOURED.items():
+    setattr(DrawnFacts, _name, _painting(_place))
+
+
+def _colours(space: Any) -> str:
+    with contextlib.suppress(UnicodeDecodeError):
+        return shown_name(str(mupdf.ll_fz_colorspace_name(space)))
+    return f"{space.n} colorants"
+
+
+def _output_intent(page: Any) -> str:
+    """The first that has a profile of inks, of the page or else of its document; else the first of all."""
+    root = get(mupdf.pdf_trailer(page.doc()), "Root")
+    stated = [intent for holder in (page.obj(), root) for intent in items(get(holder, "OutputIntents"))]
+    ordered = sorted(stated, key=lambda intent: _profile_colours(intent) != 4)
+    for intent in ordered:
+        texts = (mupdf.pdf_to_text_string(one) for key in _CONDITION if (one := get(intent, key)) is not None)
+        name = next(filter(None, texts), name_of(get(intent, "S")))
+        colours = {1: "grey", 3: "RGB", 4: "CMYK"}.get(_profile_colours(intent), "no profile")
+        return f"{shown_name(name)} ({colours})"
+    return ""
+
+
+_CONDITION: Final = ("OutputConditionIdentifier", "OutputCondition", "Info")
+
+
+def _profile_colours(intent: Any) -> int:
+    """Colorants of the profile of an output intent; 0: it has none."""
+    profile = get(intent, "DestOutputProfile")
+    return mupdf.pdf_to_int(get(profile, "N")) if profile is not None else 0
+
+
+def _layers(document: Any, thing: Any) -> Iterator[tuple[str, bool]]:
+    """Names of optional-content groups that a property list stands for, and whether they are printed."""
+    groups = [thing] if name_of(get(thing, "Type")) == "OCG" else items(get(thing, "OCGs"))
+    groups = groups or [one for one in (get(thing, "OCGs"),) if one is not None]
+    for group in groups:
+        name = get(group, "Name")
+        if name is not None:
+            yield shown_name(mupdf.pdf_to_text_string(name)), _printed(document, group)
+
+
+def _printed(document: Any, group: Any) -> bool:
+    """Whether a layer is printed (ISO 32000-2, 8.11.4.3): its state, unless an event of printing changes that."""
+    root = get(mupdf.pdf_trailer(document), "Root")
+    config = get(get(root, "OCProperties"), "D")
+    number = mupdf.pdf_to_num(group)
+
+    def among(array: Any) -> bool:
+        return any(mupdf.pdf_to_num(one) == number for one in items(array))
+
+    printed = name_of(get(config, "BaseState")) != "OFF"
+    printed = (printed or among(get(config, "ON"))) and not among(get(config, "OFF"))
+    for event in items(get(config, "AS")):
+        categories = [name_of(one) for one in items(get(event, "Category"))]
+        if name_of(get(event, "Event")) == "Print" and "Print" in categories and among(get(event, "OCGs")):
+            state = name_of(get(get(get(group, "Usage"), "Print"), "PrintState"))
+            printed = state == "ON" if state else printed
+    return printed
+
+
+def _font(font: Any, name: str) -> dict[str, Any]:
+    kind = name_of(get(font, "Subtype"))
+    described = (items(get(font, "DescendantFonts")) or [font])[0]
+    descriptor = get(described, "FontDescriptor")
+    embedded = kind == "Type3" or any(get(descriptor, key) is not None for key in _FONT_FILES)
+    return {"name": shown_name(name_of(get(font, "BaseFont")) or name), "kind": kind, "embedded": embedded}
+
+
+def _spots(space: Any) -> Iterator[str]:
+    """Colorants of a colour space that are no process inks."""
+    for array in _tint_arrays(space):
+        for name in _colorants(array):
+            if name and name not in (*PROCESS, *NO_INK):
+                yield name
+
+
+def _colorants(array: Any) -> list[str]:
+    """Names of a Separation or DeviceN array."""
+    given = mupdf.pdf_array_get(array, 1)
+    return [name_of(one) for one in items(given)] or [name_of(given)]
+
+
+def _tint_arrays(space: Any) -> Iterator[Any]:
+    """The Separation or DeviceN array that a colour space is, or is made of."""
+    for _ in range(8):  # Indexed and Pattern spaces have a base; a cycle of them is none
+        kind = name_of(mupdf.pdf_array_get(space, 0)) if mupdf.pdf_is_array(space) else ""
+        if kind in ("Separation", "DeviceN"):
+            yield space
+        if kind not in ("Indexed", "I", "Pattern"):
+            return
+        space = mupdf.pdf_array_get(space, 1)
+
+
+def write_swatches(page: Any, path: Path) -> list[str]:
+    """Write a PDF of swatches, one a spot colour of a page: each full, and the other colorants of its space at 0.
+
+    They lie in rows, ``SWATCHES_A_PAGE`` on a page. Returns their names in that order: what the RIP prints of them is
+    what it prints of these colours.
+    """
+    found = dict(list(_spot_spaces(page).items())[:MOST])
+    document = mupdf.pdf_create_document()
+    copied = mupdf.pdf_new_graft_map(document)
+    root = get(mupdf.pdf_trailer(page.doc()), "Root")
+    _copy_intents(root, get(mupdf.pdf_trailer(document), "Root"), copied)
+    spaces = list(found.values())
+    for first in range(0, len(spaces), SWATCHES_A_PAGE):
+        listed = mupdf.pdf_new_dict(document, SWATCHES_A_PAGE)
+        paints = []
+        for number, (array, inputs, place) in enumerate(spaces[first : first + SWATCHES_A_PAGE]):
+            key = f"S{number}"
+            mupdf.pdf_dict_put(listed, mupdf.pdf_new_name(key), mupdf.pdf_graft_mapped_object(copied, array))
+            tints = " ".join("1" if i == place else "0" for i in range(inputs))
+            side = f"{SWATCH_POINTS:g}"
+            paints.append(f"/{key} cs {tints} scn {number * SWATCH_POINTS:g} 0 {side} {side} re f")
+        resources = mupdf.pdf_new_dict(document, 1)
+        mupdf.pdf_dict_put(resources, mupdf.pdf_new_name("ColorSpace"), listed)
+        box = mupdf.FzRect(0, 0, SWATCHES_A_PAGE * SWATCH_POINTS, SWATCH_POINTS)
+        content = mupdf.fz_new_buffer_from_copied_data("\n".join(paints).encode())
+        made = mupdf.pdf_add_page(document, box, 0, resources, content)
+        _copy_intents(page.obj(), made, copied)
+        mupdf.pdf_insert_page(document, -1, made)
+    mupdf.pdf_save_document(document, str(path), mupdf.PdfWriteOptions())
+    return [shown_name(name) for name in found]
+
+
+def _spot_spaces(page: Any) -> dict[str, tuple[Any, int, int]]:
+    """Of each spot colour of a page the space of fewest colorants, how many these are, and its place among them."""
+    found: dict[str, tuple[Any, int, int]] = {}
+    for resource in page_resources(page.obj()):
+        if resource.category == "ColorSpace":
+            for array in _tint_arrays(resource.thing):
+                names = _colorants(array)
+                for place, name in enumerate(names):
+                    better = name not in found or len(names) < found[name][1]
+                    if better and name and name not in (*PROCESS, *NO_INK):
+                        found[name] = array, len(names), place
+    return found
+
+
+def _copy_intents(holder: Any, target: Any, copied: Any) -> None:
+    intents = get(holder, "OutputIntents")
+    if intents is not None:
+        key = mupdf.pdf_new_name("OutputIntents")
+        mupdf.pdf_dict_put(target, key, mupdf.pdf_graft_mapped_object(copied, intents))

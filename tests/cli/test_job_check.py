@@ -1,0 +1,183 @@
+"""`prooflight job check`, and where the warnings of a job are told: before the first sheet, and kept."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
+
+from PIL import Image
+from tests.pages.conftest import one_page, pdf_bytes, stream
+
+from prooflight.cli import run
+from prooflight.journal.journal import Journal
+from prooflight.pages import check
+from prooflight.pages.pdf.engine import RipEngine
+from prooflight.simulation import ring
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.press.artefact import Press
+
+PAGE = "/MediaBox[0 0 102 85]"
+"""36 x 30 mm, as wide as the small press sees."""
+TEXT = "0 0 0 1 k 20 20 60 40 re f"
+TURNED = PAGE + "/Rotate 45"
+FRONT_END = """
+import sys
+from pathlib import Path
+from prooflight.pages.files import write_tiff
+from prooflight.pages.pdf.rip import PdfJob
+pdf, number, dpi, out = Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4])
+with PdfJob(pdf) as job:
+    write_tiff(job.page(number, dpi), out)
+if number == 2:
+    print("toner is low")
+"""
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = run([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def rows_of(out: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def two_pages(path: Path) -> Path:
+    """A PDF of two pages."""
+    pages = [f"<</Type/Page/Parent 2 0 R{PAGE}/Contents {number} 0 R>>".encode() for number in (5, 6)]
+    tree = b"<</Type/Pages/Kids[3 0 R 4 0 R]/Count 2>>"
+    path.write_bytes(
+        pdf_bytes([b"<</Type/Catalog/Pages 2 0 R>>", tree, *pages, *[stream(TEXT.encode())] * 2])
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def warning_press(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small press, whose front end says something of every second page."""
+    folder = tmp_path_factory.mktemp("front-end")
+    script = folder / "front-end.py"
+    script.write_text(FRONT_END)
+    command = (sys.executable, str(script), "{pdf}", "{page}", "{dpi}", "{out}")
+    replace(press, rip_engine=RipEngine(name="command", command=command)).save(folder / "front-end.press")
+    return folder / "front-end.press"
+
+
+def test_a_job_without_a_warning_ends_well_and_each_page_is_a_row(
+    tmp_path: Path, press_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = two_pages(tmp_path / "job.pdf")
+    code, out, _ = call(capsys, "job", "check", job, "--press", press_file, "--json")
+    assert code == 0
+    rows = rows_of(out)
+    assert [row["page"] for row in rows] == ["p0001", "p0002"]
+    assert rows[0]["box"] == "MediaBox"
+    assert rows[0]["width_mm"] == pytest.approx(36, abs=0.1)
+    assert rows[0]["coverage_percent"]["black"] == pytest.approx(100 * 2400 / 8670, abs=1)
+    assert (rows[0]["warnings"], rows[0]["refused"]) == ([], "")
+    code, out, _ = call(capsys, "job", "check", job, "--press", press_file, "--pages", "2")
+    assert code == 0
+    assert "1 page, 0 warnings" in out
+    assert "p0002" in out
+
+
+def test_a_warning_ends_with_1(
+    tmp_path: Path, warning_press: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = two_pages(tmp_path / "job.pdf")
+    code, out, _ = call(capsys, "job", "check", job, "--press", warning_press, "--json")
+    assert code == 1
+    first, second = rows_of(out)
+    assert first["warnings"] == []
+    assert [one["kind"] for one in second["warnings"]] == ["rip-message"]
+    assert second["warnings"][0]["page"] == 2
+
+
+def test_a_page_that_cannot_be_used_ends_with_3_and_a_job_that_cannot_with_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "job"
+    folder.mkdir()
+    (folder / "a.pdf").write_bytes(one_page(TEXT, page=PAGE))
+    (folder / "b.pdf").write_bytes(one_page(TEXT, page=TURNED))
+    code, out, said = call(capsys, "job", "check", folder)
+    assert code == 3
+    assert "2 pages, 0 warnings, 1 cannot be used" in out
+    assert "p0002 cannot be used and would not be inspected: " in said
+    (folder / "b.pdf").write_bytes(b"no PDF")
+    code, out, said = call(capsys, "job", "check", folder)
+    assert (code, out) == (2, "")
+    assert len(said.splitlines()) == 1
+
+
+def test_pictures_of_the_pages_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job = two_pages(tmp_path / "job.pdf")
+    code, _, _ = call(capsys, "job", "check", job, "--pictures", tmp_path / "pictures")
+    assert code == 0
+    with Image.open(tmp_path / "pictures" / "p0002.png") as picture:
+        middle, corner = picture.getpixel((picture.width // 2, picture.height // 2)), picture.getpixel((0, 0))
+    assert max(middle) < 80
+    assert corner == (255, 255, 255)
+
+
+def test_inspect_tells_warnings_before_the_first_page_and_in_its_report(
+    tmp_path: Path, warning_press: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job, scans = two_pages(tmp_path / "job.pdf"), tmp_path / "scans"
+    on_press = ("--press", warning_press)
+    assert call(capsys, "simulate", job, *on_press, "-o", scans)[0] == 0
+    code, out, _ = call(capsys, "inspect", job, scans, *on_press, "--json")
+    assert code == 0
+    rows = rows_of(out)
+    assert ["warning" in row for row in rows] == [True, False, False]
+    assert "toner is low" in rows[0]["warning"]["message"]
+    code, _, said = call(capsys, "inspect", job, scans, *on_press, "--report", tmp_path / "out")
+    assert code == 0
+    assert said.count("prooflight: warning: p0002: ") == 1
+    report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "1 warning of the job" in report
+    assert "toner is low" in report
+
+
+@pytest.mark.parametrize("looked_through", [True, False])
+def test_watch_tells_warnings_keeps_them_and_goes_on_to_tell(
+    tmp_path: Path,
+    warning_press: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    looked_through: bool,
+) -> None:
+    """Before the first sheet; those of pages that nobody looked through, when these are made ready."""
+    monkeypatch.setattr(ring, "LEAST_PRINTS", 3)
+    if not looked_through:
+        monkeypatch.setattr(check, "early_warnings", partial(check.early_warnings, seconds=0.0))
+    job, journal = two_pages(tmp_path / "job.pdf"), tmp_path / "runs.sqlite"
+    code, out, said = call(
+        capsys, "watch", job, "--press", warning_press, "--source", "drum", "--world", "ideal",
+        "--sheets", 4, "--journal", journal, "--json",
+    )  # fmt: skip
+    rows = rows_of(out)
+    told = [at for at, row in enumerate(rows) if "warning" in row or row.get("notice") == "page-warning"]
+    assert len(told) == 1, (code, said)
+    assert ("warning" in rows[told[0]]) == looked_through
+    with Journal.open(str(journal), read_only=True) as opened:
+        (kept,) = opened.runs()
+        notes = [note for page in opened.pages(kept.id) for note in page.notes]
+    if looked_through:
+        assert told == [0]
+        assert kept.facts.settings["warnings"] == [rows[0]["warning"]]
+    else:
+        assert any("toner is low" in note for note in notes)
+    assert call(capsys, "run", "show", "--journal", journal)[0] == 0

@@ -202,8 +202,8 @@ def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, pres
             show.people.print(f"{title}: {line}")
     warnings = [*of_files, *(warning for page in done for warning in page.warnings)]
     for warning in warnings:
-        line = Text.assemble(("warning ", "yellow"), visible(in_words(warning)))
-        show.people.print(line, soft_wrap=True)
+        shown = Text.assemble(("warning ", "yellow"), visible(in_words(warning)))
+        show.people.print(shown, soft_wrap=True)
     for page in done:
         if page.refused:
             faults.told(f"{page.name} cannot be used and would not be inspected: {page.refused}")

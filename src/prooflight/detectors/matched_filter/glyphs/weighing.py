@@ -320,7 +320,11 @@ def weigh(
 
 
 def log_ratio(
-    energy: NDArray[np.float64], explained: NDArray[np.float64], pixels: int, *, freedom: float = FREEDOM
+    energy: float | NDArray[np.float64],
+    explained: NDArray[np.float64],
+    pixels: int,
+    *,
+    freedom: float = FREEDOM,
 ) -> NDArray[np.float64]:
     """L of rivals that explain so much of a glyph's energy in so many pixels; both over s^2."""
     left = np.maximum(energy - explained, 0)

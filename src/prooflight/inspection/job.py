@@ -210,6 +210,7 @@ class ScanPage:
             page_features=inspection.kept["portrait"],
             another=bool(inspection.kept["wrong_page"]),
             glyphs=float(inspection.kept["glyphs"]),
+            floor_mm2=float(inspection.kept["floor_mm2"]),
             variation=inspection.variation(),
             digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
         )

@@ -216,6 +216,7 @@ def _row(
             digest=name,
             variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
             glyphs=float(inspection.kept["glyphs"]),
+            floor_mm2=float(inspection.kept["floor_mm2"]),
         ),
     )
 
@@ -240,7 +241,7 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
                 if row.page in others:
                     said = row.said
                     score = score_of(ours.model, said.values, said.page_features, another=said.another)
-                    judged.append((row, ours.decide(score, said.glyphs).misprint))
+                    judged.append((row, ours.decide(score, said.glyphs, said.floor_mm2).misprint))
         good_alarms = [alarm for row, alarm in judged if not row.misprint]
         caught = [alarm for row, alarm in judged if row.misprint]
         table.append(

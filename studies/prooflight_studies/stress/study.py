@@ -18,7 +18,6 @@ from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
-from prooflight.detectors.matched_filter.glyphs.promise import together
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.placing import WRONG_PAGE_KIND
@@ -288,25 +287,20 @@ def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetec
 def _scores(
     ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The ranking's, and those of ranking and glyphs together, which lie above its threshold where a page alarms."""
+    """Return the ranking's scores, and those of ranking, glyphs and floor together."""
     ranking = certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
-    return ranking, _with_glyphs(ours, ranking, rows, here)
+    return ranking, _of_all_tests(ours, ranking, rows, here)
 
 
-def _with_glyphs(
+def _of_all_tests(
     ours: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    if ours.glyphs is None:
-        return ranking
-    # A scan that shows another page is asked for no glyph.
-    glyphs = np.where(rows["another"][here], NONE, rows["glyphs"][here])
-    threshold = ours.glyphs.threshold
-    return np.array(
-        [
-            together(*one, threshold)
-            for one in zip(ranking, np.full(len(ranking), ours.threshold), glyphs, strict=True)
-        ]
+    """Return scores above the threshold where ranking, glyphs or floor alarm; of another page neither of the last."""
+    another = rows["another"][here]
+    glyphs, floor_mm2 = (
+        np.where(another, none, rows[name][here]) for name, none in (("glyphs", NONE), ("floor_mm2", 0.0))
     )
+    return np.array([ours.decide(*one).score for one in zip(ranking, glyphs, floor_mm2, strict=True)])
 
 
 def _judged_runs(
@@ -354,7 +348,8 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
 
 def _plain(every: dict[str, Rows]) -> Rows:
     """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
-    columns = ("design", "day", "kind", "severity", "values", "portrait", "another", "glyphs", "widening")
+    scores = "glyphs", "floor_mm2", "widening"
+    columns = ("design", "day", "kind", "severity", "values", "portrait", "another", *scores)
     parts = []
     for name, rows in every.items():
         here = (rows["nuisance"] == "") & ((rows["kind"] == "") | (name == "wrong"))
@@ -365,8 +360,8 @@ def _plain(every: dict[str, Rows]) -> Rows:
 def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
     """False alarms, misses, kinds named and c(1) of the detector as it was built.
 
-    Named is what the ranking names; what glyphs alone say is none of the twelve kinds. c(1) is at the threshold that
-    costs least on the good pages and misprints that the ranking was judged by.
+    Named is what the ranking names; what glyphs or floor alone say is none of the twelve kinds. c(1) is at the threshold
+    that costs least on the good pages and misprints that the ranking was judged by.
     """
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
@@ -376,7 +371,7 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
         score[here] = certain_score(model, those, another)
         said = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
         named[here] = said == those.kind
-    by_ranking, score = score > ours.threshold, _with_glyphs(ours, score, rows, np.ones(score.size, bool))
+    by_ranking, score = score > ours.threshold, _of_all_tests(ours, score, rows, np.ones(score.size, bool))
     bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
     judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
     cost = bootstrap_cost(

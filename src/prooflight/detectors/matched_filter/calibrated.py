@@ -81,6 +81,8 @@ class ScannedPage:
     """(AMOUNTS, 2) ``page_variation``."""
     glyphs: float = NONE
     """``WeighedPage.score``."""
+    floor_mm2: float = 0.0
+    """``FloorFinding.area_mm2``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -360,8 +360,8 @@ def _plain(every: dict[str, Rows]) -> Rows:
 def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
     """False alarms, misses, kinds named and c(1) of the detector as it was built.
 
-    Named is what the ranking names; what glyphs or floor alone say is none of the twelve kinds. c(1) is at the threshold
-    that costs least on the good pages and misprints that the ranking was judged by.
+    Named is what the ranking names; what glyphs or floor alone say is none of the twelve kinds. c(1) is at the
+    threshold that costs least on the good pages and misprints that the ranking was judged by.
     """
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)

@@ -19,6 +19,7 @@ from prooflight.pages.job import JobSource, open_job, parse_pages
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.raster import Page, turned
+from prooflight.pages.warnings import WHOLE_FILE
 from prooflight.press.pages import job_source
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ def test_what_mupdf_repairs_is_printed_and_said(
     path.write_bytes(path.read_bytes().replace(b"startxref\n", b"startxref\n9"))
     with open_job(path, dpi=72) as job:
         assert job.page(1).cmyk[75, 25, 3] == 255
-        assert job.warnings
+        assert {(warning.page, warning.kind) for warning in job.warnings} == {(WHOLE_FILE, "renderer")}
     assert capfd.readouterr() == ("", "")
 
 

@@ -151,7 +151,7 @@ def test_job_is_as_described(job: SampleJob) -> None:
     assert len(job.titles) == job.page_count
     with PdfJob(job.path) as pdf:
         assert len(pdf) == job.page_count
-        assert pdf.warnings == []
+        assert pdf.warnings == ()
         for width, height in pdf.page_sizes_mm:
             assert (width, height) == pytest.approx((210.0, 297.0), abs=1e-3)
     assert job.path.stat().st_size < 25e6

@@ -18,12 +18,14 @@ from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
 from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.warnings import WHOLE_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.pages.layout.layout import Layout
     from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.warnings import PageWarning
 
 
 FINER: Final = 2
@@ -162,9 +164,14 @@ class Job:
         return files.page_size_mm(path, place)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What MuPDF had to say about the PDFs so far."""
-        return tuple(line for pdf in self._pdfs.values() for line in pdf.warnings)
+    def warnings(self) -> tuple[PageWarning, ...]:
+        """Warnings of the job's files and of the pages drawn so far, which are numbered as without a layout."""
+        places = {place: number for number, place in enumerate(self._places)}
+        return tuple(
+            replace(warning, page=places.get((path, warning.page + 1), WHOLE_FILE))
+            for path, pdf in self._pdfs.items()
+            for warning in pdf.warnings
+        )
 
     def marks(self, number: int) -> PageMarks | None:
         """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``.
@@ -193,7 +200,7 @@ class Job:
         if None in shown:
             like = _sizing_page(layout, number)
             sized = own[like] if like in own else self._own_page(like)
-            blank = replace(sized, cmyk=np.zeros_like(sized.cmyk))
+            blank = replace(sized, cmyk=np.zeros_like(sized.cmyk), warnings=())
             return imposed([blank if page is None else own[page] for page in shown], layout, number)
         return imposed([own[page] for page in shown if page is not None], layout, number)
 
@@ -207,7 +214,8 @@ class Job:
             drawn_dpi = source.drawn_dpi or FINER * source.dpi
             page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light)
             page = replace(page, edge_sd_mm=edge_sd_mm(source.drawn_dpi))
-        return replace(page, name=files.page_name(number), number=number)
+        warnings = tuple(replace(warning, page=number - 1) for warning in page.warnings)
+        return replace(page, name=files.page_name(number), number=number, warnings=warnings)
 
 
 def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:

@@ -11,6 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.pages.warnings import PageWarning
+
 MM_PER_INCH = 25.4
 POINTS_PER_INCH = 72
 SHOWN_PX = 360
@@ -33,6 +35,8 @@ class Page:
     """Place in the job, from 1."""
     edge_sd_mm: float = 0.0
     """How far edges lie off where the press prints them, because it draws the page itself; standard deviation. [mm]"""
+    warnings: tuple[PageWarning, ...] = ()
+    """What is printed otherwise than its file asks, or may be; a side of a sheet has those of its pages."""
 
     def __post_init__(self) -> None:
         if (

@@ -201,6 +201,7 @@ def _side(raster: NDArray[np.uint8], pages: Sequence[Page], layout: Layout, numb
         name=layout.side_name(number),
         number=number,
         edge_sd_mm=max(page.edge_sd_mm for page in pages),
+        warnings=tuple(dict.fromkeys(warning for page in pages for warning in page.warnings)),
     )
 
 

@@ -21,9 +21,10 @@ from prooflight.pages.pdf import separations as plates
 from prooflight.pages.pdf.boxes import BoxError, printed_box
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.raster import POINTS_PER_INCH
+from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -70,7 +71,7 @@ class PdfFile:
     def __init__(self, path: Path, shown: str, profile: bytes | None) -> None:
         """``shown``: how errors name it. JobError: encrypted, empty or damaged; MemoryError: beyond its limit."""
         self._shown, self._profile = shown, profile
-        self._said: list[str] = []
+        self._warnings = dict[PageWarning, None]()
         with self._listening("the PDF is damaged"):
             self._document = self._open(path)
             self.pages = int(self._document.page_count)
@@ -92,10 +93,10 @@ class PdfFile:
         """Let go of the file."""
         self._document.close()
 
-    def said(self) -> list[str]:
-        """What MuPDF had to say since this was last asked, one line each."""
-        lines, self._said = self._said, []
-        return lines
+    def warnings(self) -> list[PageWarning]:
+        """Warnings since this was last called, each once, in their order."""
+        found, self._warnings = list(self._warnings), {}
+        return found
 
     def sizes_points(self) -> list[tuple[float, float]]:
         """Width and height of every page as printed. JobError: a page does not say."""
@@ -105,7 +106,7 @@ class PdfFile:
 
     def marks(self, number: int) -> dict[str, Any]:
         """What page ``number`` says of its own places (``pages.pdf.marks``); errors as ``draw``."""
-        with self._listening(f"page {number} is damaged"):
+        with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box = self._box(page, number)
             return page_marks(page, (box.x0, box.y0))
@@ -125,7 +126,7 @@ class PdfFile:
         raster's, and ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be
         ripped; MemoryError: not within its limit.
         """
-        with self._listening(f"page {number} is damaged"):
+        with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
@@ -157,7 +158,7 @@ class PdfFile:
                     from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
 
                     taken_together(fine, band, light, step=step, first=top * step - above)
-            self._said += [f"page {number}: {trouble}" for trouble in troubles]
+            self._warn(number - 1, troubles)
         return cmyk
 
     def _load(self, number: int) -> Any:
@@ -187,8 +188,8 @@ class PdfFile:
             )
 
     @contextlib.contextmanager
-    def _listening(self, damage: str) -> Iterator[None]:
-        """MuPDF's messages go to ``said``, not to stderr; what it raises is raised as a JobError.
+    def _listening(self, damage: str, number: int = WHOLE_FILE + 1) -> Iterator[None]:
+        """MuPDF's messages become warnings of page ``number``; what it raises is raised as a JobError.
 
         MemoryError: it lacked memory, even where it went on without what it could not draw.
         """
@@ -201,14 +202,19 @@ class PdfFile:
         except (InputError, MemoryError):
             raise
         except Exception as error:  # beside MuPDF's, what becomes of its errors if their text is not UTF-8
-            self._take_in(tools.mupdf_warnings(), str(error))
+            self._take_in(number - 1, tools.mupdf_warnings(), str(error))
             raise JobError(self._shown, damage, remedy=_AGAIN) from None
-        self._take_in(tools.mupdf_warnings(), "")
+        self._take_in(number - 1, tools.mupdf_warnings(), "")
 
-    def _take_in(self, said: str, raised: str) -> None:
-        if any(_NO_MEMORY.search(text) for text in (said, raised, *self._said)):
+    def _take_in(self, page: int, messages: str, raised: str) -> None:
+        earlier = (warning.message for warning in self._warnings)
+        if any(_NO_MEMORY.search(text) for text in (messages, raised, *earlier)):
             raise MemoryError
-        self._said += said.splitlines()
+        self._warn(page, messages.splitlines())
+
+    def _warn(self, page: int, messages: Iterable[str]) -> None:
+        for message in messages:
+            self._warnings[PageWarning(page=page, kind="renderer", message=message)] = None
 
 
 def _name_for_mupdf(path: Path, file: BinaryIO) -> str:

@@ -26,6 +26,7 @@ from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
+from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
     from prooflight.pages.pdf.taking_together import InkLight
@@ -56,8 +57,7 @@ class PdfJob:
     def __init__(self, path: Path, *, profile: Path | None = None) -> None:
         """JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF is missing. ProfileError: not a CMYK profile."""
         self.path = Path(path)
-        self.warnings: list[str] = []
-        """What MuPDF had to say about the file so far, one line each."""
+        self._warnings = dict[PageWarning, None]()
         if find_spec("pymupdf") is None:
             remedy = 'pip install "prooflight[pdf]", or give CMYK TIFF or JPEG files'
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
@@ -111,7 +111,13 @@ class PdfJob:
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
         asked = {"do": "page", "number": number, "dpi": float(dpi), "drawn_dpi": drawn_dpi, "light": light}
         cmyk = self._asked(f"page {number}", **asked)["cmyk"]
-        return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number)
+        warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
+        return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)
+
+    @property
+    def warnings(self) -> tuple[PageWarning, ...]:
+        """Of the file and of its pages that have been drawn or measured so far."""
+        return tuple(self._warnings)
 
     def marks(self, number: int) -> PageMarks:
         """What page ``number`` (from 1) says of its own places; errors as ``page``."""
@@ -134,5 +140,5 @@ class PdfJob:
             answer = rip_process.ask(self._request | asked, self._limits)
         except rip_process.RipFailure as failure:
             raise JobError(self.path, f"{subject} {failure.what}", remedy=failure.remedy) from None
-        self.warnings += [line for line in answer["said"] if line not in self.warnings]
+        self._warnings |= dict.fromkeys(PageWarning(**warning) for warning in answer["warnings"])
         return answer

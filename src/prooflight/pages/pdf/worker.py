@@ -8,6 +8,7 @@ the shared memory that pages are drawn into. It ends when it is no longer asked.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import fcntl
 import json
 import mmap
@@ -29,6 +30,8 @@ from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from prooflight.pages.warnings import PageWarning
 
 FILES_KEPT: Final = 8
 """PDFs kept open for their next page."""
@@ -91,11 +94,11 @@ class Worker:
 
     def _open(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"pages": file.pages, "said": file.said()}
+        return {"pages": file.pages, "warnings": _plain(file.warnings())}
 
     def _sizes(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"sizes": file.sizes_points(), "said": file.said()}
+        return {"sizes": file.sizes_points(), "warnings": _plain(file.warnings())}
 
     def _page(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
@@ -108,11 +111,11 @@ class Worker:
         shape = file.draw(
             request["number"], request["dpi"], raster, drawn_dpi=request["drawn_dpi"], light=light
         ).shape
-        return {"shape": shape, "said": file.said()}
+        return {"shape": shape, "warnings": _plain(file.warnings())}
 
     def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
-        return {"marks": file.marks(request["number"]), "said": file.said()}
+        return {"marks": file.marks(request["number"]), "warnings": _plain(file.warnings())}
 
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._files.pop(_key(request), None)
@@ -134,6 +137,10 @@ class Worker:
                 self._files.popitem(last=False)[1].close()
         self._files.move_to_end(key)
         return self._files[key]
+
+
+def _plain(warnings: list[PageWarning]) -> list[dict[str, Any]]:
+    return [dataclasses.asdict(warning) for warning in warnings]
 
 
 def _key(request: dict[str, Any]) -> tuple[Any, ...]:

@@ -1,0 +1,142 @@
+"""What a PDF page is drawn with: the resources of its contents and of all that these draw (ISO 32000-2, 7.8.3).
+
+Imported late, by ``document`` and what it uses only: it needs PyMuPDF at import.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from pymupdf import mupdf
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CATEGORIES: Final = ("ColorSpace", "ExtGState", "Font", "Pattern", "Properties", "Shading", "XObject")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Resource:
+    """One object that a page uses, and where it stands."""
+
+    category: str
+    """Of ``CATEGORIES``; colour spaces of images, groups and shadings count as well."""
+    name: str
+    """By which it is used; of what has no name of its own, that of its user."""
+    thing: Any
+    """``mupdf.PdfObj``."""
+    holder: Any
+    """The dictionary that it stands in."""
+    key: Any
+    """Under which it does (``mupdf.PdfObj``); names are bytes, and not all are text."""
+
+    def replace(self, thing: Any) -> None:
+        """Let another object stand in its place, in memory."""
+        mupdf.pdf_dict_put(self.holder, self.key, thing)
+
+
+def page_resources(page: Any) -> Iterator[Resource]:
+    """All that a page (its dictionary, ``mupdf.PdfObj``) and what it draws use, each indirect object once.
+
+    What is yielded may be replaced before the next is asked for; the replacement is then followed.
+    """
+    seen = set[int]()
+    waiting = [get(page, "Resources", inherited=True)]
+    waiting += [entry for annotation in items(get(page, "Annots")) for entry in _appearances(annotation)]
+    yield from _stands_in(get(page, "Group"), "CS", "ColorSpace", "Group")
+    while waiting:
+        resources = waiting.pop()
+        if resources is None or _again(resources, seen):
+            continue
+        for category in CATEGORIES:
+            holder = get(resources, category)
+            for key, thing in entries(holder):
+                if _again(thing, seen):
+                    continue
+                name = name_of(key)
+                yield Resource(category=category, name=name, thing=thing, holder=holder, key=key)
+                thing = mupdf.pdf_dict_get(holder, key)
+                for used in _used_by(category, name, thing):
+                    if not _again(used.thing, seen):
+                        yield used
+                waiting += _own_resources(category, thing)
+
+
+def _used_by(category: str, name: str, thing: Any) -> Iterator[Resource]:
+    """Colour spaces, masks and layers that stand in a resource itself."""
+    if category in ("XObject", "Pattern", "Shading"):
+        for holder, key, what in (
+            (thing, "ColorSpace", "ColorSpace"),
+            (get(thing, "Shading"), "ColorSpace", "ColorSpace"),
+            (get(thing, "Group"), "CS", "ColorSpace"),
+            (thing, "SMask", "XObject"),
+            (thing, "OC", "Properties"),
+            (thing, "ExtGState", "ExtGState"),
+        ):
+            yield from _stands_in(holder, key, what, name)
+    elif category == "ExtGState":
+        yield from _stands_in(get(get(get(thing, "SMask"), "G"), "Group"), "CS", "ColorSpace", name)
+
+
+def _stands_in(holder: Any, key: str, category: str, name: str) -> Iterator[Resource]:
+    thing = get(holder, key)
+    if thing is not None:
+        yield Resource(category=category, name=name, thing=thing, holder=holder, key=mupdf.pdf_new_name(key))
+
+
+def _own_resources(category: str, thing: Any) -> list[Any]:
+    """Resources of the content of a form, a pattern, a soft mask or a Type 3 font."""
+    content = get(get(thing, "SMask"), "G") if category == "ExtGState" else thing
+    return [get(content, "Resources")] if category in ("XObject", "Pattern", "ExtGState", "Font") else []
+
+
+def _appearances(annotation: Any) -> list[Any]:
+    """Resources of all normal appearances of an annotation."""
+    normal = get(get(annotation, "AP"), "N")
+    states = [value for _, value in entries(normal)]
+    return [get(normal, "Resources"), *(get(state, "Resources") for state in states)]
+
+
+def get(holder: Any, key: str, *, inherited: bool = False) -> Any:
+    """An entry of a dictionary (or of a page, from its parents as well); None: it has none, or is no dictionary."""
+    if holder is None or not mupdf.pdf_is_dict(holder):
+        return None
+    found = (mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets)(holder, key)
+    return None if mupdf.pdf_is_null(found) else found
+
+
+def entries(holder: Any) -> list[tuple[Any, Any]]:
+    """Keys and values of a dictionary; none if it is no dictionary."""
+    if holder is None or not mupdf.pdf_is_dict(holder):
+        return []
+    count = mupdf.pdf_dict_len(holder)
+    return [(mupdf.pdf_dict_get_key(holder, i), mupdf.pdf_dict_get_val(holder, i)) for i in range(count)]
+
+
+def items(array: Any) -> list[Any]:
+    """Elements of an array; none if it is no array."""
+    if array is None or not mupdf.pdf_is_array(array):
+        return []
+    return [mupdf.pdf_array_get(array, i) for i in range(mupdf.pdf_array_len(array))]
+
+
+def name_of(thing: Any) -> str:
+    """A name as text, empty if it is no name; bytes that are no UTF-8 are surrogates."""
+    return str(mupdf.pdf_to_name(thing)) if thing is not None and mupdf.pdf_is_name(thing) else ""
+
+
+def shown_name(name: str) -> str:
+    """A name as it can be printed, in one line."""
+    text = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def _again(thing: Any, seen: set[int]) -> bool:
+    """Whether an indirect object has been seen before; it has from now on."""
+    number = mupdf.pdf_to_num(thing)
+    if number in seen:
+        return True
+    if number:
+        seen.add(number)
+    return False

@@ -79,7 +79,11 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
             found.fonts.append(resource)
         elif resource.category == "XObject" and name_of(get(thing, "Subtype")) == "Image":
             _choose_alternate(resource)
-            _drop_unasked_alpha(mupdf.pdf_dict_get(resource.holder, resource.key))
+            image = mupdf.pdf_dict_get(resource.holder, resource.key)
+            filters = get(image, "Filter")
+            if "JPXDecode" in [name_of(one) for one in items(filters) or [filters]]:
+                _let_damage_show(image)
+                _drop_unasked_alpha(image)
             found.images.append(resource)
     return found
 
@@ -117,16 +121,31 @@ def _choose_alternate(image: Resource) -> None:
             return
 
 
+def _let_damage_show(image: Any) -> None:
+    """MuPDF leaves out a JPEG 2000 image that it cannot open; as another kind it is drawn, and seen to be damaged."""
+    try:
+        mupdf.pdf_load_image(mupdf.pdf_get_bound_document(image), image)
+    except mupdf.FzErrorBase:
+        mupdf.pdf_dict_puts(image, "Filter", mupdf.pdf_new_name("DCTDecode"))
+        mupdf.pdf_dict_dels(image, "DecodeParms")
+        for key, usual in (
+            ("Width", mupdf.pdf_new_int(1)),
+            ("Height", mupdf.pdf_new_int(1)),
+            ("BitsPerComponent", mupdf.pdf_new_int(8)),
+            ("ColorSpace", mupdf.pdf_new_name("DeviceGray")),
+        ):
+            if get(image, key) is None:
+                mupdf.pdf_dict_puts(image, key, usual)
+
+
 def _drop_unasked_alpha(image: Any) -> None:
     """Drop the opacity that a JPEG 2000 image holds where SMaskInData does not ask for it (8.9.5.1)."""
-    filters = get(image, "Filter")
-    is_jpx = "JPXDecode" in [name_of(one) for one in items(filters) or [filters]]
     asked = get(image, "SMaskInData")
-    if not is_jpx or (asked is not None and mupdf.pdf_to_int(asked)):
+    if asked is not None and mupdf.pdf_to_int(asked):
         return
     try:
         data = bytes(mupdf.fz_buffer_extract_copy(mupdf.pdf_load_stream(image)))
-        with Image.open(io.BytesIO(data)) as opened:
+        with Image.open(io.BytesIO(data), formats=["JPEG2000"]) as opened:
             if opened.mode not in ("LA", "RGBA"):
                 return
             opaque = opened.convert("RGBA" if opened.mode == "RGBA" else "LA")

@@ -1,8 +1,8 @@
 """Layers (optional content, ISO 32000-2, 8.11) as they are for printing.
 
 MuPDF hides what its usage does not want printed although nobody asks for the usage to count, shows no layer that is
-printed only, and evaluates no expressions. So the state of each layer for printing is found here, and written into the
-document in memory where MuPDF reads it.
+printed only, evaluates no expressions, and takes most policies for others. So the state of each layer for printing is
+found here, and written into the document in memory where MuPDF reads it.
 
 Imported late, by ``document`` only: it needs PyMuPDF at import.
 """
@@ -39,10 +39,17 @@ class PrintedLayers:
             self._write(document, default, groups)
 
     def correct(self, membership: Any) -> None:
-        """Let a membership dictionary with an expression say plainly whether its content is printed."""
-        if get(membership, "VE") is None:
+        """Let a membership dictionary (8.11.2.2) say plainly whether its content is printed."""
+        if name_of(get(membership, "Type")) != "OCMD":
             return
-        printed = self._value(get(membership, "VE"), DEPTH_MAX)
+        expression, given = get(membership, "VE"), get(membership, "OCGs")
+        if expression is not None:
+            printed = self._value(expression, DEPTH_MAX)
+        else:
+            states = [self._value(group, 1) for group in items(given) or [given] if group is not None]
+            policy = name_of(get(membership, "P")) or "AnyOn"
+            wanted = [state == policy.endswith("On") for state in states]
+            printed = not states or (all(wanted) if policy.startswith("All") else any(wanted))
         for key in ("VE", "OCGs"):
             mupdf.pdf_dict_dels(membership, key)
         # Without groups, all of them are on, and not all of them are off.

@@ -20,6 +20,8 @@ AGAIN: Final = "export or copy it again"
 END: Final = b"%%EOF"
 READ_BYTES: Final = 1024
 """So far from its end, MuPDF looks for what a PDF ends with."""
+_FOR_CERTIFICATES: Final = re.compile(rb"/SubFilter\s*/adbe\.pkcs7\.s[345]\b")
+"""Of an encryption dictionary, which is itself never encrypted (ISO 32000-2, 7.6.5)."""
 _OBJECT: Final = re.compile(rb"[0-9]\s+[0-9]+\s+obj\b")
 
 
@@ -33,11 +35,12 @@ def open_document(path: Path, shown: str) -> Any:
             else:
                 file.seek(0)
                 document = pymupdf.Document(stream=file.read(end), filetype="pdf")
-        except Exception as error:
-            if "encryption handler" in str(error):  # the standard one is by passwords (ISO 32000-2, 7.6.5)
-                what = "the PDF is encrypted for the holders of certificates"
-                raise JobError(shown, what, remedy="save it without encryption") from None
-            raise
+        except Exception:
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                if not _FOR_CERTIFICATES.search(data):
+                    raise
+            what = "the PDF is encrypted for the holders of certificates"
+            raise JobError(shown, what, remedy="save it without encryption") from None
     if document.needs_pass:
         raise JobError(shown, "the PDF is encrypted", remedy="save it without a password")
     if document.is_repaired and end == 0:

@@ -3,7 +3,7 @@
 MuPDF converts with Little CMS as well, but through a coarse device link and with truncation: up to 11 of 255 away
 from what the profiles say. Here: a fine link (cmsFLAGS_HIGHRESPRECALC), 1 of 255 away with the profiles tried.
 
-Imported late, by ``plates`` and what it uses only: it needs PyMuPDF at import.
+Imported late, by ``drawing`` and what it uses only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One PDF page to CMYK with MuPDF: overprint, spot colours, output intent and exact process values.
 
-Imported late, by ``rip`` only: it needs PyMuPDF at import (``pip install "prooflight[pdf]"``).
+Imported late, by ``document`` only: it needs PyMuPDF at import (``pip install "prooflight[pdf]"``).
 
 MuPDF's own CMYK pixmap is not what a press prints: it ignores overprint and spot colours, and it truncates
 colours to bytes (0.5 becomes 127). So every page is drawn with a separations object, which switches overprint on

@@ -1,6 +1,6 @@
 """Images of a PDF as the press paints them: in its inks, and sample by sample in the right place.
 
-Imported late, by ``press_device`` only: it needs PyMuPDF at import.
+Imported late, by ``device`` and ``shadings`` only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations

@@ -153,16 +153,6 @@ def test_a_page_too_large_is_refused_before_it_is_drawn(write_pdf: Callable[...,
             job.page(2, 72)
 
 
-def test_too_many_spots_are_refused_by_number(write_pdf: Callable[..., Path]) -> None:
-    one = "/Separation/{0}/DeviceCMYK<</FunctionType 2/Domain[0 1]/C0[0 0 0 0]/C1[0 1 0 0]/N 1>>"
-    spaces = "".join(f"/S{i}[{one.format(f'Spot{i}')}]" for i in range(29))
-    with (
-        PdfJob(write_pdf("", resources=f"/ColorSpace<<{spaces}>>")) as job,
-        pytest.raises(JobError, match="page 1: it has 29 spot colours, at most 28 can be ripped"),
-    ):
-        job.page(1, 72)
-
-
 def test_a_broken_output_intent_is_named(write_pdf: Callable[..., Path]) -> None:
     profile = b"\0" * 16 + b"CMYK" + b"\0" * 16 + b"acsp" + b"\0" * 100
     intent = "/OutputIntents[<</S/GTS_PDFX/DestOutputProfile 5 0 R>>]"

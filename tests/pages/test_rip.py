@@ -192,31 +192,48 @@ def test_all_on_a_page_with_spots_is_printed_once(write_pdf: WritePdf) -> None:
     assert cmyk[50, 75].tolist() == [153, 153, 153, 153]
 
 
-def test_device_n_paints_each_of_its_inks(write_pdf: WritePdf) -> None:
-    function = b"{pop dup 0.2 mul exch dup 0.8 mul exch 0.1 mul}"  # c g n -> c 0.2g 0.8g 0.1g
-    entries = b"/FunctionType 4/Domain[0 1 0 1 0 1]/Range[0 1 0 1 0 1 0 1]"
-    from_stream = b"<<%s/Length %d>>stream\n%s\nendstream" % (entries, len(function), function)
+MIXED = b"{pop dup 0.2 mul exch dup 0.8 mul exch 0.1 mul}"  # c g n -> c 0.2g 0.8g 0.1g
+
+
+def function(body: bytes, inputs: int) -> bytes:
+    entries = b"/FunctionType 4/Domain[%s]/Range[0 1 0 1 0 1 0 1]" % (b"0 1 " * inputs)
+    return b"<<%s/Length %d>>stream\n%s\nendstream" % (entries, len(body), body)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "over"),
+    [
+        pytest.param("", [102, *GOLD[1:]], id="DeviceN: in the alternate space, which names all four inks"),
+        pytest.param(
+            f"<</Subtype/NChannel/Colorants<</Gold[{SPOT}]>>>>",
+            [102, 153 + GOLD[1], *GOLD[2:]],
+            id="NChannel",
+        ),
+    ],
+)
+def test_device_n_with_a_spot_colour(write_pdf: WritePdf, attributes: str, over: list[int]) -> None:
     cmyk = rip(
         write_pdf(
             "0 0.6 0 0 k 0 0 100 100 re f /D cs 0.4 1 0.9 scn 0 0 50 100 re f /N gs 50 0 50 100 re f",
-            resources=f"/ColorSpace<</D[/DeviceN[/Cyan/Gold/None]/DeviceCMYK 5 0 R]>>{OVERPRINT}",
-            more=[from_stream],
+            resources=f"/ColorSpace<</D[/DeviceN[/Cyan/Gold/None]/DeviceCMYK 5 0 R{attributes}]>>{OVERPRINT}",
+            more=[function(MIXED, 3)],
         )
     )
     assert cmyk[50, 25].tolist() == [102, *GOLD[1:]]
-    assert cmyk[50, 75].tolist() == [102, 153 + GOLD[1], *GOLD[2:]]
+    assert cmyk[50, 75].tolist() == over
 
 
-def test_device_n_without_separations_of_its_own_uses_its_transform(write_pdf: WritePdf) -> None:
-    function = b"{0.5 mul exch 0.25 mul 0 0}"  # a b -> 0.5b 0.25a 0 0
-    entries = b"/FunctionType 4/Domain[0 1 0 1]/Range[0 1 0 1 0 1 0 1]"
-    more = [b"<<%s/Length %d>>stream\n%s\nendstream" % (entries, len(function), function)]
-    job = write_pdf(
-        "/D cs 1 0.6 scn 0 0 100 100 re f",
-        resources="/ColorSpace<</D[/DeviceN[/A/B]/DeviceCMYK 5 0 R]>>",
-        more=more,
+def test_device_n_of_process_inks_paints_these(write_pdf: WritePdf) -> None:
+    """Its tint transform says otherwise, and is not used."""
+    cmyk = rip(
+        write_pdf(
+            "0 0.6 0 0 k 0 0 100 100 re f /D cs 0.4 1 0.8 scn 0 0 50 100 re f /N gs 50 0 50 100 re f",
+            resources=f"/ColorSpace<</D[/DeviceN[/Cyan/None/Black]/DeviceCMYK 5 0 R]>>{OVERPRINT}",
+            more=[function(b"{pop pop pop 0 1 0 0}", 3)],
+        )
     )
-    assert rip(job)[50, 50].tolist() == [77, 64, 0, 0]  # 0.5 * 153 = 76.5: a half either way is right
+    assert cmyk[50, 25].tolist() == [102, 0, 0, 204]
+    assert cmyk[50, 75].tolist() == [102, 153, 0, 204]
 
 
 PUBLISHED = others("ICC profiles")

@@ -256,7 +256,6 @@ BOXES = {
     "huge": ("/MediaBox[0 0 99999999 100]", r"page 1 has a MediaBox of 1e\+08"),
     "crop beside": ("/MediaBox[0 0 9 9]/CropBox[50 50 60 60]", "page 1 has a CropBox beside its MediaBox"),
     "crop of words": ("/MediaBox[0 0 9 9]/CropBox[(0)(0)(9)(9)]", "CropBox that is not of numbers"),
-    "trim flat": ("/MediaBox[0 0 9 9]/TrimBox[5 5 5 5]", "page 1 has a TrimBox of 0 x 0 points"),
     "turned by 45": ("/MediaBox[0 0 9 9]/Rotate 45", "page 1 is to be turned by 45 degrees"),
     "unit": ("/MediaBox[0 0 9 9]/UserUnit 0", "page 1 has a UserUnit of 0"),
     "unit of words": ("/MediaBox[0 0 9 9]/UserUnit/Two", "page 1 has a UserUnit that is not of numbers"),

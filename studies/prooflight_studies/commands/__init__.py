@@ -16,6 +16,7 @@ from prooflight_studies.commands import (
     paper,
     press,
     resolution,
+    rip,
     running,
     soak,
     study,
@@ -43,7 +44,7 @@ def register(app: typer.Typer) -> None:
         ),
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
-        *(content.content, resolution.resolution, zones.zones, visible.visible),
+        *(content.content, resolution.resolution, rip.rip, zones.zones, visible.visible),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

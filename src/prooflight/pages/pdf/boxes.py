@@ -20,17 +20,29 @@ class BoxError(ValueError):
     """A page does not say what of it is printed; its text says why."""
 
 
-def printed_box(page: Any) -> Any:
-    """What is printed of a page (``mupdf.PdfPage``) as a ``mupdf.FzRect``: TrimBox, else CropBox, else MediaBox.
+def printed_box(page: Any) -> tuple[Any, list[str]]:
+    """What is printed of a page (``mupdf.PdfPage``) as a ``mupdf.FzRect``, and warnings.
 
+    That is its TrimBox, else the CropBox, else the MediaBox; of the first two, one without any area is passed over.
     BoxError: one of them, or the page's turn or unit, makes no sense.
     """
     media = _box(page, "MediaBox", inherited=True)
     if media is None:
         raise BoxError("has no MediaBox")
-    crop, trim = _box(page, "CropBox", inherited=True), _box(page, "TrimBox", inherited=False)
-    for name, box in (("CropBox", crop), ("TrimBox", trim)):
-        if box is not None and not _overlap(box, media):
+    if _is_empty(media):
+        raise BoxError(f"has a MediaBox of {media[2] - media[0]:g} x {media[3] - media[1]:g} points")
+    passed_over = []
+    for name, following in (("CropBox", "MediaBox"), ("TrimBox", "CropBox")):
+        box = _box(page, name, inherited=name == "CropBox")
+        if box is None:
+            continue
+        if _is_empty(box):
+            instead = _get(page, following, inherited=True)
+            if mupdf.pdf_is_null(instead):
+                instead = _get(page, "MediaBox", inherited=True)
+            mupdf.pdf_dict_puts(page.obj(), name, instead)
+            passed_over.append(f"its {name} has no area, and the next larger box is printed: set the {name}")
+        elif not _overlap(box, media):
             raise BoxError(f"has a {name} beside its MediaBox")
     turn = mupdf.pdf_dict_gets_inheritable(page.obj(), "Rotate")
     degrees = 0.0 if mupdf.pdf_is_null(turn) else _number(turn, "Rotate")
@@ -43,7 +55,7 @@ def printed_box(page: Any) -> Any:
     found = mupdf.pdf_bound_page(page, mupdf.FZ_TRIM_BOX)
     if not (0 < found.x1 - found.x0 <= EXTENT_MAX and 0 < found.y1 - found.y0 <= EXTENT_MAX):
         raise BoxError(f"is {found.x1 - found.x0:g} x {found.y1 - found.y0:g} points large")
-    return found
+    return found, passed_over
 
 
 def deciding_box(page: Any) -> str:
@@ -60,17 +72,21 @@ def deciding_box(page: Any) -> str:
 
 def _box(page: Any, name: str, *, inherited: bool) -> Box | None:
     """A box with its corners in order; None if the page has none."""
-    get = mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets
-    array = get(page.obj(), name)
+    array = _get(page, name, inherited=inherited)
     if mupdf.pdf_is_null(array):
         return None
     if not mupdf.pdf_is_array(array) or mupdf.pdf_array_len(array) != 4:
         raise BoxError(f"has a {name} that is not of four numbers")
     x0, y0, x1, y1 = (_number(mupdf.pdf_array_get(array, i), name) for i in range(4))
-    box = min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
-    if not (box[0] < box[2] and box[1] < box[3]):
-        raise BoxError(f"has a {name} of {box[2] - box[0]:g} x {box[3] - box[1]:g} points")
-    return box
+    return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
+
+
+def _get(page: Any, name: str, *, inherited: bool) -> Any:
+    return (mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets)(page.obj(), name)
+
+
+def _is_empty(box: Box) -> bool:
+    return box[0] >= box[2] or box[1] >= box[3]
 
 
 def _number(thing: Any, name: str) -> float:

@@ -3,26 +3,28 @@
 MuPDF converts with Little CMS as well, but through a coarse device link and with truncation: up to 11 of 255 away
 from what the profiles say. Here: a fine link (cmsFLAGS_HIGHRESPRECALC), 1 of 255 away with the profiles tried.
 
-Imported late, by ``plates`` and what it uses only: it needs PyMuPDF at import.
+Imported late, by ``drawing`` and what it uses only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations
 
 import io
 import tempfile
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageCms
-from pymupdf import mupdf
+from pymupdf import _mupdf, mupdf
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+ToInk = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""From colours (colours, components) of some space to ink amounts 0..1 (colours, 4)."""
 _INTENT_BITS = 3  # MuPDF keeps a flag of its own above the rendering intent
 _LAB_SCALE = (2.55, 1.0, 1.0)  # Pillow's LAB: L* as 255 L*/100, a* and b* as signed bytes
 
@@ -120,7 +122,7 @@ class Inks:
             return None
 
     def convert(
-        self, space: Any, colours: Sequence[Sequence[float]], parameters: Any
+        self, space: Any, colours: Sequence[Sequence[float]] | NDArray[np.float64], parameters: Any
     ) -> NDArray[np.float64] | None:
         """Ink amounts 0..1 (colours, 4) of colours of ``space``; None if only MuPDF can convert them."""
         amounts = np.asarray(colours, dtype=np.float64)
@@ -136,6 +138,24 @@ class Inks:
         scale = _LAB_SCALE if link.input_mode == "LAB" else (255.0,) * space.n
         samples = np.rint(amounts * scale).astype(np.int64).astype(np.uint8)
         return apply_link(link, samples[None])[0] / 255
+
+    def amounts(
+        self, space: Any, colours: Sequence[Sequence[float]] | NDArray[np.float64], parameters: Any
+    ) -> NDArray[np.float64]:
+        """As ``convert``, by MuPDF where only that can."""
+        found = self.convert(space, colours, parameters)
+        if found is not None:
+            return found
+        colour, out = mupdf.new_floats(space.n), mupdf.new_floats(4)
+        found = np.empty((len(colours), 4))
+        for row, amounts in zip(found, colours, strict=True):
+            for i, amount in enumerate(amounts):
+                mupdf.floats_setitem(colour, i, float(amount))
+            _mupdf.ll_fz_convert_color(space, colour, self.space.m_internal, out, None, parameters)
+            row[:] = [mupdf.floats_getitem(out, i) for i in range(4)]
+        mupdf.delete_floats(colour)
+        mupdf.delete_floats(out)
+        return found
 
     def _source(self, space: Any) -> bytes | None:
         key = address(space)

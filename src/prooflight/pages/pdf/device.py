@@ -1,22 +1,26 @@
 """The MuPDF device that paints what a press prints: ink amounts to the nearest byte, other colours by Little CMS.
 
-Imported late, by ``plates`` only: it needs PyMuPDF at import.
+Imported late, by ``drawing`` only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pymupdf import _mupdf, mupdf
 
 from prooflight.pages.pdf.colour_management import Inks, address
-from prooflight.pages.pdf.images import ConvertedImages, Raster, placed
+from prooflight.pages.pdf.fonts import DrawnFonts
+from prooflight.pages.pdf.images import ConvertedImages, Decoding, ImageFault, Raster, placed
+from prooflight.pages.pdf.shadings import function_in_ink, mesh_in_ink
+from prooflight.pages.pdf.tints import COLOURS_MAX, TintSpaces, TintUse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-INKS_MAX = 32  # MuPDF's FZ_MAX_COLORS
-SHADE_STEPS = 256  # of MuPDF's gradients
+    from prooflight.pages.pdf.colour_management import ToInk
 
 _FORWARDED = {
     name: name
@@ -27,15 +31,17 @@ _FORWARDED = {
 } | {"begin_tile": "begin_tile_tid"}
 """Drawing calls without a colour, and the function that takes all of their arguments."""
 _PAINTING = {"fill_path": 3, "stroke_path": 3, "fill_text": 2, "stroke_text": 3}
-"""Drawing calls with a colour, and where among their arguments the colour space stands; the colour follows."""
+"""Drawing calls with a colour, and where among their arguments the colour space stands; the colour and its opacity
+follow."""
 _OVERRIDDEN = (
     *("fill_shade", "fill_image", "fill_image_mask", "clip_image_mask"),
     *("begin_mask", "end_mask", "begin_group", "end_group", "set_default_colorspaces"),
 )
+_NO_TINT = TintUse()
 
 
 def nearest_byte(value: float) -> float:
-    """The ink amount that MuPDF's truncation turns into the byte ``round(255 * value)``; above 0 stays above 0.
+    """The number of 0..1 that MuPDF's truncation turns into the byte ``round(255 * value)``; above 0 stays above 0.
 
     Overprint mode 1 leaves alone what is exactly 0, so a trace of ink must not become 0 here. MuPDF holds colours
     in single precision: six decimals bring back the number that the file states.
@@ -43,22 +49,65 @@ def nearest_byte(value: float) -> float:
     return min(1.0, (round(255 * round(value, 6)) + 0.25) / 255) if value > 0 else 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observed:
+    """What was seen of a page while it was drawn."""
+
+    troubles: dict[str, None] = field(default_factory=dict)
+    """What could not be drawn, in MuPDF's words."""
+    faults: list[ImageFault] = field(default_factory=list)
+    fonts: DrawnFonts = field(default_factory=DrawnFonts)
+    plates: dict[tuple[str, ...], None] = field(default_factory=dict)
+    """Plates that were painted on, those of one colour space together."""
+    transparent: list[bool] = field(default_factory=list)
+    """Not empty: something is not opaque, or blends."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Group:
+    foreign: bool
+    """Are its colours other than the press's?"""
+    knockout: bool = False
+    drawn: bool = True
+
+
 class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
     """Draws on another MuPDF device. ``close`` it once the page is drawn."""
 
-    def __init__(self, drawing: Any, inks: Inks, rgb: Any, document: Any, raster: Raster) -> None:
-        """``inks`` stand for DeviceCMYK and ``rgb`` for DeviceRGB, whatever the document's output intent is."""
+    def __init__(
+        self,
+        drawing: Any,
+        inks: Inks,
+        rgb: Any,
+        document: Any,
+        raster: Raster,
+        *,
+        tints: TintSpaces,
+        plates: Iterable[str],
+        images: ConvertedImages,
+        observed: Observed,
+        page_group: bool,
+        group_is_ours: bool,
+        text_knockout: bool,
+    ) -> None:
+        """``inks`` stand for DeviceCMYK and ``rgb`` for DeviceRGB, whatever the document's output intent is.
+
+        plates: those that are drawn on. page_group: the first group is the page's. group_is_ours: it names no colours
+        to blend in, so these are the press's inks (ISO 32000-2, 11.4.7). text_knockout: glyphs knock each other out.
+        """
         super().__init__()
-        self.troubles: list[str] = []
-        """What could not be drawn, in MuPDF's words."""
         self._drawing, self._inks, self._rgb, self._raster = drawing.m_internal, inks, rgb, raster
         device = (mupdf.fz_device_gray(), mupdf.fz_device_rgb(), mupdf.fz_device_cmyk())
         intent = mupdf.pdf_document_output_intent(document)
         self._replaced = frozenset(address(space.m_internal) for space in (*device, intent))
         self._defaults: Any = None
-        self._amounts = mupdf.new_floats(INKS_MAX)
-        self._foreign = [False]  # for every open group: are its colours other than the press's?
-        self._images = ConvertedImages(inks, self._resolved)
+        self._amounts = mupdf.new_floats(COLOURS_MAX)
+        self._groups = [_Group(foreign=False)]
+        self._tints, self._plates, self._images, self.observed = tints, frozenset(plates), images, observed
+        self._uses: dict[int, TintUse] = {}
+        self._kept: list[Any] = []  # so that addresses stay their own
+        self._text_knockout = text_knockout
+        self._page_group, self._group_is_ours = page_group, group_is_ours
         for name in (*_FORWARDED, *_PAINTING, *_OVERRIDDEN):
             getattr(self, f"use_virtual_{name}")()
 
@@ -73,7 +122,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         try:
             return draw(self._drawing, *arguments)
         except mupdf.FzErrorBase as error:
-            self.troubles.append(str(error))
+            self.observed.troubles[str(error)] = None
             return 0
 
     def set_default_colorspaces(self, _context: Any, defaults: Any) -> None:
@@ -88,103 +137,200 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         mupdf.ll_fz_drop_default_colorspaces(self._defaults)
         self._defaults = mine
 
-    def begin_group(self, _context: Any, area: Any, space: Any, *rest: Any) -> None:
-        """Inside a group that blends in other colours, MuPDF converts: to them first, and to ink at its end."""
+    def begin_group(
+        self, _context: Any, area: Any, space: Any, isolated: int, knockout: int, blend: int, alpha: float
+    ) -> None:
+        """Inside a group that blends in other colours, MuPDF converts: to them first, and to ink at its end.
+
+        A group that is not isolated blends in the colours around it (ISO 32000-2, 11.6.6). If it is opaque and nothing
+        in it is knocked out, it is drawn as what it holds.
+        """
+        if not isolated or (self._page_group and self._group_is_ours):
+            space = None
+        self._page_group = False
+        outer = self._groups[-1]
+        if blend or alpha < 1:
+            self.observed.transparent.append(True)
+        if not (isolated or knockout or blend or outer.knockout) and alpha == 1:
+            self._groups.append(_Group(foreign=outer.foreign, drawn=False))
+            return
         other = bool(space) and address(self._resolved(space)) != address(self._inks.space.m_internal)
-        self._foreign.append(other or self._foreign[-1])
-        self.pass_on(_mupdf.ll_fz_begin_group, area, space, *rest)
+        self._groups.append(_Group(foreign=other or outer.foreign, knockout=bool(knockout)))
+        opacity = nearest_byte(alpha)
+        self.pass_on(_mupdf.ll_fz_begin_group, area, space, isolated, knockout, blend, opacity)
 
     def end_group(self, _context: Any) -> None:
         """Back to the colours of the group around this one."""
-        self._foreign.pop()
-        self.pass_on(_mupdf.ll_fz_end_group)
+        if self._groups.pop().drawn:
+            self.pass_on(_mupdf.ll_fz_end_group)
 
     def begin_mask(self, _context: Any, *arguments: Any) -> None:
         """A soft mask is grey."""
-        self._foreign.append(True)
+        self.observed.transparent.append(True)
+        self._groups.append(_Group(foreign=True))
         self.pass_on(_mupdf.ll_fz_begin_mask, *arguments)
 
     def end_mask(self, _context: Any, function: Any) -> None:
         """From here to its pop_clip the mask clips."""
-        self._foreign.pop()
+        self._groups.pop()
         self.pass_on(_mupdf.ll_fz_end_mask_tr, function)
 
-    def fill_shade(self, _context: Any, shade: Any, *rest: Any) -> None:
-        """Draw a gradient, each of its 256 steps in the colour of its middle.
-
-        MuPDF would take the colour at the step's start and truncate it: up to 4 of 255 too low on steep gradients.
-        """
-        samples, stride = shade.function, shade.function_stride
-        colours = [mupdf.floats_getitem(samples, i) for i in range(SHADE_STEPS * stride)] if samples else []
-        is_ink = mupdf.ll_fz_colorspace_is_subtractive(shade.colorspace) or shade.colorspace.n == 1
-        half_byte = 0.5 / 255 if is_ink and not self._foreign[-1] else 0.0
-        for i, (start, end) in enumerate(zip(colours, colours[stride:] + colours[-stride:], strict=True)):
-            mupdf.floats_setitem(samples, i, min(1.0, (start + end) / 2 + half_byte))
-        self.pass_on(_mupdf.ll_fz_fill_shade, shade, *rest)
-        for i, colour in enumerate(colours):  # the gradient belongs to the document: leave it as it was
-            mupdf.floats_setitem(samples, i, colour)
-
-    def fill_image(self, _context: Any, image: Any, ctm: Any, *rest: Any) -> None:
-        """Draw an image, in ink if it was in colours to be converted."""
-        try:
-            ink = image if self._foreign[-1] else self._images.get(image, rest[-1])
-        except mupdf.FzErrorBase as error:
-            self.troubles.append(str(error))
+    def fill_shade(self, _context: Any, shade: Any, ctm: Any, alpha: float, parameters: Any) -> None:
+        """Draw a gradient, a mesh without a function as an image of what it shows."""
+        space = shade.colorspace
+        if not self._leaves_mark(space, alpha, parameters):
             return
-        self._draw_image(_mupdf.ll_fz_fill_image, ink, ctm, *rest)
+        to_ink, alpha = self._to_ink(space, parameters), nearest_byte(alpha)
+        if shade.function_stride:
+            is_ink = not self._groups[-1].foreign and bool(
+                mupdf.ll_fz_colorspace_is_subtractive(space) or space.n == 1
+            )
+            with function_in_ink(shade, self._inks.space, to_ink, is_ink=is_ink):
+                self.pass_on(_mupdf.ll_fz_fill_shade, shade, ctm, alpha, parameters)
+        elif to_ink is None:
+            self.pass_on(_mupdf.ll_fz_fill_shade, shade, ctm, alpha, parameters)
+        else:
+            mesh = mesh_in_ink(shade, ctm, self._raster, self._inks.space, to_ink)
+            if mesh is not None:
+                mupdf.ll_fz_enable_device_hints(self._drawing, mupdf.FZ_DONT_INTERPOLATE_IMAGES)
+                image, matrix = mesh
+                self.pass_on(_mupdf.ll_fz_fill_image, image.m_internal, matrix, alpha, parameters)
+
+    def fill_image(self, _context: Any, image: Any, ctm: Any, alpha: float, parameters: Any) -> None:
+        """Draw an image, in ink if it was in colours to be converted."""
+        space = image.colorspace
+        if space and mupdf.ll_fz_colorspace_is_indexed(space):
+            space = mupdf.ll_fz_base_colorspace(space)
+        if not self._leaves_mark(space, alpha, parameters):
+            return
+        with Decoding(image, ctm, self.observed.faults):
+            to_ink = self._to_ink(space, parameters) if space else None
+            if to_ink is not None and not mupdf.ll_fz_colorspace_is_lab(space):
+                image = self._images.get(image, self._resolved(space), to_ink, parameters)
+            self._draw_image(_mupdf.ll_fz_fill_image, image, ctm, nearest_byte(alpha), parameters)
 
     def fill_image_mask(
-        self, _context: Any, image: Any, ctm: Any, space: Any, colour: Any, *rest: Any
+        self, _context: Any, image: Any, ctm: Any, space: Any, colour: Any, alpha: float, parameters: Any
     ) -> None:
         """Paint through a stencil."""
-        self._draw_image(
-            _mupdf.ll_fz_fill_image_mask, image, ctm, *self.exact(space, colour, rest[-1]), *rest
-        )
+        if self._leaves_mark(space, alpha, parameters):
+            exact = self.exact(space, colour, parameters)
+            with Decoding(image, ctm, self.observed.faults):
+                draw = _mupdf.ll_fz_fill_image_mask
+                self._draw_image(draw, image, ctm, *exact, nearest_byte(alpha), parameters)
 
     def clip_image_mask(self, _context: Any, image: Any, ctm: Any, scissor: Any) -> None:
-        """Clip to a stencil."""
-        self._draw_image(_mupdf.ll_fz_clip_image_mask, image, ctm, scissor)
+        """Clip to a stencil, or to the soft mask of an image."""
+        if image.bpc > 1:
+            self.observed.transparent.append(True)
+        with Decoding(image, ctm, self.observed.faults):
+            self._draw_image(_mupdf.ll_fz_clip_image_mask, image, ctm, scissor)
 
     def _draw_image(self, draw: Callable[..., Any], image: Any, ctm: Any, *rest: Any) -> None:
         # A clip must be passed on whatever becomes of its image, because its pop_clip will be.
         try:
             best, matrix, blended = placed(image, ctm, self._raster)
         except mupdf.FzErrorBase as error:
-            self.troubles.append(str(error))
+            self.observed.troubles[str(error)] = None
             best, matrix, blended = mupdf.FzImage(mupdf.ll_fz_keep_image(image)), ctm, True
         switch = mupdf.ll_fz_disable_device_hints if blended else mupdf.ll_fz_enable_device_hints
         switch(self._drawing, mupdf.FZ_DONT_INTERPOLATE_IMAGES)
         self.pass_on(draw, best.m_internal, matrix, *rest)
 
-    def exact(self, space: Any, colour: Any, parameters: Any) -> tuple[Any, Any]:
-        """Colour space and colour (float*) to paint with.
+    def paint(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
+        """Draw a path or a text; ``place``: where among its arguments colour space, colour and opacity stand."""
+        (space, colour, alpha), parameters = arguments[place : place + 3], arguments[-1]
+        if self._leaves_mark(space, alpha, parameters):
+            exact = self.exact(space, colour, parameters)
+            self.pass_on(draw, *arguments[:place], *exact, nearest_byte(alpha), *arguments[place + 3 :])
 
-        Ink amounts are rounded; Separation /All becomes as much of each process ink and knocks spots out, because
-        their plates are not printed; other colours are converted, where Little CMS can, and then overprint as OPM 0
-        (ISO 32000-2, 11.7.4.3: mode 1 is for DeviceCMYK alone).
-        """
-        if not space or self._foreign[-1]:
+    def paint_text(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
+        """Draw a text whose glyphs knock each other out (11.7.4.4): where they overlap, they do not add up."""
+        text, alpha = arguments[0], arguments[place + 2]
+        self.observed.fonts.take_in(text)
+        if (
+            alpha == 1
+            or not self._text_knockout
+            or not self._leaves_mark(arguments[place], alpha, arguments[-1])
+        ):
+            self.paint(draw, place, arguments)
+            return
+        stroke, ctm = (
+            (arguments[1], arguments[2]) if place == _PAINTING["stroke_text"] else (None, arguments[1])
+        )
+        area = mupdf.ll_fz_bound_text(text, stroke, ctm)
+        self.pass_on(_mupdf.ll_fz_begin_group, area, None, 0, 0, mupdf.FZ_BLEND_NORMAL, nearest_byte(alpha))
+        self.paint(draw, place, (*arguments[: place + 2], 1.0, *arguments[place + 3 :]))
+        self.pass_on(_mupdf.ll_fz_end_group)
+
+    def exact(self, space: Any, colour: Any, parameters: Any) -> tuple[Any, Any]:
+        """Colour space and colour (float*) to paint with: ink amounts are rounded, other colours converted to ink."""
+        if not space:
+            return space, colour
+        amounts = [mupdf.floats_getitem(colour, i) for i in range(space.n)]
+        to_ink, press = self._to_ink(space, parameters), self._inks.space.m_internal
+        if to_ink is not None:
+            return self._painted(press, to_ink(np.asarray([amounts]))[0].tolist())
+        if self._groups[-1].foreign:
             return space, colour
         if mupdf.ll_fz_colorspace_is_device_n(space):
-            amounts = [mupdf.floats_getitem(colour, i) for i in range(space.n)]
-            if space.n == 1 and mupdf.ll_fz_colorspace_colorant(space, 0) == "All":
-                parameters.op = 0
-                return self._painted(self._inks.space.m_internal, amounts * 4)
             return self._painted(space, amounts)
         actual = self._resolved(space)
-        inks = self._inks.convert(
-            actual, [[mupdf.floats_getitem(colour, i) for i in range(actual.n)]], parameters
-        )
-        if inks is None:
-            return space, colour
-        if address(actual) != address(self._inks.space.m_internal):
+        if address(actual) != address(press):
             parameters.opm = 0
-        return self._painted(self._inks.space.m_internal, inks[0].tolist())
+        return self._painted(press, self._inks.amounts(actual, [amounts], parameters)[0].tolist())
 
     def _painted(self, space: Any, amounts: Iterable[float]) -> tuple[Any, Any]:
         for i, amount in enumerate(amounts):
             mupdf.floats_setitem(self._amounts, i, nearest_byte(amount))
         return space, self._amounts
+
+    def _leaves_mark(self, space: Any, alpha: float, parameters: Any) -> bool:
+        """Whether anything of a colour space is painted; what it is painted with is noted."""
+        if alpha < 1:
+            self.observed.transparent.append(True)
+        use = self._use(space)
+        if use.leaves_no_mark:
+            return False
+        if use.plates:
+            self.observed.plates[use.plates] = None
+        # On plates that are drawn another time, nothing is left where this overprints, else what it knocks out.
+        return not (parameters.op and use.plates and self._plates.isdisjoint(use.plates))
+
+    def _use(self, space: Any) -> TintUse:
+        if not space or not mupdf.ll_fz_colorspace_is_device_n(space):
+            return _NO_TINT
+        key = address(space)
+        if key not in self._uses:
+            self._kept.append(mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space)))
+            self._uses[key] = self._tints.use(space)
+        return self._uses[key]
+
+    def _to_ink(self, space: Any, parameters: Any) -> ToInk | None:
+        """How colours of a space (low level) become ink here; None: MuPDF paints them right.
+
+        All is as much of each process ink, and knocks spots out, because their plates are not printed. What becomes
+        ink by a computation overprints as OPM 0 (ISO 32000-2, 11.7.4.3: mode 1 is for DeviceCMYK alone).
+        """
+        use = self._use(space)
+        if use.is_all:
+            parameters.op = 0
+            return lambda colours: np.repeat(colours, 4, axis=1)
+        if self._groups[-1].foreign:
+            return None
+        if use.mixture is not None:
+            parameters.opm = 0
+            mixture = use.mixture
+            return lambda colours: mixture.ink_amounts(colours, self._inks, parameters)
+        if use.plates and not self._plates.issuperset(use.plates):
+            return lambda colours: np.zeros((len(colours), 4))
+        if mupdf.ll_fz_colorspace_is_device_n(space):
+            return None
+        actual = self._resolved(space)
+        if self._inks.is_native(actual):
+            return None
+        parameters.opm = 0
+        return lambda colours: self._inks.amounts(actual, colours, parameters)
 
     def _resolved(self, space: Any) -> Any:
         """What a device colour space stands for on this page."""
@@ -203,15 +349,15 @@ def _forwarding(name: str) -> Callable[..., Any]:
 
 def _painting(name: str, place: int) -> Callable[..., Any]:
     draw = getattr(_mupdf, f"ll_fz_{name}")  # not mupdf's: there, some take no more than four colorants
+    return lambda self, _context, *arguments: self.paint(draw, place, arguments)
 
-    def paint(self: PressDevice, _context: Any, *arguments: Any) -> None:
-        colour = self.exact(arguments[place], arguments[place + 1], arguments[-1])
-        self.pass_on(draw, *arguments[:place], *colour, *arguments[place + 2 :])
 
-    return paint
+def _text(name: str, place: int) -> Callable[..., Any]:
+    draw = getattr(_mupdf, f"ll_fz_{name}")
+    return lambda self, _context, *arguments: self.paint_text(draw, place, arguments)
 
 
 for _name, _function in _FORWARDED.items():
     setattr(PressDevice, _name, _forwarding(_function))
 for _name, _place in _PAINTING.items():
-    setattr(PressDevice, _name, _painting(_name, _place))
+    setattr(PressDevice, _name, (_text if _name.endswith("text") else _painting)(_name, _place))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pymupdf
@@ -18,10 +18,18 @@ from pymupdf import mupdf
 from prooflight.errors import InputError, JobError, ProfileError, RequestError
 from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import external
-from prooflight.pages.pdf import separations as plates
 from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
+from prooflight.pages.pdf.colour_management import address
+from prooflight.pages.pdf.corrections import PageContents, correct_page
+from prooflight.pages.pdf.drawing import PageDrawing, PlateError, icc_space, output_intent
+from prooflight.pages.pdf.fonts import substituted
+from prooflight.pages.pdf.images import SHORT
+from prooflight.pages.pdf.layers import PrintedLayers
 from prooflight.pages.pdf.marks import page_marks
-from prooflight.pages.raster import POINTS_PER_INCH
+from prooflight.pages.pdf.opening import AGAIN, open_document
+from prooflight.pages.pdf.resources import shown_name
+from prooflight.pages.pdf.tints import TintSpaces
+from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
@@ -31,6 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.pdf.engine import RipEngine
+    from prooflight.pages.pdf.images import ImageFault
     from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
@@ -40,7 +49,8 @@ BAND_PIXELS: Final = 2**24
 PIXELS_MAX: Final = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES: Final = 128  # ICC.1:2022, 7.2
 ICC_BYTES_MAX: Final = 64 * 2**20
-_AGAIN: Final = "export or copy it again"
+_OF_COLOURS: Final = re.compile(r"(?i)\bicc\b|colou?r ?space|color conversion")
+"""What MuPDF says when colours are not converted as the file asks."""
 _NO_MEMORY: Final = re.compile(
     r"alloc \(.*\) failed|(?i:out of|insufficient|not enough) memory|memory allocation"
 )
@@ -61,7 +71,7 @@ def read_profile(path: Path, shown: str) -> bytes:
         what = f"{len(data)} bytes where its header says {size}"
         raise ProfileError(shown, what, remedy="copy the profile again")
     try:
-        plates.icc_space(data)
+        icc_space(data)
     except ValueError:
         raise ProfileError(shown, "the profile cannot convert colours to CMYK", remedy=remedy) from None
     return data
@@ -74,22 +84,13 @@ class PdfFile:
         """``shown``: how errors name it. JobError: encrypted, empty or damaged; MemoryError: beyond its limit."""
         self._path, self._shown, self._profile = path, shown, profile
         self._warnings = dict[PageWarning, None]()
+        self._tints, self._contents = TintSpaces(), dict[int, PageContents]()
+        self._layers: PrintedLayers | None = None
         with self._listening("the PDF is damaged"):
-            self._document = self._open(path)
+            self._document = open_document(path, shown)
             self.pages = int(self._document.page_count)
         if self.pages < 1:
             raise JobError(shown, "the PDF has no pages", remedy="give a job with at least one page")
-
-    def _open(self, path: Path) -> Any:
-        with path.open("rb") as file:
-            file.seek(max(0, file.seek(0, 2) - 1024))
-            tail = file.read()
-            document = pymupdf.Document(_name_for_mupdf(path, file), filetype="pdf")
-        if document.needs_pass:
-            raise JobError(self._shown, "the PDF is encrypted", remedy="save it without a password")
-        if document.is_repaired and b"%%EOF" not in tail:
-            raise JobError(self._shown, "the PDF is truncated", remedy=_AGAIN)
-        return document
 
     def close(self) -> None:
         """Let go of the file."""
@@ -143,6 +144,7 @@ class PdfFile:
         ripped; MemoryError: not within its limit.
         """
         with self._listening(f"page {number} is damaged", number):
+            contents = self._corrected(number)
             page = self._load(number)
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
@@ -153,7 +155,7 @@ class PdfFile:
             drawn = fine_rows * wide
             self._refuse_oversize(number, dpi, rows, columns, drawn=drawn)
             cmyk = raster((rows, columns, 4), drawn)
-            troubles = dict[str, None]()
+            drawing = self._drawing(page, number, contents)
             drawn_on = None if drawn_dpi is None else np.empty((fine_rows, wide, 4), np.uint8)
             for top in range(0, rows, band_rows):
                 band = cmyk[top : top + band_rows]
@@ -165,16 +167,13 @@ class PdfFile:
                     fine.fill(0)
                 by = step * scale
                 ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - above)
-                try:
-                    troubles |= dict.fromkeys(plates.draw(page, ctm, fine, self._profile))
-                except plates.PlateError as error:
-                    what = f"page {number}: {error}"
-                    raise JobError(self._shown, what, remedy="correct and export it again") from None
+                drawing.draw(ctm, fine)
+                self._refuse_faults(number, drawing.observed.faults, contents, (box.x0, box.y0))
                 if drawn_dpi is not None:
                     from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
 
                     taken_together(fine, band, light, step=step, first=top * step - above)
-            self._warn(number - 1, troubles)
+            self._warn_of(number, drawing, contents)
         return cmyk
 
     def draw_by(
@@ -199,7 +198,7 @@ class PdfFile:
             rows, columns = external.pixels_of((box.x1 - box.x0, box.y1 - box.y0), dpi)
             step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
             high, wide = math.ceil(rows * step), math.ceil(columns * step)
-            intent = b"" if self._profile is not None else plates.output_intent(page)
+            intent = b"" if self._profile is not None else output_intent(page)
             profile = self._profile or (intent if intent[16:20] == b"CMYK" else b"")
             asked = external.PageToDraw(
                 pdf=self._path,
@@ -225,18 +224,102 @@ class PdfFile:
         self._warnings |= dict.fromkeys(drawn.warnings)
         return cmyk
 
-    def _load(self, number: int) -> Any:
+    def _corrected(self, number: int) -> PageContents:
+        """What a page uses, once the page is as it is to be read; before it is loaded."""
+        self._refuse_number(number)
+        if number not in self._contents:
+            document = self._pdf()
+            self._layers = self._layers or PrintedLayers(document)
+            page = mupdf.pdf_lookup_page_obj(document, number - 1)
+            self._contents[number] = correct_page(page, self._tints, self._layers)
+        return self._contents[number]
+
+    def _drawing(self, page: Any, number: int, contents: PageContents) -> PageDrawing:
+        try:
+            return PageDrawing(
+                page, self._profile, self._tints, contents.tinted, text_knockout=contents.text_knockout
+            )
+        except PlateError as error:
+            what = f"page {number}: {error}"
+            raise JobError(self._shown, what, remedy="correct and export it again") from None
+
+    def _refuse_faults(
+        self, number: int, faults: list[ImageFault], contents: PageContents, corner: tuple[float, float]
+    ) -> None:
+        """JobError: an image of the page cannot be decoded. corner: of what is printed. [points]"""
+        if not faults:
+            return
+        places = [self._image_place(fault, contents, corner) for fault in faults]
+        mupdf.fz_empty_store()  # MuPDF keeps what it drew, and would say nothing the next time
+        undecodable = [
+            (fault, place) for fault, place in zip(faults, places, strict=True) if not fault.only_short
+        ]
+        if undecodable:
+            fault, place = undecodable[0]
+            more = f", and {len(undecodable) - 1} more" if len(undecodable) > 1 else ""
+            what = f"page {number}: {place}{more}, cannot be decoded ({fault.reason})"
+            raise JobError(self._shown, what, remedy="put a sound image there, and export the page again")
+        for place in places:
+            message = f"{place}, lacks its last samples, which print as 0: export it again"
+            self._warn(number - 1, "image-short", [message])
+        faults.clear()
+
+    def _image_place(self, fault: ImageFault, contents: PageContents, corner: tuple[float, float]) -> str:
+        """Which image that is, and where."""
+        x0, y0, x1, y1 = (MM_PER_INCH / POINTS_PER_INCH * value for value in fault.box)
+        x, y = (MM_PER_INCH / POINTS_PER_INCH * value for value in corner)
+        name = self._image_name(fault.image, contents)
+        return f"{name}, {x1 - x0:.0f} x {y1 - y0:.0f} mm at {x0 - x:.0f}, {y0 - y:.0f} mm from the top left"
+
+    def _image_name(self, image: Any, contents: PageContents) -> str:
+        for resource in contents.images:
+            loaded = mupdf.pdf_load_image(self._pdf(), mupdf.pdf_dict_get(resource.holder, resource.key))
+            mask = loaded.m_internal.mask
+            if address(image.m_internal) in (address(loaded.m_internal), address(mask)):
+                number = mupdf.pdf_to_num(mupdf.pdf_dict_get(resource.holder, resource.key))
+                return f"image {shown_name(resource.name)} (object {number})"
+        return "an inline image"
+
+    def _warn_of(self, number: int, drawing: PageDrawing, contents: PageContents) -> None:
+        """Warnings about what a page is printed with, now that it is drawn."""
+        observed = drawing.observed
+        self._warn(number - 1, "renderer", observed.troubles)
+        self._warn(number - 1, "colour-space", drawing.inks.troubles)
+        for name in substituted(self._pdf(), contents.fonts, observed.fonts):
+            message = f"the font {name} is not embedded, and another is drawn in its place: embed it"
+            self._warn(number - 1, "font-substituted", [message], name)
+        for font, letter in observed.fonts.missing:
+            message = f"the font {font} has no glyph for {letter}: embed a font that has"
+            self._warn(number - 1, "glyph-missing", [message], font)
+        for name in contents.transfers:
+            message = f"the transfer function of graphics state {name} is ignored: apply it to the colours"
+            self._warn(number - 1, "transfer-function", [message], name)
+        if drawing.blends_elsewhere:
+            message = (
+                "its transparency blends in other colours than the press's inks: CMYK is separated again"
+            )
+            self._warn(number - 1, "page-group", [message])
+
+    def _pdf(self) -> Any:
+        return mupdf.pdf_document_from_fz_document(self._document)
+
+    def _refuse_number(self, number: int) -> None:
         if not 1 <= number <= self.pages:
             remedy = f"it has pages 1 to {self.pages}"
             raise RequestError(self._shown, f"there is no page {number}", remedy=remedy)
-        return mupdf.pdf_load_page(mupdf.pdf_document_from_fz_document(self._document), number - 1)
+
+    def _load(self, number: int) -> Any:
+        self._refuse_number(number)
+        return mupdf.pdf_load_page(self._pdf(), number - 1)
 
     def _box(self, page: Any, number: int) -> Any:
         try:
-            return printed_box(page)
+            box, passed_over = printed_box(page)
         except BoxError as error:
             what = f"page {number} {error}"
             raise JobError(self._shown, what, remedy="correct and export it again") from None
+        self._warn(number - 1, "box", passed_over)
+        return box
 
     def _refuse_oversize(self, number: int, dpi: float, rows: int, columns: int, *, drawn: int) -> None:
         refuse_oversize(f"{self._shown}, page {number}", rows, columns)
@@ -260,6 +343,7 @@ class PdfFile:
         tools = pymupdf.TOOLS
         tools.mupdf_display_errors(False)
         tools.mupdf_display_warnings(False)
+        mupdf.fz_flush_warnings()  # else one that was the last before is not repeated
         tools.reset_mupdf_warnings()
         try:
             yield
@@ -267,24 +351,18 @@ class PdfFile:
             raise
         except Exception as error:  # beside MuPDF's, what becomes of its errors if their text is not UTF-8
             self._take_in(number - 1, tools.mupdf_warnings(), str(error))
-            raise JobError(self._shown, damage, remedy=_AGAIN) from None
+            raise JobError(self._shown, damage, remedy=AGAIN) from None
         self._take_in(number - 1, tools.mupdf_warnings(), "")
 
     def _take_in(self, page: int, messages: str, raised: str) -> None:
         earlier = (warning.message for warning in self._warnings)
         if any(_NO_MEMORY.search(text) for text in (messages, raised, *earlier)):
             raise MemoryError
-        self._warn(page, messages.splitlines())
+        for message in messages.splitlines():
+            if message == SHORT:  # said better by the image's own warning
+                continue
+            self._warn(page, "colour-space" if _OF_COLOURS.search(message) else "renderer", [message])
 
-    def _warn(self, page: int, messages: Iterable[str]) -> None:
+    def _warn(self, page: int, kind: str, messages: Iterable[str], name: str = "") -> None:
         for message in messages:
-            self._warnings[PageWarning(page=page, kind="renderer", message=message)] = None
-
-
-def _name_for_mupdf(path: Path, file: BinaryIO) -> str:
-    """MuPDF takes names as UTF-8, which files need not have."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return f"/dev/fd/{file.fileno()}"
-    return str(path)
+            self._warnings[PageWarning(page=page, kind=kind, message=message, object_name=name)] = None

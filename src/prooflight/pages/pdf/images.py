@@ -1,68 +1,121 @@
 """Images of a PDF as the press paints them: in its inks, and sample by sample in the right place.
 
-Imported late, by ``press_device`` only: it needs PyMuPDF at import.
+Imported late, by ``device`` and ``shadings`` only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import ceil, hypot
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import pymupdf
 from pymupdf import mupdf
 
 from prooflight.pages.pdf.colour_management import Inks, address, apply_link
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
+
+    from prooflight.pages.pdf.colour_management import ToInk
+
+_UNDECODABLE: Final = re.compile(
+    r"premature end|treating as end of file|\b(?:jpeg|openjpeg|jbig2dec) error|^zlib error|"
+    r"(?i:cannot|failed to) (?i:decode|read|complete)|decode failed|no jbig2 image|missing data|No data for"
+)
+"""What MuPDF says when it goes on with an image that it cannot decode."""
+SHORT: Final = "padding truncated image"
+"""What it says of an image that has been decoded and has fewer samples than it should."""
 
 IMAGES_KEPT = 8  # converted images kept for the next time they are drawn, as patterns and slices do
 _FIXED_POINT = 1 << 14  # steps of MuPDF's sampler between two samples of an image
 _OFF_PIXELS_MAX = 0.5  # half a pixel: as much as a pixel's edge is uncertain anyway
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageFault:
+    """An image of a page that cannot be decoded, or not all of it."""
+
+    image: Any
+    """``mupdf.FzImage``."""
+    box: tuple[float, float, float, float]
+    """x0, y0, x1, y1 about it, in the page's space. [points]"""
+    reason: str
+    """In MuPDF's words."""
+    only_short: bool
+    """It has been decoded, and lacks its last samples."""
+
+
+class Decoding:
+    """Notes what MuPDF says of images that are decoded meanwhile, and what it raises."""
+
+    def __init__(self, image: Any, ctm: Any, faults: list[ImageFault]) -> None:
+        """``image`` (low level) is drawn by ``ctm``; one that cannot be decoded is added to ``faults``."""
+        self._image, self._ctm, self._faults = image, ctm, faults
+
+    def __enter__(self) -> None:
+        self._before = len(pymupdf.JM_mupdf_warnings_store)
+
+    def __exit__(self, _kind: Any, error: BaseException | None, _trace: Any) -> bool:
+        said = pymupdf.JM_mupdf_warnings_store[self._before :]
+        reasons = [line for line in said if _UNDECODABLE.search(line)]
+        raised = isinstance(error, mupdf.FzErrorBase)
+        only_short = not (raised or reasons) and SHORT in said
+        if raised or reasons or only_short:
+            x, y, ctm = (0, 0, 1, 1), (0, 1, 0, 1), self._ctm
+            across = [ctm.a * i + ctm.c * j + ctm.e for i, j in zip(x, y, strict=True)]
+            along = [ctm.b * i + ctm.d * j + ctm.f for i, j in zip(x, y, strict=True)]
+            box = min(across), min(along), max(across), max(along)
+            kept = mupdf.FzImage(mupdf.ll_fz_keep_image(self._image))
+            reason = (reasons or [SHORT if only_short else str(error)])[0].strip()
+            self._faults.append(ImageFault(image=kept, box=box, reason=reason, only_short=only_short))
+        return raised
+
+
 class ConvertedImages:
     """Images converted to the inks of the press, the last few kept."""
 
-    def __init__(self, inks: Inks, resolved: Callable[[Any], Any]) -> None:
-        """``resolved``: what a device colour space stands for."""
-        self._inks, self._resolved = inks, resolved
+    def __init__(self, inks: Inks) -> None:
+        self._inks = inks
         self._kept: dict[tuple[int, int, int], tuple[Any, Any]] = {}
 
-    def get(self, image: Any, parameters: Any) -> Any:
-        """``image`` (low level) in ink, or ``image`` itself where it is to be drawn as it is."""
+    def get(self, image: Any, space: Any, to_ink: ToInk, parameters: Any) -> Any:
+        """``image`` (low level) in ink. space: its own (low level), or that which its indices or device stand for."""
         key = address(image), parameters.ri, parameters.bp
         if key not in self._kept:
             original = mupdf.FzImage(mupdf.ll_fz_keep_image(image))  # so that the address stays its own
-            converted = self._converted(original, parameters)
+            converted = self._converted(original, space, to_ink, parameters)
             if len(self._kept) >= IMAGES_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = original, converted
         return self._kept[key][1].m_internal
 
-    def _converted(self, image: Any, parameters: Any) -> Any:
-        space = image.m_internal.colorspace
-        if not space:
-            return image
-        if mupdf.ll_fz_colorspace_is_indexed(space):
-            space = mupdf.ll_fz_base_colorspace(space)
-        space = self._resolved(space)
-        if self._inks.is_native(space) or mupdf.ll_fz_colorspace_is_lab(space):
-            return image
-        link = self._inks.link(space, parameters)
-        if link is None:
-            return image
+    def _converted(self, image: Any, space: Any, to_ink: ToInk, parameters: Any) -> Any:
         pixmap = mupdf.FzPixmap(mupdf.ll_fz_get_pixmap_from_image(image.m_internal, None, None)[0])
         if mupdf.fz_colorspace_is_indexed(pixmap.colorspace()):
             pixmap = mupdf.fz_convert_indexed_pixmap_to_base(pixmap)
         if pixmap.alpha() or pixmap.n() != space.n:
             return image  # colour-keyed: MuPDF multiplies its colours with the key
-        return _image(
-            apply_link(link, _samples(pixmap)), self._inks.space, interpolate=image.m_internal.interpolate
-        )
+        samples = pixmap_samples(pixmap)
+        link = None if mupdf.ll_fz_colorspace_is_device_n(space) else self._inks.link(space, parameters)
+        inks = converted_samples(samples, to_ink) if link is None else apply_link(link, samples)
+        return _image(inks, self._inks.space, interpolate=image.m_internal.interpolate)
+
+
+def converted_samples(samples: NDArray[np.uint8], to_ink: ToInk) -> NDArray[np.uint8]:
+    """Ink (rows, columns, 4) of the samples (rows, columns, channels) of an image, each colour converted once."""
+    rows, columns, channels = samples.shape
+    words = np.zeros((rows * columns, -(-channels // 8) * 8), np.uint8)
+    words[:, :channels] = samples.reshape(-1, channels)
+    if words.shape[1] == 8:
+        packed, places = np.unique(words.view(np.uint64)[:, 0], return_inverse=True)
+        colours = packed.view(np.uint8).reshape(-1, 8)
+    else:
+        colours, places = np.unique(words, axis=0, return_inverse=True)
+    inks = np.rint(255 * to_ink(colours[:, :channels] / 255).clip(0, 1)).astype(np.uint8)
+    return inks[places.reshape(rows, columns)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,11 +150,10 @@ def placed(image: Any, ctm: Any, raster: Raster) -> tuple[Any, Any, bool]:
     if not (x.size and y.size):
         return same, ctm, False  # thinner than a pixel, or beside the page
     pixmap = mupdf.FzPixmap(mupdf.ll_fz_get_pixmap_from_image(image, None, None)[0])
-    enlarged = _image(np.take(_samples(pixmap), x, axis=1), pixmap.colorspace(), y, alpha=pixmap.alpha())
-    matrix = mupdf.fz_matrix()
-    matrix.a, matrix.d, matrix.b, matrix.c = x.size / raster.scale, y.size / raster.scale, 0.0, 0.0
-    matrix.e, matrix.f = ((p - s) / raster.scale for p, s in zip((left, top), raster.shift, strict=True))
-    return enlarged, matrix, False
+    enlarged = _image(
+        np.take(pixmap_samples(pixmap), x, axis=1), pixmap.colorspace(), y, alpha=pixmap.alpha()
+    )
+    return enlarged, raster_matrix(raster, left, top, x.size, y.size), False
 
 
 def _taken(
@@ -114,7 +166,15 @@ def _taken(
     return first, np.clip(np.floor(place * samples).astype(np.intp), 0, samples - 1)
 
 
-def _samples(pixmap: Any) -> NDArray[np.uint8]:
+def raster_matrix(raster: Raster, left: int, top: int, columns: int, rows: int) -> Any:
+    """The matrix that lays an image on these very pixels of the raster."""
+    matrix = mupdf.fz_matrix()
+    matrix.a, matrix.d, matrix.b, matrix.c = columns / raster.scale, rows / raster.scale, 0.0, 0.0
+    matrix.e, matrix.f = ((p - s) / raster.scale for p, s in zip((left, top), raster.shift, strict=True))
+    return matrix
+
+
+def pixmap_samples(pixmap: Any) -> NDArray[np.uint8]:
     """A pixmap's own memory as (rows, columns, channels)."""
     view = mupdf.fz_pixmap_samples_memoryview(pixmap)
     rows = np.frombuffer(view, dtype=np.uint8).reshape(pixmap.h(), pixmap.stride())
@@ -132,7 +192,7 @@ def _image(
     """A ``mupdf.FzImage`` of samples (rows, columns, channels), or of those of its rows that are named."""
     rows = np.arange(samples.shape[0]) if rows is None else rows
     pixmap = mupdf.fz_new_pixmap(space, samples.shape[1], rows.size, mupdf.FzSeparations(), alpha)
-    np.take(samples, rows, axis=0, out=_samples(pixmap), mode="clip")  # "clip" writes to out at once
+    np.take(samples, rows, axis=0, out=pixmap_samples(pixmap), mode="clip")  # "clip" writes to out at once
     image = mupdf.fz_new_image_from_pixmap(pixmap, mupdf.FzImage())
     image.m_internal.interpolate = interpolate
     return image

@@ -9,7 +9,8 @@ pixels from it; drawn at the press's own, where it puts them.
 
 Colour: DeviceCMYK and DeviceGray (to K alone) are printed as they stand; RGB, ICC-based and Lab colours are
 converted to the given profile, else to the output intent of the page or document, else to MuPDF's built-in CMYK
-(SWOP-like). Overprint (OPM 0 and 1) and spot colours: see ``plates``.
+(SWOP-like). Overprint (OPM 0 and 1) and spot colours: see ``drawing`` and ``tints``. An image that cannot be decoded
+refuses its page; what else is printed otherwise than the file asks is a warning (``pages.warnings``).
 
 Opening and ripping take place in a process of their own, within limits: ``rip_process``.
 """

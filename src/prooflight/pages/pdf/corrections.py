@@ -1,0 +1,164 @@
+"""What MuPDF reads otherwise than ISO 32000 says, put right in the document in memory before a page is drawn.
+
+Imported late, by ``document`` only: it needs PyMuPDF at import.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from PIL import Image
+from pymupdf import mupdf
+
+from prooflight.pages.pdf.resources import Resource, get, items, name_of, page_resources, shown_name
+from prooflight.pages.pdf.tints import Tinted
+
+if TYPE_CHECKING:
+    from prooflight.pages.pdf.layers import PrintedLayers
+    from prooflight.pages.pdf.tints import TintSpaces
+
+BLEND_MODES: Final = frozenset(
+    [
+        "Normal",
+        "Compatible",
+        "Multiply",
+        "Screen",
+        "Overlay",
+        "Darken",
+        "Lighten",
+        "ColorDodge",
+        "ColorBurn",
+        "HardLight",
+        "SoftLight",
+        "Difference",
+        "Exclusion",
+        "Hue",
+        "Saturation",
+        "Color",
+        "Luminosity",
+    ]
+)
+_PRINTED: Final = 4
+"""Flag of annotations (ISO 32000-2, 12.5.3)."""
+
+
+@dataclass(slots=True, kw_only=True)
+class PageContents:
+    """What was found in the resources of a page."""
+
+    tinted: Tinted = field(default_factory=Tinted)
+    fonts: list[Resource] = field(default_factory=list)
+    images: list[Resource] = field(default_factory=list)
+    transfers: list[str] = field(default_factory=list)
+    """Graphics states with a transfer function."""
+    text_knockout: bool = True
+    """False: a graphics state switches it off; MuPDF does not say for which texts."""
+
+
+def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageContents:
+    """Correct a page (its dictionary, ``mupdf.PdfObj``), which must not have been loaded, and list what it uses."""
+    for annotation in items(get(page, "Annots")):
+        _let_links_print(annotation)
+    found = PageContents()
+    for resource in page_resources(page):
+        thing = resource.thing
+        if resource.category == "ColorSpace":
+            tints.rename(thing, found.tinted)
+        elif resource.category == "ExtGState":
+            _choose_blend_mode(thing)
+            knockout = get(thing, "TK")
+            if knockout is not None and not mupdf.pdf_to_bool(knockout):
+                found.text_knockout = False
+            if _has_transfer(thing):
+                found.transfers.append(shown_name(resource.name))
+        elif resource.category == "Properties":
+            layers.correct(thing)
+        elif resource.category == "Font":
+            found.fonts.append(resource)
+        elif resource.category == "XObject" and name_of(get(thing, "Subtype")) == "Image":
+            _choose_alternate(resource)
+            image = mupdf.pdf_dict_get(resource.holder, resource.key)
+            filters = get(image, "Filter")
+            if "JPXDecode" in [name_of(one) for one in items(filters) or [filters]]:
+                _let_damage_show(image)
+                _drop_unasked_alpha(image)
+            found.images.append(resource)
+    return found
+
+
+def _let_links_print(annotation: Any) -> None:
+    """MuPDF draws no link; one with an appearance is an annotation like others (ISO 32000-2, 12.5.5)."""
+    is_link = name_of(get(annotation, "Subtype")) == "Link" and get(get(annotation, "AP"), "N") is not None
+    flags = get(annotation, "F")
+    if is_link and flags is not None and mupdf.pdf_to_int(flags) & _PRINTED:
+        mupdf.pdf_dict_puts(annotation, "Subtype", mupdf.pdf_new_name("Stamp"))
+
+
+def _choose_blend_mode(state: Any) -> None:
+    """Of a list of blend modes the first that is known counts (11.3.5), Normal if none is."""
+    modes = get(state, "BM")
+    if modes is not None and mupdf.pdf_is_array(modes):
+        mode = next((mode for mode in map(name_of, items(modes)) if mode in BLEND_MODES), "Normal")
+        mupdf.pdf_dict_puts(state, "BM", mupdf.pdf_new_name(mode))
+
+
+def _has_transfer(state: Any) -> bool:
+    """Whether a graphics state has a transfer function other than the identity or the device's own (8.4.5)."""
+    transfer = get(state, "TR2") or get(state, "TR")
+    return transfer is not None and any(
+        name_of(one) not in ("Identity", "Default") for one in items(transfer) or [transfer]
+    )
+
+
+def _choose_alternate(image: Resource) -> None:
+    """Let the alternate that is made for printing stand for an image (8.9.5.4)."""
+    for alternate in items(get(image.thing, "Alternates")):
+        chosen, default = get(alternate, "Image"), get(alternate, "DefaultForPrinting")
+        if chosen is not None and default is not None and mupdf.pdf_to_bool(default):
+            image.replace(chosen)
+            return
+
+
+def _let_damage_show(image: Any) -> None:
+    """MuPDF leaves out a JPEG 2000 image that it cannot open; as another kind it is drawn, and seen to be damaged."""
+    try:
+        mupdf.pdf_load_image(mupdf.pdf_get_bound_document(image), image)
+    except mupdf.FzErrorBase:
+        mupdf.pdf_dict_puts(image, "Filter", mupdf.pdf_new_name("DCTDecode"))
+        mupdf.pdf_dict_dels(image, "DecodeParms")
+        for key, usual in (
+            ("Width", mupdf.pdf_new_int(1)),
+            ("Height", mupdf.pdf_new_int(1)),
+            ("BitsPerComponent", mupdf.pdf_new_int(8)),
+            ("ColorSpace", mupdf.pdf_new_name("DeviceGray")),
+        ):
+            if get(image, key) is None:
+                mupdf.pdf_dict_puts(image, key, usual)
+
+
+def _drop_unasked_alpha(image: Any) -> None:
+    """Drop the opacity that a JPEG 2000 image holds where SMaskInData does not ask for it (8.9.5.1)."""
+    asked = get(image, "SMaskInData")
+    if asked is not None and mupdf.pdf_to_int(asked):
+        return
+    try:
+        data = bytes(mupdf.fz_buffer_extract_copy(mupdf.pdf_load_stream(image)))
+        with Image.open(io.BytesIO(data), formats=["JPEG2000"]) as opened:
+            if opened.mode not in ("LA", "RGBA"):
+                return
+            opaque = opened.convert("RGBA" if opened.mode == "RGBA" else "LA")
+            bands = opaque.split()[:-1]
+    except (OSError, ValueError, mupdf.FzErrorBase):
+        return  # MuPDF will say that it cannot be decoded
+    samples = Image.merge("RGB", bands) if len(bands) > 1 else bands[0]
+    for key in ("Filter", "DecodeParms"):
+        mupdf.pdf_dict_dels(image, key)
+    if get(image, "ColorSpace") is None:
+        space = "DeviceRGB" if len(bands) > 1 else "DeviceGray"
+        mupdf.pdf_dict_puts(image, "ColorSpace", mupdf.pdf_new_name(space))
+    mupdf.pdf_dict_puts(image, "BitsPerComponent", mupdf.pdf_new_int(8))
+    mupdf.pdf_update_stream(
+        mupdf.pdf_get_bound_document(image), image, mupdf.fz_new_buffer_from_copied_data(samples.tobytes()), 0
+    )

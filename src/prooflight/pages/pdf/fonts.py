@@ -1,0 +1,73 @@
+"""Fonts that a page is not printed with as its file asks: those that are not embedded, and glyphs that they lack.
+
+Imported late, by ``device`` and ``document``: it needs PyMuPDF at import.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from pymupdf import mupdf
+
+from prooflight.pages.pdf.colour_management import address
+from prooflight.pages.pdf.resources import get, items, name_of, shown_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from prooflight.pages.pdf.resources import Resource
+
+_ITEM: Final = np.dtype(
+    [("x", "f4"), ("y", "f4"), ("advance", "f4"), ("glyph", "i4"), ("letter", "i4"), ("code", "i4")]
+)
+"""MuPDF's ``fz_text_item``."""
+_BLANKS: Final = (9, 10, 13, 32, 0xA0, 0xAD)
+"""Letters without a mark, of which it does not matter that a font lacks them."""
+
+
+class DrawnFonts:
+    """The fonts that texts are drawn with."""
+
+    def __init__(self) -> None:
+        self._fonts: dict[int, Any] = {}
+        self.missing: dict[tuple[str, str], None] = {}
+        """Names of fonts, and letters that they were asked for and lack."""
+
+    def take_in(self, text: Any) -> None:
+        """Take in a text that is drawn (low level ``fz_text``)."""
+        span = text.head
+        while span:
+            font = span.font
+            self._fonts.setdefault(address(font), mupdf.FzFont(mupdf.ll_fz_keep_font(font)))
+            kept = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
+            listed = np.frombuffer(kept, _ITEM)
+            for letter in listed["letter"][listed["glyph"] == 0].tolist():
+                if letter not in _BLANKS and not mupdf.ll_fz_font_t3_procs(font):
+                    self.missing[mupdf.ll_fz_font_name(font), _shown(letter)] = None
+            span = span.next
+
+    def has(self, font: Any) -> bool:
+        """Whether a text was drawn with a font (low level)."""
+        return address(font) in self._fonts
+
+
+def substituted(document: Any, fonts: Iterable[Resource], drawn: DrawnFonts) -> Iterator[str]:
+    """Names of fonts that are not embedded and that texts were drawn with."""
+    for resource in fonts:
+        font = resource.thing
+        described = (items(get(font, "DescendantFonts")) or [font])[0]
+        descriptor = get(described, "FontDescriptor")
+        if name_of(get(font, "Subtype")) == "Type3" or any(
+            get(descriptor, key) is not None for key in ("FontFile", "FontFile2", "FontFile3")
+        ):
+            continue
+        used = mupdf.ll_pdf_load_font(document.m_internal, None, font.m_internal).font
+        if drawn.has(used):
+            yield shown_name(name_of(get(font, "BaseFont")) or resource.name)
+
+
+def _shown(letter: int) -> str:
+    text = chr(letter) if 0 < letter < 0x110000 and not 0xD800 <= letter < 0xE000 else ""
+    return repr(text) if text.isprintable() and text else f"code {letter}"

@@ -1,0 +1,29 @@
+"""``prooflight study rip``: our RIP and Ghostscript beside the specification."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
+
+
+def rip(out: Results = Path("docs/results"), quick: Quick = False, json: Json = False) -> None:
+    """Small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
+    from prooflight_studies.rip.study import run_rip_study
+
+    found = run_rip_study(out, most=4 if quick else None, progress=show.steps(quiet=json))
+    if json:
+        show.print_json(asdict(found))
+        return
+    cells = (
+        (
+            row.name,
+            row.clause,
+            *(" ".join(map(str, inks)) or "-" for inks in (row.right, row.ours, row.ghostscript)),
+        )
+        for row in found.rows
+    )
+    show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, words=2)
+    show.written(out / "rip.md")

@@ -1,0 +1,129 @@
+"""Who prints what ISO 32000 says: our RIP and Ghostscript on pages whose ink the specification fixes."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import tifffile
+
+from prooflight.errors import InputError, RequestError
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.rip.cases import CASES, case_pdf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TOLERANCE: Final = 2
+"""Steps of 255 by which inks may differ from the specification's: opacity has eight bits in both."""
+DPI: Final = 72
+MIDDLE: Final = 50
+SECONDS_MAX: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One case: inks C, M, Y, K of 255 by the specification and by each RIP; empty: the page was refused."""
+
+    name: str
+    clause: str
+    right: tuple[int, ...]
+    ours: tuple[int, ...]
+    ghostscript: tuple[int, ...]
+    ours_right: bool
+    ghostscript_right: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RipStudy:
+    """Figures of the page."""
+
+    ghostscript_version: str
+    tolerance: int
+    rows: tuple[Row, ...]
+    ours_right: int
+    ghostscript_right: int
+
+
+def run_rip_study(
+    out: Path, *, most: int | None = None, progress: Callable[[str], None] = lambda _: None
+) -> RipStudy:
+    """Draw every case by both, or the first ``most``, and write ``rip.md``. RequestError: there is no Ghostscript."""
+    program = shutil.which("gs")
+    if program is None:
+        raise RequestError(
+            "gs", "Ghostscript is not installed", remedy="install it, as by apt-get install ghostscript"
+        )
+    version = subprocess.run(
+        [program, "--version"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for case in CASES[:most]:
+            progress(case.name)
+            pdf = Path(folder) / "case.pdf"
+            pdf.write_bytes(case_pdf(case))
+            ours, theirs = middle_of_ours(pdf), middle_of_ghostscript(program, pdf)
+            rows.append(
+                Row(
+                    name=case.name,
+                    clause=case.clause,
+                    right=case.inks,
+                    ours=ours,
+                    ghostscript=theirs,
+                    ours_right=is_right(ours, case.inks),
+                    ghostscript_right=is_right(theirs, case.inks),
+                )
+            )
+    found = RipStudy(
+        ghostscript_version=version,
+        tolerance=TOLERANCE,
+        rows=tuple(rows),
+        ours_right=sum(row.ours_right for row in rows),
+        ghostscript_right=sum(row.ghostscript_right for row in rows),
+    )
+    write_page(out / "rip.md", "rip", found)
+    return found
+
+
+def is_right(inks: tuple[int, ...], right: tuple[int, ...]) -> bool:
+    """Whether inks are the specification's, within ``TOLERANCE``."""
+    return len(inks) == len(right) and all(abs(a - b) <= TOLERANCE for a, b in zip(inks, right, strict=True))
+
+
+def middle_of_ours(pdf: Path) -> tuple[int, ...]:
+    """Ink in the middle of the first page; empty if it is refused."""
+    try:
+        with PdfJob(pdf) as job:
+            return tuple(job.page(1, DPI).cmyk[MIDDLE, MIDDLE].tolist())
+    except InputError:
+        return ()
+
+
+def middle_of_ghostscript(program: str, pdf: Path) -> tuple[int, ...]:
+    """The same by Ghostscript's ``tiff32nc``, overprint simulated."""
+    picture = pdf.with_suffix(".tif")
+    picture.unlink(missing_ok=True)
+    options = (
+        "-q",
+        "-dBATCH",
+        "-dNOPAUSE",
+        "-dSAFER",
+        f"-r{DPI}",
+        "-sDEVICE=tiff32nc",
+        "-dOverprint=/simulate",
+    )
+    command = [program, *options, "-dUseTrimBox", "-dPrinted=true", f"-sOutputFile={picture}", str(pdf)]
+    done = subprocess.run(command, capture_output=True, timeout=SECONDS_MAX, check=False)
+    if done.returncode or not picture.is_file():
+        return ()
+    raster = np.asarray(tifffile.imread(picture))
+    if raster.ndim != 3 or min(raster.shape[:2]) <= MIDDLE:
+        return ()
+    return tuple(raster[MIDDLE, MIDDLE].tolist())

@@ -108,7 +108,7 @@ def test_good_scans_pass_with_exit_code_0(
     verdicts = [json.loads(line) for line in out.splitlines()]
     assert code == 0
     assert [verdict["page"] for verdict in verdicts] == ["p0001", "p0002", "p0003"]
-    assert all(verdict["verdict"] == "good" and verdict["action"] == "accept" for verdict in verdicts)
+    assert all(verdict["verdict"] == "good" and verdict["disposition"] == "accept" for verdict in verdicts)
 
 
 @pytest.mark.parametrize("kind", ["missing-plane", "streak", "missing-content", "wrong-page"])
@@ -123,7 +123,18 @@ def test_misprints_end_with_exit_code_1_and_a_place(
     verdicts = [json.loads(line) for line in out.splitlines()]
     assert code == 1
     assert [verdict["verdict"] for verdict in verdicts] == ["misprint"] * 3
-    keys = {"page", "verdict", "action", "probability", "score", "threshold", "p_value", "kind", "regions"}
+    keys = {
+        "page",
+        "verdict",
+        "disposition",
+        "decided_by",
+        "probability",
+        "score",
+        "threshold",
+        "p_value",
+        "kind",
+        "regions",
+    }
     more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
     more |= {"widened", "codes", "promise_suspended"}
     assert keys | more == set(verdicts[0])

@@ -19,6 +19,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from prooflight.detectors.disposition import without_gate
 from prooflight.errors import visible
 from prooflight.reporting import wording
 from prooflight.reporting.wording import count
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
 
 Item = TypeVar("Item")
@@ -108,7 +110,7 @@ def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Verdicts as a table for people."""
-    words = ("page", "verdict", "action", "what", "where [mm]")
+    words = ("page", "verdict", "disposition", "what", "where [mm]")
     table = table_of(title, words, words=words)
     table.add_column("score", justify="right", no_wrap=True)
     table.add_column("ms", justify="right")
@@ -117,13 +119,24 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
         table.add_row(
             verdict.page,
             Text(verdict.verdict, style=style),
-            verdict.action,
+            disposed(*without_gate(verdict)),
             Text("; ".join(filter(None, (verdict.reason or verdict.kind, *_marks(verdict))))),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
         )
     return table
+
+
+def disposed(disposition: Disposition, by: DecidedBy) -> str:
+    """What becomes of a sheet, and by what rule where that is not the default one."""
+    return disposition if by == "default" else f"{disposition}, by {by}"
+
+
+def verdict_facts(verdict: Verdict) -> dict[str, Any]:
+    """A verdict without a run as programs read it: with what becomes of its sheet where no gate decides."""
+    disposition, by = without_gate(verdict)
+    return asdict(verdict) | {"disposition": disposition, "decided_by": by}
 
 
 def judged(verdicts: Sequence[Verdict], *, title: str, each: str = "page") -> None:

@@ -76,6 +76,8 @@ def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[
     """Record -> columns; numbers of NumPy become plain ones. ValueError, TypeError: it cannot be kept."""
     whole = plain(page.verdict)
     row = {name: whole[name] for name in ASKED_ALONE} | {
+        "disposition": page.disposition,
+        "decided_by": page.decided_by,
         "run_id": run_id,
         "sheet": index(page.sheet),
         "job_page": None if page.job_page is None else index(page.job_page),
@@ -109,6 +111,7 @@ def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = Non
         notes=found.notes,
         nuisance=found.nuisance,
         asked=found.asked,
+        gate=found.disposition if found.decided_by == "gate" else None,
         evidence=evidence,
     )
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from prooflight.files.atomic import whole_file
 from prooflight.plant.events import BODIES, KINDS, schema
 from prooflight.plant.gate.register_page import register_page
+from prooflight.plant.outlets_page import outlets_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,6 +37,7 @@ def pages() -> Mapping[str, str]:
     """What stands in each file, by its name under docs/reference."""
     return {
         "events.schema.json": json.dumps(schema(), indent=2) + "\n",
+        "outlets.md": outlets_page(),
         "plant.md": _page(),
         "registers.md": register_page(),
     }

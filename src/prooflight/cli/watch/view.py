@@ -14,6 +14,7 @@ from rich.live import Live
 from prooflight.cli import faults, show
 from prooflight.cli.laid_out import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
+from prooflight.line.pace import REMEDY
 from prooflight.reporting.live import live_view
 from prooflight.reporting.wording import count, not_inspected
 
@@ -50,6 +51,8 @@ class Watching:
     """The first sheet that was not inspected, and why."""
     phase: Callable[[str, str], None] = lambda _phase, _detail: None
     """Told of the run's phase, and of what went wrong, each time it is looked at."""
+    too_late: Callable[[], int] = lambda: 0
+    """How many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """How the cameras of the source are, by name."""
     told_s: float = 0.0
@@ -135,10 +138,18 @@ class Watching:
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
         """What keeps a run of so many sheets from being complete, in one line; empty: nothing does."""
         parts = []
+        if status.overloads:
+            late = count(status.out_of_time, "sheet")
+            parts.append(f"inspection could not keep up with the press, and {late} passed for that; {REMEDY}")
         if status.absent:
             parts.append(f"{status.absent:,} of {count(sheets, 'sheet')} did not come")
         if unseen := status.not_inspected:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
+        if status.unvouched:
+            held = f"{count(status.unvouched, 'sheet')} well printed, but not released"
+            parts.append(f"{held}: lines of it were lost, or it came out of its place")
+        if too_late := self.too_late():
+            parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:
             parts.append(f"{count(status.untold, 'verdict')} could not be told")
         if unrecorded:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 import tifffile
 
 from prooflight.cli import run
+from prooflight.cli.show import PlainConsole, verdict_table
+from prooflight.detectors.verdict import Verdict
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.press.press_file import PressFile
@@ -264,3 +267,24 @@ def test_bad_input_is_exit_code_2_and_one_line(
     if case != "unknown command":
         assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("columns", ["80", None])
+def test_a_table_loses_nothing_in_a_narrow_window_or_in_a_file(
+    columns: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if columns is None:
+        monkeypatch.delenv("COLUMNS", raising=False)
+    else:
+        monkeypatch.setenv("COLUMNS", columns)
+    written = io.StringIO()
+    console = PlainConsole()
+    console.file = written
+    reason = "a-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
+    verdict = Verdict(page="p0001", verdict="not-inspected", reason=reason, score=12345.6)
+    console.print(verdict_table([verdict], title="job on press"))
+    shown = written.getvalue()
+    assert "…" not in shown
+    cells = [line.split("│") for line in shown.splitlines() if line.startswith("│")]
+    assert "".join(cell[4].strip() for cell in cells) == reason
+    assert max(map(len, shown.splitlines())) <= (80 if columns else 200)

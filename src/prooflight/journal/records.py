@@ -113,11 +113,13 @@ class RunRow:
     """That the journal could not keep while it could not write."""
     dropped_evidence: int
     """Pages whose evidence it gave up to keep their rows."""
+    absent: int = 0
+    """Rows of pages of the job that did not come, which ``pages`` and ``not_inspected`` count as well."""
     promise_suspended_from: int | None
     """Sheet from which on its pages were too unlike the press's own for the detector's promise; None: none was."""
 
 
-COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty")
+COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty", "absent")
 """Of a ``RunRow``: what its pages come to."""
 
 

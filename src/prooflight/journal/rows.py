@@ -130,6 +130,12 @@ def surely_good() -> ColumnElement[bool]:
     return (good & silent).is_(true())
 
 
+def absent() -> ColumnElement[bool]:
+    """Rows of pages of the job that did not come, as ``inspection.sheets.came`` knows them."""
+    page = stored_pages.c
+    return (page.faults == '["missing"]') & (page.verdict == "not-inspected") & page.job_page.is_not(None)
+
+
 def nobody_need_see(page: PageRecord) -> bool:
     """Whether a page is good, came in time, and is without fault and note."""
     return page.verdict.verdict == "good" and not (page.late or page.faults or page.notes)
@@ -158,6 +164,7 @@ def read_runs(
         count(page.verdict == "not-inspected").label("not_inspected"),
         count(page.late == 1).label("late"),
         count(page.faulty == 1).label("faulty"),
+        count(absent()).label("absent"),
     ).group_by(page.run_id)
     query = select(stored_runs).order_by(stored_runs.c.id)
     if run_id is not None:

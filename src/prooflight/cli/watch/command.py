@@ -173,6 +173,8 @@ def watch(
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    if json:
+        show.print_json({"phase": "preparing", "detail": "reading the job"})
     printed = job_source(job, loaded, profile=profile)
     printed, plan = laid_out.laid_out(printed, layout, loaded.geometry, sheets=sheets)
     with printed.open() as opened:
@@ -201,8 +203,8 @@ def watch(
             fed=served.simulated,
             plan=plan,
         ),
-        shown=lambda scans, total: (
-            scans if json else show.progress(scans, total=total, what="printing for the drum")
+        shown=lambda scans, total: (show.told_progress if json else show.progress)(
+            scans, total=total, what="printing for the drum"
         ),
     )
     settings = Settings(

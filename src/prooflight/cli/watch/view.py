@@ -15,6 +15,7 @@ from prooflight.cli import faults, show
 from prooflight.cli.laid_out import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
 from prooflight.line.pace import REMEDY
+from prooflight.line.status import Phase
 from prooflight.reporting.live import live_view
 from prooflight.reporting.wording import count, not_inspected
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 REFRESH_S: Final = 0.25
 TELL_S: Final = 5.0
-"""Between two lines of JSON that say how cameras are."""
+"""Between two lines of JSON that say how cameras are, or that the run is still being prepared."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -57,6 +58,9 @@ class Watching:
     """How the cameras of the source are, by name."""
     told_s: float = 0.0
     """When a program was told that last."""
+    last_phase: Phase | None = None
+    phase_s: float = 0.0
+    """What a program was told of the phase last, and when."""
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the live view is on, in which notices stand."""
 
@@ -106,6 +110,15 @@ class Watching:
             sheets="" if self.sheets is None else sheets_line(self.sheets.counts),
         )
 
+    def tell_phase(self, status: Status) -> None:
+        """How far the preparation is, to a program: now and then, and when it is over."""
+        now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
+        begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
+        if self.json and (begins or (prepares and now_s - self.phase_s >= TELL_S)):
+            self.last_phase, self.phase_s = status.phase, now_s
+            detail = f"{count(status.ahead, 'design')} ready"
+            show.print_json({"phase": str(status.phase), "detail": detail})
+
     def tell_cameras(self) -> None:
         """How they are, to a program: a line of JSON each time."""
         known = self.cameras()
@@ -125,6 +138,7 @@ class Watching:
             while not running.join(REFRESH_S):
                 status = running.status()
                 self.phase(str(status.phase), status.detail)
+                self.tell_phase(status)
                 now_s = time.monotonic()
                 if self.json and now_s - self.told_s >= TELL_S:
                     self.told_s = now_s

@@ -38,6 +38,7 @@ class RunAnswer(Answer):
     not_inspected: int
     late: int
     faulty: int
+    absent: int
     dropped_pages: int
     dropped_evidence: int
     promise_suspended_from: int | None

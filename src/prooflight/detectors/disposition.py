@@ -1,4 +1,4 @@
-"""What becomes of a sheet: a verdict says what is known of the sheet, a disposition what is done with it.
+"""Dispositions: a verdict says what is known of a sheet, a disposition what is done with it.
 
 A gate decides by the policy of its press file. Where there is no gate, a good sheet is accepted, a misprint stops the
 press, and a sheet for which nobody can vouch is held until a person has seen it. A misprint is accepted only where the

@@ -77,8 +77,8 @@ HEAD: Final = ("kind of sheet", "verdict", "disposition", "exit code", "XJMF", "
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """All that is said of one sheet."""
+class SheetMessages:
+    """What the outlets carry of one sheet."""
 
     judged: Event
     at_gate: SheetAtGate | None
@@ -93,16 +93,16 @@ class Told:
 
 def outlets_page() -> str:
     """Return the page."""
-    with_gate = [_row(code, told(code)) for code in SHEETS]
-    without = [_row(code, told(code, gate=False)) for code in SHEETS if code not in OF_GATE]
+    with_gate = [_row(code, messages_of(code)) for code in SHEETS]
+    without = [_row(code, messages_of(code, gate=False)) for code in SHEETS if code not in OF_GATE]
     costs = replace(MISPRINT, stopping_costs_more=True)
     without.insert(2, _row(Code.MISPRINT, _judged(_record(costs, ())), name="`misprint`, accepted by costs"))
     gate_head = (*HEAD, "registers: `result`, `code`", "`sheet-at-gate`")
     return "\n".join([INTRODUCTION, WITH, _table(gate_head, with_gate), WITHOUT, _table(HEAD, without)])
 
 
-def told(code: Code, *, gate: bool = True) -> Told:
-    """Return what is said of a sheet of a kind, the second of a run."""
+def messages_of(code: Code, *, gate: bool = True) -> SheetMessages:
+    """Return what the outlets carry of a sheet of a kind, the second of a run."""
     verdict, faults = SHEETS[code]
     record = _record(verdict, faults)
     if not gate:
@@ -139,15 +139,15 @@ def _record(verdict: Verdict, faults: tuple[str, ...]) -> PageRecord:
     )
 
 
-def _judged(record: PageRecord) -> Told:
+def _judged(record: PageRecord) -> SheetMessages:
     events: list[Event] = []
     stream = EventStream([events.append], press="press", stream="s", clock=lambda: 0.0)
     stream.told(Outcome(record=record, evidence=PageEvidence()))
     judged = next(event for event in events if isinstance(event.body, SheetJudged))
-    return Told(judged=judged, at_gate=None, decision=None)
+    return SheetMessages(judged=judged, at_gate=None, decision=None)
 
 
-def _row(code: Code, found: Told, *, name: str = "") -> list[str]:
+def _row(code: Code, found: SheetMessages, *, name: str = "") -> list[str]:
     sheet = found.sheet
     row = [
         name or (f"`{NAMES[code]}`: {SAID[code]}" if code is not Code.GOOD else "`good`"),
@@ -184,11 +184,11 @@ def _opcua(sheet: SheetJudged) -> str:
 
 
 def _exit_code(code: Code) -> int:
-    """Of the sheet itself; 3 where it passed the gate without its result.
+    """Return the exit code for the sheet itself; 3 where it passed the gate without its result.
 
     The numbers are those of ``cli.exit_codes``, which lies above; a test compares them.
     """
-    sheet = told(code, gate=False).sheet
+    sheet = messages_of(code, gate=False).sheet
     return 3 if code in LATE or sheet.disposition == "hold" else int(sheet.verdict == "misprint")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 import tifffile
 
 from prooflight.cli import run
+from prooflight.cli.show import PlainConsole, verdict_table
+from prooflight.detectors.verdict import Verdict
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.press.press_file import PressFile
@@ -108,7 +111,7 @@ def test_good_scans_pass_with_exit_code_0(
     verdicts = [json.loads(line) for line in out.splitlines()]
     assert code == 0
     assert [verdict["page"] for verdict in verdicts] == ["p0001", "p0002", "p0003"]
-    assert all(verdict["verdict"] == "good" and verdict["action"] == "accept" for verdict in verdicts)
+    assert all(verdict["verdict"] == "good" and verdict["disposition"] == "accept" for verdict in verdicts)
 
 
 @pytest.mark.parametrize("kind", ["missing-plane", "streak", "missing-content", "wrong-page"])
@@ -123,7 +126,18 @@ def test_misprints_end_with_exit_code_1_and_a_place(
     verdicts = [json.loads(line) for line in out.splitlines()]
     assert code == 1
     assert [verdict["verdict"] for verdict in verdicts] == ["misprint"] * 3
-    keys = {"page", "verdict", "action", "probability", "score", "threshold", "p_value", "kind", "regions"}
+    keys = {
+        "page",
+        "verdict",
+        "disposition",
+        "decided_by",
+        "probability",
+        "score",
+        "threshold",
+        "p_value",
+        "kind",
+        "regions",
+    }
     more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
     more |= {"widened", "codes", "promise_suspended"}
     assert keys | more == set(verdicts[0])
@@ -253,3 +267,24 @@ def test_bad_input_is_exit_code_2_and_one_line(
     if case != "unknown command":
         assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("columns", ["80", None])
+def test_a_table_loses_nothing_in_a_narrow_window_or_in_a_file(
+    columns: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if columns is None:
+        monkeypatch.delenv("COLUMNS", raising=False)
+    else:
+        monkeypatch.setenv("COLUMNS", columns)
+    written = io.StringIO()
+    console = PlainConsole()
+    console.file = written
+    reason = "a-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
+    verdict = Verdict(page="p0001", verdict="not-inspected", reason=reason, score=12345.6)
+    console.print(verdict_table([verdict], title="job on press"))
+    shown = written.getvalue()
+    assert "…" not in shown
+    cells = [line.split("│") for line in shown.splitlines() if line.startswith("│")]
+    assert "".join(cell[4].strip() for cell in cells) == reason
+    assert max(map(len, shown.splitlines())) <= (80 if columns else 200)

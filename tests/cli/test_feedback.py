@@ -50,7 +50,6 @@ def watched(journal: Opened, press: Press, *, sheets: int = SHEETS) -> int:
         verdict = Verdict(
             page="p0001",
             verdict="misprint" if alarm else "good",
-            action="stop" if alarm else "accept",
             kind="density" if alarm else None,
             score=score,
             threshold=edge,

@@ -88,7 +88,7 @@ def test_a_run_with_a_gate_from_the_drum_to_the_reprint_list(
     server.call(lambda: setattr(server.plc.belt, "distance_mm", 800.0))
     file.write_text(text)
     assert run(watch(folder, file, *more)) == 1
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines() if '"phase": ' not in line]
     assert "gate-ready" in {row.get("notice") for row in rows}
     judged = {row["sheet"]: row["verdict"] for row in rows if "sheet" in row}
     in_tray = {row.tag - 1: row.tray for row in server.plc.rows if row.tag}
@@ -134,7 +134,7 @@ def test_a_duplex_run_with_a_gate_decides_each_sheet_when_its_back_was_seen(
     more = ["--source", f"drum:{RATE}", "--sheets", 6, "--misprint", "streak:1", "--every", 4]
     more += ["--journal", journal, "--world", "ideal", "--deadline", 8000, "--layout", "sides=2"]
     assert run(watch(folder, file, *more)) == 1
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines() if '"phase": ' not in line]
     sheets = {
         row["sheet_verdict"]["sheet"]: row["sheet_verdict"]["verdict"]
         for row in rows

@@ -57,15 +57,12 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
     bad = Verdict(
         page="p0002",
         verdict="misprint",
-        action="stop",
         score=np.inf,
         threshold=1.0,
         kind="streak",
         regions=(STREAK,),
     )
-    good = Verdict(
-        page="p0004", verdict="good", action="accept", score=0.5, threshold=1.0, shift_mm=(0.1, -0.2)
-    )
+    good = Verdict(page="p0004", verdict="good", score=0.5, threshold=1.0, shift_mm=(0.1, -0.2))
 
     def record(sheet: int, verdict: Verdict, **more: object) -> PageRecord:
         told = {"late": False, "first_line": 3000 * sheet, "time_s": 0.2 * sheet} | more
@@ -88,9 +85,7 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
             record(0, inspection.verdict, evidence=kept_evidence(inspection, prepared.page, inspector.press)),
         )
         opened.record(first, record(1, bad, late=True, nuisance={"gain-C": 0.01}))
-        passed = Verdict(
-            page="p0003", verdict="not-inspected", action="accept", reason="the machine is too slow"
-        )
+        passed = Verdict(page="p0003", verdict="not-inspected", reason="the machine is too slow")
         opened.record(first, record(2, passed, faults=("slip", "lost-lines")))
         opened.record(first, record(3, good))
         opened.record(first, record(4, good, notes=("black drifts",)))

@@ -79,6 +79,14 @@ def test_a_port_that_is_taken_is_refused(tmp_path: Path, capsys: pytest.CaptureF
     assert f"port {port}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_an_address_to_listen_everywhere_is_printed_as_one_that_opens(host: str) -> None:
+    listening = Listening(host=host, port=0, certificate=Path("c.pem"), key=Path("k.pem"))
+    assert listening.reached_at(8443) == f"https://{socket.gethostname()}:8443"
+    assert listening.reached_at(8443, ("https://press.example", "https://other")) == "https://press.example"
+    assert Listening(host="::1").reached_at(81, ("https://press.example",)) == "http://[::1]:81"
+
+
 def test_with_a_certificate_others_may_reach_it(tmp_path: Path) -> None:
     chain, key = certificate(tmp_path)
     Listening(host="0.0.0.0", certificate=chain, key=key).check()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,15 @@ from tests.cli.strange import StrangeFrom
 
 from prooflight.cli import run
 from prooflight.cli.show import people
+from prooflight.cli.watch.command import _decided_first
+from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.journal import Journal
+from prooflight.journal.records import PageRecord
+from prooflight.line.monitor.run import PageEvidence
+from prooflight.line.outcomes import Outcome, skipped
+from prooflight.line.pace import TOO_LATE
+from prooflight.line.runner import Running
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.scans.lines import LineBlock
@@ -24,9 +33,12 @@ from prooflight.scans.recorded import recorded_scans
 from prooflight.simulation import ring
 
 if TYPE_CHECKING:
+    from prooflight.line.queues import Sheet
     from prooflight.press.artefact import Press
 
 HEIGHT_MM = 30.0
+PHASE = '"phase": '
+"""In lines that say how far the preparation is."""
 
 
 @pytest.fixture(autouse=True)
@@ -63,7 +75,11 @@ def watch(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, 
     captured = capsys.readouterr()
     return (
         code,
-        [json.loads(line) for line in captured.out.splitlines() if line.startswith("{")],
+        [
+            json.loads(line)
+            for line in captured.out.splitlines()
+            if line.startswith("{") and PHASE not in line
+        ],
         captured.err,
     )
 
@@ -87,6 +103,85 @@ def test_the_drum_is_watched_and_journalled(
         assert facts.end is not None
         assert facts.end.counts["good"] == 9
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
+
+
+def test_a_program_hears_at_once_that_the_run_is_prepared_and_then_that_it_inspects(
+    press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [
+        "watch", job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 3,
+        "--trigger", trigger, "--journal", "none", "--json",
+    ]  # fmt: skip
+    assert run([str(one) for one in given]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == {"phase": "preparing", "detail": "reading the job"}
+    phases = [row["phase"] for row in rows if "phase" in row]
+    assert phases == sorted(phases, key=["preparing", "inspecting"].index)
+    sheets = [at for at, row in enumerate(rows) if "verdict" in row]
+    assert rows.index({"phase": "preparing", "detail": "printing for the drum: 0 of 3"}) < sheets[0]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_the_gate_decides_a_sheet_before_it_is_told_and_one_that_it_fails_to_decide_is_held(
+    fails: bool,
+) -> None:
+    def decide(outcome: Outcome) -> Outcome:
+        if fails:
+            raise OSError("the log is full")
+        return replace(outcome, record=replace(outcome.record, gate="divert"))
+
+    good = PageRecord(
+        sheet=0,
+        job_page=0,
+        verdict=Verdict(page="p0001", verdict="good"),
+        late=False,
+        first_line=0,
+        time_s=0.0,
+    )
+    told: list[Outcome] = []
+    tell = _decided_first(decide, told.append)
+    with pytest.raises(OSError, match="full") if fails else contextlib.nullcontext():
+        tell(Outcome(record=good, evidence=PageEvidence()))
+    [one] = told
+    assert (one.record.disposition, one.record.decided_by) == ("hold" if fails else "divert", "gate")
+    assert one.record.verdict.verdict == "good"
+
+
+def test_inspection_that_does_not_keep_pace_is_said_first_and_ends_with_exit_code_5(
+    press_file: Path,
+    job: Path,
+    trigger: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """Every sheet comes too late, as on a machine that is too slow."""
+
+    def late(self: Running, sheet: Sheet) -> Outcome:
+        return skipped(sheet.number, sheet.seen, TOO_LATE, name=self._name(sheet.job_page))
+
+    monkeypatch.setattr(Running, "_inspect", late)
+    journal = tmp_path / "runs.sqlite"
+    code, rows, said = watch(
+        capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 9,
+        "--trigger", trigger, "--journal", journal, "--json",
+    )  # fmt: skip
+    assert code == 5
+    [notice] = [row for row in rows if row.get("notice") == "overloaded"]
+    assert notice["text"].startswith("inspection cannot keep up: 5 of the last 5 sheets not inspected")
+    sheets = [row for row in rows if "verdict" in row]
+    assert {(row["verdict"], row["disposition"], row["decided_by"]) for row in sheets} == {
+        ("not-inspected", "hold", "default")
+    }
+    last = said.splitlines()[-1]
+    assert last.startswith("prooflight: inspection could not keep up with the press, and 9 sheets passed")
+    for help_ in ("slower", "fewer designs", "prepare the job"):
+        assert help_ in last
+    with Journal.open(str(journal), read_only=True) as opened:
+        [facts] = opened.runs()
+        assert facts.end is not None
+        assert facts.end.counts["out_of_time"] == 9
+        assert [page.disposition for page in opened.pages(facts.id)] == ["hold"] * 9
 
 
 def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(

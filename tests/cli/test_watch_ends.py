@@ -30,6 +30,8 @@ PATIENCE_S = 60.0
 """Only a test that fails waits so long."""
 PAGES = 5
 TORN = 3
+PHASE = '"phase": '
+"""In lines that say how far the preparation is."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,11 @@ def watch(
         capsys.readouterr()
         code = run(arguments(folder, job, source, tmp_path / "runs.sqlite", *more))
         captured = capsys.readouterr()
-        return code, [json.loads(line) for line in captured.out.splitlines()], captured.err
+        return (
+            code,
+            [json.loads(line) for line in captured.out.splitlines() if PHASE not in line],
+            captured.err,
+        )
 
     return call
 
@@ -62,6 +68,16 @@ def watch(
 def arguments(folder: Path, job: str, source: str, journal: object, *more: object) -> list[str]:
     given = ["watch", folder / job, "--press", folder / "x.press", "--source", source]
     return [str(one) for one in (*given, "--journal", journal, "--json", *more)]
+
+
+def next_row(process: subprocess.Popen[str]) -> dict[str, Any]:
+    """The next line that says something of the run itself."""
+    assert process.stdout is not None
+    while True:
+        line = process.stdout.readline()
+        if PHASE not in line:
+            found: dict[str, Any] = json.loads(line)
+            return found
 
 
 def ending(journal: Path) -> tuple[str, str]:
@@ -221,7 +237,7 @@ def test_a_silent_camera_is_announced_and_its_run_can_be_stopped(
     process = started(arguments(folder, "job", address, journal, "--stall", 0.5), stdin)
     try:
         assert process.stdout is not None
-        assert json.loads(process.stdout.readline())["notice"] == "silent"
+        assert next_row(process)["notice"] == "silent"
         process.send_signal(number)
         out, said = process.communicate(timeout=PATIENCE_S)
     finally:
@@ -244,18 +260,18 @@ def test_lines_that_come_again_are_announced_and_what_passed_is_inspected_when_a
     process = started(given, None)
     try:
         assert process.stdout is not None
-        rows = [json.loads(process.stdout.readline())]
+        rows = [next_row(process)]
         data = memoryview(lines_of(folder, 3))
         while data:
             data = data[os.write(camera, data) :]
         while len(rows) < 5 or rows[-1].get("notice") != "silent":
-            rows.append(json.loads(process.stdout.readline()))
+            rows.append(next_row(process))
         process.send_signal(signal.SIGINT)
         out, said = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
         os.close(camera)
-    rows += [json.loads(line) for line in out.splitlines()]
+    rows += [json.loads(line) for line in out.splitlines() if PHASE not in line]
     notices = [row["notice"] for row in rows if "notice" in row]
     verdicts = [row["verdict"] for row in rows if "verdict" in row]
     assert notices[:3] == ["silent", "lines-again", "silent"]

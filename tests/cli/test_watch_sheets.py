@@ -49,7 +49,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
     code = run([str(argument) for argument in arguments])
     captured = capsys.readouterr()
-    rows = [json.loads(line) for line in captured.out.splitlines() if line.startswith(("{", "["))]
+    rows = [
+        json.loads(line)
+        for line in captured.out.splitlines()
+        if line.startswith(("{", "[")) and '"phase": ' not in line
+    ]
     return code, rows, captured.err + captured.out
 
 

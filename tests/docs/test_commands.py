@@ -7,6 +7,7 @@ which counts, and names the exit code of its last command. Files of the user are
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -25,6 +26,7 @@ from reportlab.pdfgen.canvas import Canvas
 from tests.scans.cameras.scene_cameras import scene_camera
 from tests.scans.cameras.scenes import Scenes
 
+from prooflight.cmyk import NAME_OF_INK
 from prooflight.commissioning.build import build_press
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.ruler_layout import RulerLayout
@@ -228,6 +230,22 @@ def test_every_command_runs(page: Path, user: Callable[[str], Path], tmp_path: P
             command = [sys.executable, "-c", block.text]
         done = run(command, tmp_path)
         assert done.returncode == block.exit_code, f"{block.script}\n{done.stdout}\n{done.stderr}"
+    if page.stem == "first-inspection":
+        told_truly(tmp_path)
+
+
+def told_truly(folder: Path) -> None:
+    """One page of the tutorial is a misprint, the truth says so of that page alone, and no ink is named."""
+    scans = json.loads((folder / "scans" / "truth.json").read_text())["scans"]
+    assert [(one["page"], one["misprint"] is not None) for one in scans] == [
+        ("p0001", False),
+        ("p0002", True),
+        ("p0003", False),
+    ]
+    done = run(["prooflight", "inspect", "pages", "scans", "--press", "my.press", "--json"], folder)
+    verdicts = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["verdict"] for one in verdicts] == ["good", "misprint", "good"]
+    assert not set(NAME_OF_INK.values()) & set(verdicts[1]["reason"].split())
 
 
 def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:

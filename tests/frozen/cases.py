@@ -18,6 +18,7 @@ from tests.stand_ins import SHARED
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
+from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
@@ -180,7 +181,8 @@ def scanned(press: Press, page: Page, world: str, kind: str = "", seed: int = 1)
 def of_verdict(verdict: Any) -> Figures:
     """Words, places and numbers of a verdict, none of them rounded further."""
     return {
-        "words": {name: getattr(verdict, name) for name in ("verdict", "action", "kind", "family")},
+        "words": {name: getattr(verdict, name) for name in ("verdict", "kind", "family")}
+        | {"disposition": without_gate(verdict)[0]},
         "score": verdict.score,
         "threshold": verdict.threshold,
         "p_value": verdict.p_value,

@@ -34,7 +34,6 @@ RUNS, SHEETS = 3, 6
 FULL = Verdict(
     page="p0007",
     verdict="misprint",
-    action="reprint",
     probability=0.99,
     score=3.5,
     threshold=1.0,
@@ -51,7 +50,7 @@ FULL = Verdict(
     widened=1.28,
     promise_suspended=True,
 )
-GOOD = Verdict(page="p0001", verdict="good", action="accept", score=0.5, threshold=1.0)
+GOOD = Verdict(page="p0001", verdict="good", score=0.5, threshold=1.0)
 VALUES = (
     *(None, 0, 1, -1, 2, 0.5, -0.5, 1e308, -1e308, float("inf"), float("-inf"), 1e-320),
     *(2**31, 2**53, 2**63 - 1, -(2**63), 10**15, "", " ", "0", "-1", "nan", "NaN", "null", "good", "stopped"),

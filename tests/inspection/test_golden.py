@@ -13,6 +13,7 @@ import tifffile
 from PIL import Image
 
 from prooflight.cli import run
+from prooflight.detectors.disposition import without_gate
 from prooflight.errors import ScanError
 from prooflight.inspection.golden import GoldenInspector, GoldenPage, golden_pages
 from prooflight.rng import stream
@@ -78,7 +79,12 @@ def test_a_spot_is_found_in_any_form_of_tiff(tmp_path: Path, form: str) -> None:
     golden = saved(tmp_path / "golden.tif", made(sheet()), **how)
     assert verdict_of(golden, saved(tmp_path / "same.tif", made(sheet()), **how)).verdict == "good"
     said = verdict_of(golden, saved(tmp_path / "spot.tif", made(spotted()), **how))
-    assert (said.verdict, said.action, said.kind, said.page) == ("misprint", "stop", "spots-voids", "spot")
+    assert (said.verdict, without_gate(said)[0], said.kind, said.page) == (
+        "misprint",
+        "stop",
+        "spots-voids",
+        "spot",
+    )
     (region,) = said.regions
     assert (region.x_mm, region.y_mm) == pytest.approx((20.0, 25.0), abs=0.4)
     assert (region.width_mm, region.height_mm) == pytest.approx((1.2, 1.0), abs=0.6)
@@ -265,7 +271,12 @@ def test_a_scan_out_of_shape_is_not_inspected_and_says_how(tmp_path: Path) -> No
     golden = saved(tmp_path / "golden.tif", sheet())
     stretched = cv2.resize(sheet(), None, fx=1.045, fy=1.0, interpolation=cv2.INTER_CUBIC)[:, 6 : 6 + PIXELS]
     said = verdict_of(golden, saved(tmp_path / "scan.tif", stretched))
-    assert (said.verdict, said.action, said.regions, said.score) == ("not-inspected", "accept", (), None)
+    assert (said.verdict, without_gate(said)[0], said.regions, said.score) == (
+        "not-inspected",
+        "hold",
+        (),
+        None,
+    )
     assert said.reason.startswith("the scan does not fit its golden: shifted by ")
     assert "stretched by 4." in said.reason  # of 4.5 %
     assert said.shift_mm is not None

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.paper.detector import PaperDetector
 from prooflight.detectors.verdict import Decision, Verdict
 from prooflight.errors import RequestError, ScanError
@@ -54,7 +55,7 @@ def test_a_good_print_passes(press: Press, make_page: MakePage, seed: int) -> No
     page = make_page(seed)
     verdict = inspected(page, printed(page, press, seed).dn, press, seed=seed).verdict
     assert verdict.verdict == "good"
-    assert verdict.action == "accept"
+    assert without_gate(verdict) == ("accept", "default")
     assert verdict.kind is None
     assert verdict.regions == ()
     assert verdict.page == page.name
@@ -95,7 +96,7 @@ def test_a_severe_misprint_alarms(press: Press, make_page: MakePage, kind: str, 
     scan = printed(page, press, seed, MisprintRequest(kind=kind, severity=0.9))
     verdict = inspected(page, scan.dn, press).verdict
     assert verdict.verdict == "misprint"
-    assert verdict.action == "stop"
+    assert without_gate(verdict) == ("stop", "default")
     assert verdict.probability == pytest.approx(1.0)
     assert verdict.kind is not None
     assert verdict.regions
@@ -173,15 +174,20 @@ class Fixed:
 
 
 @pytest.mark.parametrize(
-    ("misprint", "probability", "false_alarm_cents", "action"),
+    ("misprint", "probability", "false_alarm_cents", "decided"),
     [
-        (True, 0.6, 1.0, "stop"),  # stopping costs 0.4 cents, letting pass 0.6
-        (True, 0.6, 2.0, "accept"),  # 0.8 against 0.6
-        (False, 0.6, 1.0, "accept"),  # no alarm, no stop
+        (True, 0.6, 1.0, ("stop", "default")),  # stopping costs 0.4 cents, letting pass 0.6
+        (True, 0.6, 2.0, ("accept", "costs")),  # 0.8 against 0.6
+        (False, 0.6, 1.0, ("accept", "default")),  # no alarm, no stop
     ],
 )
 def test_whether_an_alarm_stops_the_press_is_a_matter_of_cost(
-    press: Press, page: Page, misprint: bool, probability: float, false_alarm_cents: float, action: str
+    press: Press,
+    page: Page,
+    misprint: bool,
+    probability: float,
+    false_alarm_cents: float,
+    decided: tuple[str, str],
 ) -> None:
     costs = RunningCosts(misprint_rate=0.01, false_alarm_cents=false_alarm_cents, missed_misprint_cents=1.0)
     scan = printed(page, press, 1).dn
@@ -189,7 +195,7 @@ def test_whether_an_alarm_stops_the_press_is_a_matter_of_cost(
     fixed = PaperDetector(station=priced.station(), test=Fixed(misprint=misprint, probability=probability))
     verdict = Inspector(press=priced, detector=fixed).inspect(page, scan).verdict
     assert verdict.verdict == ("misprint" if misprint else "good")
-    assert verdict.action == action
+    assert without_gate(verdict) == decided
     assert verdict.probability == probability
     assert verdict.p_value is None
 
@@ -254,7 +260,7 @@ def test_verdicts_go_into_json(press: Press, page: Page) -> None:
 
 def test_a_page_without_a_scan_is_passed_on_and_said_so() -> None:
     verdict = Verdict.skipped("p0009")
-    assert (verdict.page, verdict.verdict, verdict.action) == ("p0009", "not-inspected", "accept")
+    assert (verdict.page, verdict.verdict, without_gate(verdict)[0]) == ("p0009", "not-inspected", "hold")
     json.dumps(asdict(verdict), allow_nan=False)
 
 

@@ -34,7 +34,7 @@ OWN = 40
 """Good pages of the press."""
 GROUPS = 5
 NAMES = ["box/add-C+/8", "box/add-M+/8", "streak/light/2/full", "fit/white"]
-GOOD = Verdict(page="p0001", verdict="good", action="accept", score=0.5, threshold=1.0)
+GOOD = Verdict(page="p0001", verdict="good", score=0.5, threshold=1.0)
 
 
 def fresh(own: np.ndarray, *, room: int = 10**6) -> ExchangeabilityTest:

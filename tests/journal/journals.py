@@ -33,7 +33,7 @@ def facts(**changes: Any) -> RunFacts:
 
 
 def record(sheet: int, *, score: float = 0.5, kept: bool = True, **changes: Any) -> PageRecord:
-    verdict = Verdict(page=f"p{sheet:04}", verdict="good", action="accept", score=score, threshold=1.0)
+    verdict = Verdict(page=f"p{sheet:04}", verdict="good", score=score, threshold=1.0)
     arrays = {"values": np.full(50, sheet, np.float32), "wrong_page": np.array(False)}
     told = PageRecord(
         sheet=sheet,

@@ -151,14 +151,14 @@ def test_a_damaged_row_is_named_and_the_others_are_read(path: Path, column: str,
     "columns",
     [
         "verdict = 'good'",
-        "verdict = 'good', action = 'accept', score = 0.5, kind = NULL, threshold = 1.0",
+        "verdict = 'good', disposition = 'accept', score = 0.5, kind = NULL, threshold = 1.0",
         "verdict = 'good', whole_verdict = '{}'",
         "verdict = 'good', whole_verdict = CAST(x'ff' AS TEXT)",
         "verdict = 'good', whole_verdict = '[' || whole_verdict",
     ],
 )
 def test_a_misprint_that_damage_calls_good_is_not_passed_over(path: Path, columns: str) -> None:
-    bad = Verdict(page="p1", verdict="misprint", action="stop", score=np.nan, threshold=1.0, kind="streak")
+    bad = Verdict(page="p1", verdict="misprint", score=np.nan, threshold=1.0, kind="streak")
     with Journal.open(str(path)) as journal:
         journal.record(2, record(2, verdict=bad))
         journal.record(2, record(9, faults=("slip",)))
@@ -197,7 +197,7 @@ def test_a_damaged_run_is_named_and_the_others_are_read(path: Path, column: str,
     [
         "DROP TABLE packs;",
         "DELETE FROM journal;",
-        "INSERT INTO journal VALUES (3, 'x');",
+        "INSERT INTO journal VALUES (4, 'x');",
         "ALTER TABLE pages RENAME COLUMN score TO other;",
         "ALTER TABLE runs RENAME TO other; CREATE VIEW runs AS SELECT * FROM other;",
         "CREATE TRIGGER acts AFTER INSERT ON pages BEGIN DELETE FROM runs; END;",

@@ -33,7 +33,6 @@ DAY_S = 86_400.0
 FULL = Verdict(
     page="p0007",
     verdict="misprint",
-    action="reprint",
     probability=1 / 3,
     score=math.pi,
     threshold=0.1 + 0.2,
@@ -141,9 +140,7 @@ def test_a_run_says_from_which_sheet_its_promise_was_suspended(path: Path, score
                 one = record(sheet, score=0.5, kept=False, notes=("said",) if sheet in (1, since) else ())
                 verdict = replace(one.verdict, reason=looks_like)
                 if sheet >= since:
-                    verdict = replace(
-                        verdict, verdict="misprint", action="stop", score=score, promise_suspended=True
-                    )
+                    verdict = replace(verdict, verdict="misprint", score=score, promise_suspended=True)
                 journal.record(run, replace(one, verdict=verdict))
         assert journal.commit()
         assert [one.promise_suspended_from for one in journal.runs()] == [3, None]
@@ -161,7 +158,7 @@ def test_a_run_says_from_which_sheet_its_promise_was_suspended(path: Path, score
 def test_numbers_that_json_does_not_know_survive(path: Path, value: float) -> None:
     with Journal.open(str(path)) as journal:
         run = journal.begin_run(facts())
-        alarm = Verdict(page="p0001", verdict="misprint", action="stop", score=value, threshold=1.0)
+        alarm = Verdict(page="p0001", verdict="misprint", score=value, threshold=1.0)
         journal.record(run, record(1, verdict=alarm))
         assert journal.commit()
         score = journal.page(run, 1).verdict.score
@@ -212,7 +209,7 @@ def test_runs_say_how_they_are_and_what_came_of_them(path: Path) -> None:
         first = journal.begin_run(facts())
         journal.record(first, record(1))
         journal.record(first, record(2, verdict=bad, late=True))
-        journal.record(first, record(3, verdict=Verdict(page="p3", verdict="not-inspected", action="accept")))
+        journal.record(first, record(3, verdict=Verdict(page="p3", verdict="not-inspected")))
         journal.record(first, record(4, faults=("slip",)))
         end = RunEnd(ended_s=2000.0, ending="stopped", detail="by hand", counts={"late": 1})
         journal.end_run(first, end)
@@ -269,7 +266,7 @@ def test_a_journal_of_another_schema_is_one_clear_error(path: Path) -> None:
     connection.close()
     for read_only in (False, True):
         with pytest.raises(
-            JournalError, match=r"journal\.sqlite: has schema 7, this version reads schema 2; "
+            JournalError, match=r"journal\.sqlite: has schema 7, this version reads schema 3; "
         ) as refusal:
             Journal.open(str(path), read_only=read_only)
         assert "\n" not in str(refusal.value)

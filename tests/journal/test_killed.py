@@ -34,7 +34,7 @@ FACTS = RunFacts(
 
 
 def page(sheet: int) -> PageRecord:
-    verdict = Verdict(page=f"p{sheet}", verdict="good", action="accept", score=sheet / 7, threshold=1.0)
+    verdict = Verdict(page=f"p{sheet}", verdict="good", score=sheet / 7, threshold=1.0)
     evidence = {"values": np.full(400, sheet, np.float32)} if sheet % 3 else None
     return PageRecord(
         sheet=sheet,

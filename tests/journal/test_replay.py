@@ -182,6 +182,6 @@ def test_figures_are_the_same_but_for_rounding(recorded: Any, again: Any, same: 
 
 
 def test_what_nobody_compared_cannot_be_replayed(press: Press) -> None:
-    verdict = Verdict(page="p0001", verdict="not-inspected", action="accept")
+    verdict = Verdict(page="p0001", verdict="not-inspected")
     with pytest.raises(RequestError, match="p0001: was not compared"):
         replayed(verdict, {}, press)

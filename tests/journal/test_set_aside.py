@@ -23,7 +23,7 @@ from prooflight.line import recording
 from prooflight.line.recording import Recorder
 from prooflight.line.status import Phase, Tally
 
-BAD = Verdict(page="p0002", verdict="misprint", action="stop", score=9.0, threshold=1.0, kind="streak")
+BAD = Verdict(page="p0002", verdict="misprint", score=9.0, threshold=1.0, kind="streak")
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_a_camera_count_that_no_row_can_hold_costs_one_page(
     )
     (line,) = aside_file(path).read_text().splitlines()
     kept = json.loads(line)
-    assert (kept["run"], kept["sheet"], kept["page"]["verdict"], kept["page"]["action"]) == (
+    assert (kept["run"], kept["sheet"], kept["page"]["verdict"], kept["page"]["disposition"]) == (
         *(1, 4),
         *("misprint", "stop"),
     )

@@ -30,7 +30,7 @@ from prooflight.line.incidents import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-GOOD = Verdict(page="p0001", verdict="good", action="accept")
+GOOD = Verdict(page="p0001", verdict="good")
 A4 = 210.0, 297.0
 
 
@@ -42,9 +42,7 @@ def region(
 
 def misprint(*regions: Region, kind: str | None = None, page: str = "p0001") -> Verdict:
     kind = kind or (regions[0].kind if regions else None)
-    return Verdict(
-        page=page, verdict="misprint", action="stop", kind=kind, regions=regions, reason="it is off"
-    )
+    return Verdict(page=page, verdict="misprint", kind=kind, regions=regions, reason="it is off")
 
 
 def record(sheet: int, verdict: Verdict = GOOD, **told: Any) -> PageRecord:
@@ -64,7 +62,12 @@ def test_a_streak_on_400_sheets_is_one_incident() -> None:
     assert (found.first_sheet, found.last_sheet, found.ended_with) == (50, 449, 449 + ENDS_AFTER)
     assert found.sheets == (*range(50, 50 + FIRST_SHEETS), *range(450 - LAST_SHEETS, 450))
     assert found.where == "centre, 120 mm from the left, along the travel"
-    assert (found.since_s, found.last_s, found.action, found.reason) == (10.0, 449 / 5, "stop", "it is off")
+    assert (found.since_s, found.last_s, found.disposition, found.reason) == (
+        10.0,
+        449 / 5,
+        "stop",
+        "it is off",
+    )
     assert (found.box_mm, found.pages, found.open) == ((120.0, 0.0, 1.0, 297.0), ("p0001",), False)
 
 

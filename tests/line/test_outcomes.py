@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.monitor.run import Announcement, PageEvidence, RunMonitor
 from prooflight.line.outcomes import SPOILT, RunWatch, missing_page, outcome, skipped, unknown_sheet
 from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
 NOTHING = np.zeros((1, 1, 1), np.uint16)
-GOOD = Verdict(page="p0004", verdict="good", action="accept")
+GOOD = Verdict(page="p0004", verdict="good")
 SAID = PageEvidence(values={"light-mono": 0.02})
 
 
@@ -49,7 +50,7 @@ def test_sheets_are_named_by_the_page_that_they_show() -> None:
 
 def test_an_unknown_sheet_is_a_misprint_and_says_why() -> None:
     blank = unknown_sheet(7, seen(None, fault("blank"), fault("slip", "lines are lost"))).record.verdict
-    assert (blank.page, blank.verdict, blank.action) == ("sheet 7", "misprint", "stop")
+    assert (blank.page, blank.verdict, without_gate(blank)[0]) == ("sheet 7", "misprint", "stop")
     assert (blank.kind, blank.reason) == ("missing-content", "it is blank; lines are lost")
     other = unknown_sheet(7, seen(None)).record.verdict
     assert (other.kind, other.reason) == ("wrong-page", "the sheet shows no page of the job")

@@ -255,7 +255,7 @@ def test_a_spoilt_scan_adds_nothing_to_its_run() -> None:
         def inspect(
             self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
         ) -> SheetResult:
-            return SheetResult(verdict=Verdict(page="p", verdict="good", action="accept"), evidence=evidence)
+            return SheetResult(verdict=Verdict(page="p", verdict="good"), evidence=evidence)
 
     _, told = run([seen(0), seen(1, 0.0, "stretch"), seen(2, 0.0, "out-of-order")], inspector=Loud())
     assert [dict(one.evidence.values) for one in told] == [{"gain-cyan": 9.0}, {}, {"gain-cyan": 9.0}]

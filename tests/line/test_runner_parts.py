@@ -318,7 +318,7 @@ def test_live_view_shows_an_alarm_and_where() -> None:
         SeenPage(scan=np.zeros((1, 1, 1), np.uint16), first_line=0, last_line_time_s=0.0, job_page=3),
     )
     region = Region(x_mm=80, y_mm=0, width_mm=6, height_mm=297, score=9.0, kind="streak")
-    alarm = Verdict(page="p0004", verdict="misprint", action="stop", kind="streak", regions=(region,))
+    alarm = Verdict(page="p0004", verdict="misprint", kind="streak", regions=(region,))
     recent.add(outcome(3, seen, alarm, evidence=PageEvidence(values={"gain-cyan": 0.03})))
     status = Tally().snapshot(queue_depth=2, ahead=4, journalled=3, elapsed_s=1.0)
     console = Console(record=True, width=120, file=io.StringIO())
@@ -338,12 +338,12 @@ def test_a_sheet_with_a_deadline_takes_all_cores(monkeypatch: pytest.MonkeyPatch
 def test_values_that_are_not_finite_are_left_out_of_the_run_and_said() -> None:
     seen = SeenPage(scan=np.zeros((1, 1, 1), np.uint16), first_line=0, last_line_time_s=0.0, job_page=3)
     evidence = PageEvidence(values={"gain-cyan": 0.03, "light-mono": np.nan, "lamp-1": np.inf})
-    done = outcome(3, seen, Verdict(page="p0004", verdict="good", action="accept"), evidence=evidence)
+    done = outcome(3, seen, Verdict(page="p0004", verdict="good"), evidence=evidence)
     assert done.evidence.values == done.record.nuisance == {"gain-cyan": 0.03}
     assert done.record.notes == (
         "not a number that a page can have: light-mono, lamp-1; left out of the run",
     )
-    plain = outcome(3, seen, Verdict(page="p0004", verdict="good", action="accept"))
+    plain = outcome(3, seen, Verdict(page="p0004", verdict="good"))
     assert plain.record.notes == ()
 
 

@@ -18,12 +18,11 @@ from prooflight.line.asking import Asking
 from prooflight.line.told import asked_of_run, counts_of, replayed_run, told_pages
 from prooflight.line.tolerances import LEAST_SHEETS, proposals
 
-GOOD = Verdict(page="p0001", verdict="good", action="accept", score=0.5, threshold=1.0)
+GOOD = Verdict(page="p0001", verdict="good", score=0.5, threshold=1.0)
 SPOT = Region(x_mm=50.0, y_mm=60.0, width_mm=2.0, height_mm=2.0, score=6.0, kind="spots-voids")
 WRONG = Verdict(
     page="p0001",
     verdict="misprint",
-    action="reprint",
     kind="spots-voids",
     score=2.0,
     threshold=1.0,

@@ -101,7 +101,7 @@ class PlayedPress:
     def tell(self, verdict: str, front_line: int, time_s: float) -> None:
         number, self.sheet = self.sheet, self.sheet + 1
         self.gate.arrived(number, None)  # type: ignore[arg-type]
-        found = Verdict(page=f"p{number:04d}", verdict=verdict, action="accept")  # type: ignore[arg-type]
+        found = Verdict(page=f"p{number:04d}", verdict=verdict)  # type: ignore[arg-type]
         record = PageRecord(
             sheet=number,
             job_page=number,

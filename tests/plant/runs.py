@@ -26,12 +26,11 @@ FACTS = RunFacts(
     started_s=0.0,
     sheets=2000,
 )
-GOOD = Verdict(page="p0001", verdict="good", action="accept", detector="ours", score=1.0, threshold=3.0)
+GOOD = Verdict(page="p0001", verdict="good", detector="ours", score=1.0, threshold=3.0)
 STREAK = Region(x_mm=119.5, y_mm=0.0, width_mm=1.0, height_mm=297.0, score=9.0, kind="streak")
 MISPRINT = Verdict(
     page="p0002",
     verdict="misprint",
-    action="stop",
     kind="streak",
     regions=(STREAK,),
     reason="streak at x = 120 mm in black",
@@ -96,7 +95,6 @@ def random_outcome(sheet: int, rng: np.random.Generator) -> Outcome:
     verdict = Verdict(
         page=f"p{sheet:04}",
         verdict=word,
-        action="stop" if word == "misprint" else "accept",
         kind=kinds[0] if kinds and word == "misprint" else None,
         regions=regions if word == "misprint" else (),
         inks=inks,

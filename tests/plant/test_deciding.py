@@ -31,7 +31,7 @@ def record(sheet: int, verdict: str, faults: tuple[str, ...] = (), *, page: int 
     found = (
         Verdict.skipped(f"p{sheet}", "why not")
         if verdict == "not-inspected"
-        else Verdict(page=f"p{sheet}", verdict=verdict, action="accept")  # type: ignore[arg-type]
+        else Verdict(page=f"p{sheet}", verdict=verdict)  # type: ignore[arg-type]
     )
     return PageRecord(
         sheet=sheet, job_page=shown, verdict=found, late=False, first_line=0, time_s=0.0, faults=faults

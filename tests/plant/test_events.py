@@ -16,7 +16,16 @@ from prooflight.line.notices import Notice
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
 from prooflight.plant import reference
-from prooflight.plant.events import BODIES, KINDS, Event, EventsLost, StateChanged, parsed, schema
+from prooflight.plant.events import (
+    BODIES,
+    KINDS,
+    Event,
+    EventsLost,
+    SheetAtGate,
+    StateChanged,
+    parsed,
+    schema,
+)
 from prooflight.plant.stream import EventStream
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
@@ -25,6 +34,11 @@ VALID = jsonschema_rs.validator_for(schema())
 
 def stream(*listeners: Heard) -> EventStream:
     return EventStream(listeners, press="rig", run=3, size_mm=(210.0, 297.0), stream="s", clock=lambda: 1e9)
+
+
+AT_GATE = SheetAtGate(
+    sheet=9, page="p0010", disposition="accept", code="too-late", in_time=False, tray="unconfirmed"
+)
 
 
 def whole_run(heard: Heard) -> list[Event]:
@@ -108,9 +122,9 @@ def test_a_sheet_names_the_incident_that_it_belongs_to() -> None:
 
 def test_events_are_of_the_published_schema_and_come_back_the_same() -> None:
     events = whole_run(Heard())
-    lost = replace(events[0], body=EventsLost(count=4, first=3, last=6))
-    assert {event.kind for event in [*events, lost]} == set(KINDS)
-    for event in [*events, lost]:
+    more = [replace(events[0], body=body) for body in (EventsLost(count=4, first=3, last=6), AT_GATE)]
+    assert {event.kind for event in [*events, *more]} == set(KINDS)
+    for event in [*events, *more]:
         VALID.validate(json.loads(event.json()))
         assert parsed(event.json()) == event
         assert event.key == f"s-{event.number}"

@@ -33,6 +33,7 @@ from prooflight.plant.simulator.server import PlcServer
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from prooflight.plant.events import SheetAtGate
     from prooflight.plant.simulator.plc import SimulatedPlc
     from prooflight.press.gate import GateSettings
 
@@ -86,6 +87,31 @@ def test_each_sheet_goes_where_it_was_decided(press: PlayedPress, tmp_path: Path
     assert {row.tag: row.tray for row in sorted_}.items() >= {
         tag: row["tray"] for tag, row in kept.trays.items() if tag in {one.tag for one in sorted_}
     }.items()
+
+
+def test_every_sheet_is_reported_once_with_what_was_decided_and_its_tray(server: PlcServer) -> None:
+    reported: list[SheetAtGate] = []
+    with Gate(settings(server.port), GEOMETRY, job_pages=4, report=reported.append) as gate:
+        press = PlayedPress(server=server, gate=gate)
+        press.start()
+        press.run_until(lambda: gate.talk.state is State.READY)
+        before = press.sheet
+        press.run_until(lambda: sum(one.tray != "unconfirmed" for one in reported) >= 16)
+        server.hung = True
+        press.run_until(lambda: gate.talk.state is State.AWAY)
+        last = press.sheet + 4
+        press.run_until(lambda: press.sheet >= last)
+        server.hung = False
+    assert sorted(one.sheet for one in reported) == list(range(press.sheet))
+    trays = {row.tag - 1: row.tray for row in server.plc.rows if row.tag}
+    for one in reported:
+        assert one.disposition == (
+            "divert" if press.given[one.sheet + press.serial - press.sheet + 1] == "misprint" else "accept"
+        )
+        assert one.tray in ("unconfirmed", trays.get(one.sheet))
+        if one.tray != "unconfirmed" and one.sheet >= before:
+            assert (one.in_time, one.tray) == (True, "good" if one.disposition == "accept" else "reject")
+    assert any(one.tray == "unconfirmed" and not one.in_time for one in reported if one.sheet >= before)
 
 
 def test_a_sheet_that_nobody_saw_is_rejected_and_shifts_no_other(press: PlayedPress) -> None:

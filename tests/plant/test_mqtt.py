@@ -63,6 +63,11 @@ def mqtt(port: int, **told: Any) -> Mqtt:
     return Mqtt(host="127.0.0.1", port=port, topic="rig", **told)
 
 
+def states(told: list[Any]) -> list[tuple[str, bool]]:
+    """Whether a run goes on, by each retained state."""
+    return [(topic, json.loads(text)["running"]) for topic, text, _ in told if topic == "rig/state"]
+
+
 def numbers(told: list[Any], part: str) -> list[int]:
     return [parsed(payload).number for topic, payload, _ in told if topic == f"rig/{part}"]
 
@@ -119,9 +124,19 @@ def test_the_last_will_says_that_prooflight_is_gone(tmp_path: Path) -> None:
         Outlets([mqtt(proxy.port)], pauses_s=QUICK) as outlets,
     ):
         heard.until(lambda told: ("rig/online", b"true", False) in told)
+        stream = EventStream([outlets.put], press="rig", run=3, stream="s")
+        stream.started(FACTS)
+        heard.until(lambda told: ("rig/state", True) in states(told))
+        stream.told(outcome(0))
+        heard.until(lambda told: bool(numbers(told, "sheet")))
         proxy.cut(refusing=True)
-        heard.until(lambda told: told[-1][:2] == ("rig/online", b"false"))
+        heard.until(lambda told: ("rig/online", b"false", False) in told and states(told)[-1][1] is False)
+        lost = json.loads([text for topic, text, _ in heard.all if topic == "rig/state"][-1])
+        assert (lost["running"], lost["ending"], lost["job"]) == (False, "lost", FACTS.job)
+        with listening(server.port) as late:
+            late.until(lambda told: states(told)[:1] == [("rig/state", False)])
         proxy.mend()
+        heard.until(lambda told: states(told)[-1][1] is True)
         heard.until(lambda told: [text for topic, text, _ in told if topic == "rig/online"][-1] == b"true")
         outlets.put(event(1))
         heard.until(lambda told: numbers(told, "notice") == [1])

@@ -149,8 +149,11 @@ def test_every_sheet_is_a_result_with_its_event_in_it(server: tuple[OpcUa, Outle
         assert [one.Severity for one in found] == [100, 700, 700]
         bad = found[1]
         assert (bad.MeasId.Id, bad.PartId.Id, bad.JobId.Id) == ("1", "p0002", "3")
-        assert (bad.MeasId.Description.Text, bad.PartId.Description.Text) == ("misprint", MISPRINT.reason)
-        assert (bad.IsPartial, bad.IsSimulated, bad.SourceName) == (False, False, "rig")
+        assert (bad.MeasId.Description.Text, bad.PartId.Description.Text) == (
+            "misprint, stop",
+            MISPRINT.reason,
+        )
+        assert (bad.IsPartial, bad.IsSimulated, bad.SourceName) == (False, True, "rig")
         assert bad.ProcessingTimes.ProcessingDuration == 12.3
         assert bad.CreationTime.timestamp() == 1e9
         last = await client.child("ResultManagement", "Results", "ResultVariable", "ResultContent")

@@ -36,7 +36,7 @@ def kept(*results: int, codes: tuple[int, ...] = (), places: bool = True, **bega
 
 
 def page(sheet: int, verdict: str = "good") -> PageRecord:
-    found = Verdict(page=f"p{sheet}", verdict=verdict, action="accept")  # type: ignore[arg-type]
+    found = Verdict(page=f"p{sheet}", verdict=verdict)  # type: ignore[arg-type]
     return PageRecord(sheet=sheet, job_page=sheet, verdict=found, late=False, first_line=0, time_s=0.0)
 
 

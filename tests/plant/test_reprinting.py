@@ -159,7 +159,7 @@ def test_a_run_that_ended_early_lacks_what_it_never_printed_and_one_that_goes_on
 
 
 def test_a_page_that_did_not_come_is_printed_again() -> None:
-    gone = Verdict(page="p0002", verdict="not-inspected", action="accept")
+    gone = Verdict(page="p0002", verdict="not-inspected")
     pages = [record(0), record(1, gone, faults=("missing",)), record(2)]
     (one,) = listed(pages).sheets
     assert (one.run_sheet, one.why) == (1, NEVER)

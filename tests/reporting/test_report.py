@@ -241,7 +241,7 @@ def test_counts_and_headline_agree(tmp_path: Path, run: list[PageEntry]) -> None
     assert (count.misprints, count.caught, count.missed, count.false_alarms) == (2, 2, 0, 0)
     (title,) = written(tmp_path, run).all("h1")
     assert title.text == (
-        "4 pages inspected: 2 passed as good, 2 stopped as misprints; 1 more page had no scan and passed unseen."
+        "4 pages inspected: 2 passed as good, 2 stopped as misprints; 1 more page had no scan and is held."
     )
 
 
@@ -331,7 +331,7 @@ def test_every_picture_opens_and_says_what_it_shows(tmp_path: Path, run: list[Pa
 def test_a_report_that_fails_leaves_the_former_one(tmp_path: Path, run: list[PageEntry]) -> None:
     written(tmp_path, run)
     before = (tmp_path / "report.html").read_bytes()
-    broken = [run[0], replace(run[1], verdict=replace(run[1].verdict, action="burn"))]  # type: ignore[arg-type]
+    broken = [run[0], replace(run[1], verdict=replace(run[1].verdict, score="burn"))]  # type: ignore[arg-type]
     with pytest.raises(Exception, match="burn"):
         write_report(tmp_path / "report.html", broken, SUMMARY)
     assert (tmp_path / "report.html").read_bytes() == before

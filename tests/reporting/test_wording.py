@@ -15,7 +15,7 @@ A4 = (210.0, 297.0)
 
 
 def verdict(kind: str | None, *regions: Region) -> Verdict:
-    return Verdict(page="p0001", verdict="misprint", action="stop", kind=kind, regions=regions)
+    return Verdict(page="p0001", verdict="misprint", kind=kind, regions=regions)
 
 
 def region(x: float, y: float, width: float, height: float, kind: str) -> Region:

@@ -57,9 +57,7 @@ def facts(**changes: Any) -> RunFacts:
 
 
 def good(sheet: int, **changes: Any) -> PageRecord:
-    verdict = Verdict(
-        page=f"p{sheet + 1:04}", verdict="good", action="accept", score=-1.0, threshold=1.0, milliseconds=80.0
-    )
+    verdict = Verdict(page=f"p{sheet + 1:04}", verdict="good", score=-1.0, threshold=1.0, milliseconds=80.0)
     nuisance = {"gain-black": 0.001 * sheet, "shift-x": 0.1, "light-black": 0.002}
     told = PageRecord(
         sheet=sheet,
@@ -78,7 +76,6 @@ def misprint(sheet: int, *, kind: str = "spots-voids", kept: bool = True, **chan
     verdict = Verdict(
         page=f"p{sheet + 1:04}",
         verdict="misprint",
-        action="stop",
         kind=kind,
         regions=(region,),
         score=8.0,

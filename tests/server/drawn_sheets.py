@@ -48,7 +48,7 @@ def write_drawn(folder: Path, page: Page, press: Press, *, sheets: int = 1) -> d
     inspection = inspector.inspect(page, scan)
     kept = kept_evidence(inspection, page, press, whole=True)
     kept = {name: array for name, array in kept.items() if not name.startswith("cut")}
-    passed = replace(inspection.verdict, verdict="good", action="accept", regions=(), kind=None)
+    passed = replace(inspection.verdict, verdict="good", regions=(), kind=None)
     with Journal.open(str(folder / "journal.sqlite")) as journal:
         told = facts(
             job_digest=content_digest(job),

@@ -65,6 +65,7 @@ def test_little_is_open_to_all(app: FastAPI) -> None:
         ("GET", "/sign-in/provider/return"),
         ("GET", "/welcome"),
         ("POST", "/welcome"),
+        ("POST", "/welcome/name"),
         ("GET", "/static/{name:path}"),
         ("POST", "/api/v1/session"),
     }

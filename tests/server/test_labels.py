@@ -142,7 +142,7 @@ def test_a_token_cannot_vouch_and_nobody_can_for_a_sheet_that_never_came(
     assert (answer.status_code, answer.json()["type"]) == (403, "urn:prooflight:scope")
     assert operator.post(f"{API}/sheets/7/words", json={"word": "vouched"}).status_code == 422
     assert operator.post("/runs/1/sheets/7/word", data={"word": "vouched"}).status_code == 409
-    gone = Verdict(page="p0041", verdict="not-inspected", action="accept")
+    gone = Verdict(page="p0041", verdict="not-inspected")
     journal.record(1, good(40, verdict=gone, faults=("missing",)))
     journal.commit()
     answer = operator.post(f"{API}/sheets/40/vouch", json={"reason": "fine"})

@@ -7,6 +7,7 @@ import json
 import socket
 import threading
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import httpx
@@ -14,6 +15,7 @@ import pytest
 import uvicorn
 from tests.server.consoles import PASSWORD, Served, facts, good, misprint, served
 
+from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import Journal
 from prooflight.line.recording import Recorder
 from prooflight.server.accounts.roles import Role, Scope
@@ -239,3 +241,66 @@ def test_a_hundred_listeners_ask_the_journal_no_more_than_one(console: Served) -
 
     assert asyncio.run(listen()) == [1] * 100
     assert len(asked) == 1
+
+
+def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp_path: Path) -> None:
+    console = served(tmp_path, run=False)
+    with Journal.open(str(console.journal)) as journal:
+        run = journal.begin_run(facts(sheets=200))
+        for sheet in range(100):
+            late = Verdict.skipped(f"p{sheet + 1:04}", "its verdict would have come too late")
+            record = good(sheet, verdict=late) if sheet % 9 else good(sheet)
+            journal.record(run, misprint(sheet) if sheet == 95 else record)
+        journal.commit()
+        client = console.client(Role.OPERATOR)
+        state = client.get("/api/v1/now").json()
+        assert (state["state"], state["alarm"], state["overload"]) == (
+            "overload",
+            True,
+            {"late": 87, "recent": 100},
+        )
+        page = client.get("/").text
+    assert "Inspection cannot keep up: 87 of the last 100 sheets not inspected." in page
+    band = page[page.index('class="band overload"') :]
+    assert band.index("Inspection cannot keep up") < band.index('class="run"')
+    assert "Run the press slower." in page
+    assert "fewer designs" in page
+    assert "prooflight rip" in page
+    assert ">Held<" in page
+    assert "Let pass" not in page
+    assert "its verdict would have come too late" in page, "a card says why its sheets were not inspected"
+    console.close()
+
+
+def test_a_misprint_that_the_costs_accept_is_shown_as_the_policy_of_the_press_file(tmp_path: Path) -> None:
+    console = served(tmp_path, run=False)
+    with Journal.open(str(console.journal)) as journal:
+        run = journal.begin_run(facts())
+        found = misprint(3)
+        journal.record(run, good(3, verdict=replace(found.verdict, stopping_costs_more=True)))
+        journal.commit()
+        client = console.client(Role.OPERATOR)
+        page, sheet = client.get("/").text, client.get("/api/v1/runs/1/sheets/3").json()
+    assert (sheet["disposition"], sheet["decided_by"]) == ("accept", "costs")
+    assert "Accepted by costs" in page
+    assert "The costs of the press file accept this misprint." in page
+    assert "Accepted by the press file." in page
+    console.close()
+
+
+@pytest.mark.parametrize(("came", "says"), [(3, "3 of 3 sheets"), (4, "4 sheets, 3 were planned")])
+def test_more_sheets_than_were_planned_are_said_and_a_page_that_did_not_come_is_no_sheet(
+    tmp_path: Path, came: int, says: str
+) -> None:
+    console = served(tmp_path, run=False)
+    with Journal.open(str(console.journal)) as journal:
+        run = journal.begin_run(facts(sheets=3))
+        missing = Verdict.skipped("p0004", "it did not come")
+        journal.record(run, good(0, verdict=missing, faults=("missing",)))
+        for sheet in range(1, came + 1):
+            journal.record(run, good(sheet))
+        journal.commit()
+        client = console.client(Role.OPERATOR)
+        assert client.get("/api/v1/runs/1").json()["absent"] == 1
+        assert says in client.get("/").text
+    console.close()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.server.consoles import PASSWORD, Served, good, served, write_run
 
+from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.journal.journal import Journal
 from prooflight.journal.words import WORDS
 from prooflight.line.incidents import CAMERA_GONE, LATE, LOST_LINES, MISSING, NOT_INSPECTED, UNKNOWN
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 SERVER = Path(str(files("prooflight.server")))
 SCRIPT = "<script>alert(1)</script>\"'<img src=x onerror=alert(1)>"
-STATES = ("no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted")
+STATES = ("no-run", "waiting", "good", "overload", "stop", "look", "silent", "ended", "fault", "interrupted")
 
 
 def pages_of(client: TestClient) -> dict[str, str]:
@@ -117,7 +118,7 @@ def test_everything_that_has_a_name_has_words(code: str) -> None:
     ]
     keys += [f"state.{state}" for state in STATES] + [f"state.{state}.why" for state in STATES]
     keys += [f"word.{word}" for word in WORDS] + [f"role.{role}" for role in Role]
-    keys += [f"action.{action}" for action in ("accept", "reprint", "stop")]
+    keys += [f"disposition.{one}" for one in (*LEAST_FIRST, "costs")]
     keys += [f"verdict.{verdict}" for verdict in ("good", "misprint", "not-inspected")]
     assert set(keys) <= t.keys()
 

@@ -50,6 +50,15 @@ def test_a_password_that_cannot_be_set_says_why(console: Served, changes: dict[s
     assert says in answer.text
 
 
+def test_the_page_of_a_link_names_whose_it_is_and_nobody_else_is_told(console: Served) -> None:
+    client, secret = console.client(), console.accounts.add("new", Role.VIEWER, by="test")
+    assert 'id="welcome-who"' in client.get("/welcome").text
+    assert client.post("/welcome/name", data={"secret": secret}).json() == {"name": "new"}
+    assert client.post("/welcome/name", data={"secret": "nonsense"}).status_code == 404
+    console.accounts.choose(secret, PASSWORD)
+    assert client.post("/welcome/name", data={"secret": secret}).status_code == 404
+
+
 def test_a_link_ends_after_a_day(console: Served) -> None:
     secret = console.accounts.add("new", Role.VIEWER, by="test")
     console.clock.now_s += LINK_S - 1

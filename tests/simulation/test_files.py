@@ -3,16 +3,17 @@ from __future__ import annotations
 import json
 import pickle
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.rng import stream
 from prooflight.scans.recorded import recorded_scans
-from prooflight.simulation.files import ScanToFile, write_truth
+from prooflight.simulation.files import ScanToFile, kept_truths, write_truth
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.worlds import worlds_digest
 
@@ -106,3 +107,41 @@ def test_in_the_ideal_world_truth_has_neither(task: ScanToFile, tmp_path: Path) 
     read = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     assert read["session"] is None
     assert read["scans"][0]["print"] is None
+
+
+def test_pages_printed_again_replace_theirs_and_leave_the_truth_of_all_others(
+    task: ScanToFile, tmp_path: Path
+) -> None:
+    path, press = tmp_path / "truth.json", task.press
+    first = [task(1), task(2)]
+    write_truth(path, first, world="ideal", seed=9, press=press)
+    assert kept_truths(path, {"p0001", "p0002"}, world="press", seed=4, press=press) == []
+    kept = kept_truths(path, {"p0001"}, world="ideal", seed=9, press=press)
+    assert [truth["page"] for truth in kept] == ["p0002"]
+    again = replace(task, request=MisprintRequest(kind="spots-voids", severity=0.5))(1)
+    write_truth(path, [*kept, again], world="ideal", seed=9, press=press)
+    read = json.loads(path.read_text(encoding="utf-8"))["scans"]
+    assert [scan["page"] for scan in read] == ["p0001", "p0002"]
+    assert read[0]["misprint"]["kind"] == "spots-voids"
+    assert read[1] == json.loads(json.dumps(first[1]))
+
+
+@pytest.mark.parametrize("other", [{"world": "press"}, {"seed": 10}])
+def test_scans_of_another_world_or_seed_are_not_mixed(
+    task: ScanToFile, tmp_path: Path, other: dict[str, Any]
+) -> None:
+    path = tmp_path / "truth.json"
+    write_truth(path, [task(1), task(2)], world="ideal", seed=9, press=task.press)
+    same: dict[str, Any] = {"world": "ideal", "seed": 9, "press": task.press}
+    with pytest.raises(RequestError, match="tells of 1 scans of another world, seed or press"):
+        kept_truths(path, {"p0001"}, **(same | other))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"scans": 3}', '{"scans": [{}]}', "\x00"])
+def test_a_truth_that_is_none_is_refused_in_one_line(task: ScanToFile, tmp_path: Path, text: str) -> None:
+    path = tmp_path / "truth.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RequestError) as refused:
+        kept_truths(path, set(), world="ideal", seed=9, press=task.press)
+    assert "\n" not in str(refused.value)
+    assert kept_truths(tmp_path / "none.json", set(), world="ideal", seed=9, press=task.press) == []

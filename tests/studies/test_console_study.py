@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("uvicorn", reason='needs pip install "prooflight[server]"')
 
+from prooflight.detectors.disposition import without_gate
 from prooflight_studies.console.beside import BLOCKS, Beside, _figures, paired_difference, slope
 from prooflight_studies.console.study import ALARM_EVERY, ConsoleFigures, Delay, Load, _delay, _sheet
 from prooflight_studies.harness.page import page_text, plain
@@ -54,7 +55,7 @@ def test_delays_are_from_the_verdict_and_what_never_came_is_told() -> None:
 def test_an_alarm_is_a_misprint_that_advises_to_stop() -> None:
     assert _sheet(4, alarm=False).verdict.verdict == "good"
     alarm = _sheet(4, alarm=True)
-    assert (alarm.verdict.verdict, alarm.verdict.action) == ("misprint", "stop")
+    assert (alarm.verdict.verdict, without_gate(alarm.verdict)[0]) == ("misprint", "stop")
     assert alarm.evidence is not None
 
 

@@ -28,7 +28,7 @@ def row(sheet: int, job_page: int | None, *faults: str) -> PageRecord:
     return PageRecord(
         sheet=sheet,
         job_page=job_page,
-        verdict=Verdict(page="p", verdict="not-inspected", action="accept"),
+        verdict=Verdict(page="p", verdict="not-inspected"),
         late=False,
         first_line=0,
         time_s=0.0,

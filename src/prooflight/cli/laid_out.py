@@ -109,6 +109,7 @@ def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
 
     if isinstance(found, SheetVerdict):
         more: dict[str, Any] = {"bad_pages": found.bad_pages, "doubled": found.doubled}
+        more["disposition"] = found.disposition
         return {"sheet_verdict": asdict(found) | more | {"out_of_order": found.out_of_order}}
     return {"set_verdict": asdict(found) | {"complete": found.complete}}
 

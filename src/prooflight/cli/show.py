@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import sys
+import time
 from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,6 +22,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from prooflight.detectors.disposition import without_gate
 from prooflight.errors import visible
 from prooflight.reporting import wording
 from prooflight.reporting.wording import count
@@ -27,9 +31,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
 
 Item = TypeVar("Item")
+
+
+WIDE: int = 200
+"""Columns of what is written into a file or a pipe."""
 
 
 class PlainConsole(Console):
@@ -37,6 +46,8 @@ class PlainConsole(Console):
 
     def __init__(self, *, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False)
+        if not self.is_terminal and "COLUMNS" not in os.environ:
+            self.width = WIDE  # nobody reads a file or a pipe in a window of 80 columns
 
     def render_str(self, text: str, **how: Any) -> Text:
         """Lines stay lines; what else cannot be printed is shown as escapes."""
@@ -78,6 +89,17 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
             bar.advance(task)
 
 
+def told_progress(items: Iterable[Item], *, total: int, what: str, every_s: float = 2.0) -> Iterator[Item]:
+    """The items, with a line of JSON about how many there are, at first and every ``every_s``."""
+    told_s = -math.inf
+    for number, item in enumerate(items):
+        now_s = time.monotonic()
+        if now_s - told_s >= every_s:
+            told_s = now_s
+            print_json({"phase": "preparing", "detail": f"{what}: {number} of {total}"})
+        yield item
+
+
 def step(text: str) -> None:
     """One line on standard error about what is going on."""
     errors.print(f"{text} ...", style="dim", highlight=False)
@@ -102,28 +124,40 @@ def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()
     """A table for people; columns are of numbers, but those headed by ``words``."""
     table = Table(title=title, title_justify="left")
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in words else "right")
+        # What is too long for a narrow terminal goes on in the next line: nothing is cut.
+        table.add_column(heading, justify="left" if heading in words else "right", overflow="fold")
     return table
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Verdicts as a table for people."""
-    words = ("page", "verdict", "action", "what", "where [mm]")
+    words = ("page", "verdict", "disposition", "what", "where [mm]")
     table = table_of(title, words, words=words)
-    table.add_column("score", justify="right", no_wrap=True)
-    table.add_column("ms", justify="right")
+    table.add_column("score", justify="right", overflow="fold")
+    table.add_column("ms", justify="right", overflow="fold")
     for verdict in verdicts:
         style = VERDICT_STYLE[verdict.verdict]
         table.add_row(
             verdict.page,
             Text(verdict.verdict, style=style),
-            verdict.action,
+            disposed(*without_gate(verdict)),
             Text("; ".join(filter(None, (verdict.reason or verdict.kind, *_marks(verdict))))),
             where(verdict),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
         )
     return table
+
+
+def disposed(disposition: Disposition, by: DecidedBy) -> str:
+    """What becomes of a sheet, and by what rule where that is not the default one."""
+    return disposition if by == "default" else f"{disposition}, by {by}"
+
+
+def verdict_facts(verdict: Verdict) -> dict[str, Any]:
+    """A verdict without a run as programs read it: with what becomes of its sheet where no gate decides."""
+    disposition, by = without_gate(verdict)
+    return asdict(verdict) | {"disposition": disposition, "decided_by": by}
 
 
 def judged(verdicts: Sequence[Verdict], *, title: str, each: str = "page") -> None:

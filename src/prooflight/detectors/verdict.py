@@ -1,4 +1,4 @@
-"""What a detector says of one page.
+"""What a detector says of one page; what becomes of its sheet is a ``disposition``.
 
 A number that is not finite lies neither above nor below a threshold: nothing is decided by it, and nobody calls such a
 page good (``Verdict.from_decision``).
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
 
 Word = Literal["good", "misprint", "not-inspected"]
-Action = Literal["accept", "reprint", "stop"]
 NUMBERS: Final = {
     "score": "score",
     "threshold": "threshold",
@@ -112,7 +111,6 @@ class Verdict(Shown):
 
     page: str
     verdict: Word
-    action: Action
     probability: float | None = None
     score: float | None = None
     threshold: float | None = None
@@ -132,6 +130,8 @@ class Verdict(Shown):
     """What was found of each ink that the page has, by its letter; empty: this detector does not look."""
     expected_cost: Mapping[str, float] = field(default_factory=dict)
     """Of letting pass (``accept``) and of stopping (``stop``), at this probability. [cent]"""
+    stopping_costs_more: bool = False
+    """Whether stopping for this misprint is expected to cost more than letting it pass, by the press file's costs."""
     widened: float = 1.0
     """How many times more widely than others this page was judged, because it has more colours than the detector's fit
     follows."""
@@ -143,7 +143,7 @@ class Verdict(Shown):
     def __post_init__(self) -> None:
         """Whoever makes or reads it: nothing is good by a number that is not finite."""
         if self.verdict == "good" and (why := unsound(self)):
-            changed = dict.fromkeys(NUMBERS) | {"verdict": "not-inspected", "action": "accept", "reason": why}
+            changed = dict.fromkeys(NUMBERS) | {"verdict": "not-inspected", "reason": why}
             for name, value in changed.items():
                 object.__setattr__(self, name, value)
 
@@ -159,7 +159,7 @@ class Verdict(Shown):
     ) -> Self:
         """The verdict that a decision comes to, ``not-inspected`` if a number of it is not finite.
 
-        costs: None, every misprint stops the press. surely: a misprint stops whatever it costs. told: all else.
+        costs: None, nobody says that stopping costs more. surely: nor for this misprint. told: all else.
         """
         if why := unsound(decision):
             return cls.skipped(page, why, detector=told.get("detector", ""))
@@ -170,7 +170,7 @@ class Verdict(Shown):
         return cls(
             page=page,
             verdict=decision.word,
-            action="stop" if decision.misprint and (surely or pays) else "accept",
+            stopping_costs_more=decision.misprint and not (surely or pays),
             probability=chance,
             score=decision.score,
             threshold=decision.threshold,
@@ -180,8 +180,8 @@ class Verdict(Shown):
 
     @classmethod
     def skipped(cls, page: str, reason: str = "", *, detector: str = "") -> Self:
-        """Of a page that was not inspected: it is passed on, and said so."""
-        return cls(page=page, verdict="not-inspected", action="accept", reason=reason, detector=detector)
+        """Of a page that was not inspected."""
+        return cls(page=page, verdict="not-inspected", reason=reason, detector=detector)
 
 
 def unsound(numbers: Decision | Verdict) -> str:

@@ -11,9 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
+from prooflight.detectors.disposition import gravest
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from prooflight.detectors.disposition import Disposition
     from prooflight.detectors.verdict import Verdict, Word
     from prooflight.pages.layout.imposing import Place
     from prooflight.pages.layout.plan import SheetPlan
@@ -30,6 +33,7 @@ NEXT: Final = 4
 NAMED: Final = 5
 """Sheets that are named; the rest is counted."""
 NEVER: Final = "it did not come"
+HOLD: Final[tuple[Disposition, ...]] = ("hold",)
 SideName = Literal["front", "back", ""]
 
 
@@ -51,6 +55,10 @@ class SideRow(Protocol):
     @property
     def faults(self) -> tuple[str, ...]:
         """Of the paper path, and of the camera's lines."""
+
+    @property
+    def disposition(self) -> Disposition:
+        """What becomes of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +88,8 @@ class SideVerdict:
     """Numbers under which the journal has it; more than one: it came again."""
     faults: tuple[str, ...] = ()
     pages: tuple[PageVerdict, ...] = ()
+    disposition: Disposition = "accept"
+    """What becomes of it, the gravest where it came more than once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,6 +108,11 @@ class SheetVerdict:
     sides: tuple[SideVerdict, ...]
     set_number: int | None = None
     """From 0; None: the job has no sets."""
+
+    @property
+    def disposition(self) -> Disposition:
+        """What becomes of it, the gravest of its sides."""
+        return gravest(side.disposition for side in self.sides)
 
     @property
     def missing(self) -> bool:
@@ -143,6 +158,8 @@ class SetVerdict:
     missing: tuple[int, ...] = ()
     doubled: tuple[int, ...] = ()
     out_of_order: tuple[int, ...] = ()
+    disposition: Disposition = "accept"
+    """What becomes of it, the gravest of its sheets; hold where one did not come."""
 
     @property
     def complete(self) -> bool:
@@ -241,7 +258,15 @@ def side_verdict(
         return SideVerdict(side=side, name=name, verdict="good", pages=_all_alike(pages, "good"))
     if not shown:
         never = _all_alike(pages, "not-inspected", NEVER)
-        return SideVerdict(side=side, name=name, verdict="not-inspected", why=NEVER, came=False, pages=never)
+        return SideVerdict(
+            side=side,
+            name=name,
+            verdict="not-inspected",
+            why=NEVER,
+            came=False,
+            pages=never,
+            disposition="hold",
+        )
     told = min(shown, key=lambda record: WORST_FIRST.index(record.verdict.verdict))
     return SideVerdict(
         side=side,
@@ -251,6 +276,7 @@ def side_verdict(
         rows=tuple(record.sheet for record in shown),
         faults=tuple(dict.fromkeys(fault for record in shown for fault in record.faults)),
         pages=page_verdicts(told.verdict, pages, places),
+        disposition=gravest(record.disposition for record in shown),
     )
 
 
@@ -291,6 +317,7 @@ def set_verdict(plan: SheetPlan, number: int, sheets: Sequence[SheetVerdict]) ->
         missing=tuple(missing),
         doubled=tuple(one.sheet for one in there if one.doubled),
         out_of_order=tuple(one.sheet for one in there if one.out_of_order),
+        disposition=gravest([*(one.disposition for one in there), *(HOLD if missing else ())]),
     )
 
 

@@ -5,18 +5,21 @@ Statistics may be NaN or infinite, as they were found; places, times and counts 
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError, field_validator, model_validator
 
+from prooflight.detectors.disposition import DecidedBy, Disposition, without_gate
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.records import Ending
 from prooflight.journal.schema import MOST_TEXT
 
-ASKED_ALONE: Final = ("page", "verdict", "action", "kind", "probability", "score", "threshold", "p_value")
+ASKED_ALONE: Final = ("page", "verdict", "kind", "probability", "score", "threshold", "p_value")
 """Of a verdict, as columns, so that a query can ask for them."""
+ACTION: Final = '"action": '
 YEAR_9999_S: Final = 253_370_764_800
 MOST_PACK_BYTES: Final = 2**30
 ROUNDING: Final = 1e-6
@@ -29,6 +32,15 @@ Number = Annotated[int, Field(ge=1, lt=2**63)]
 Bit = Annotated[int, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Moment = Annotated[float, Field(ge=0, lt=YEAR_9999_S, allow_inf_nan=False)]
+
+
+DISPOSITIONS: Final[dict[DecidedBy | None, tuple[str, ...]]] = {
+    "default": get_args(Disposition),
+    "costs": ("accept",),
+    "gate": get_args(Disposition),
+    None: ("accept", "reprint", "stop"),
+}
+"""What may stand in the column, by who decided it."""
 
 
 class Columns(BaseModel):
@@ -97,7 +109,9 @@ class PageColumns(Columns):
     job_page: Count | None
     page: Any
     verdict: Any
-    action: Any
+    disposition: Any
+    decided_by: DecidedBy | None = None
+    """None: the row was written by schema 2, which had an action in place of a disposition."""
     kind: Any
     probability: Any
     score: Any
@@ -115,11 +129,27 @@ class PageColumns(Columns):
     asked: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
     pack_id: Number | None = None
 
+    @field_validator("whole_verdict", mode="before")
+    @classmethod
+    def _of_schema_2(cls, text: Any) -> Any:
+        """Schema 2 wrote an action: a misprint was accepted where stopping cost more."""
+        if isinstance(text, str) and ACTION in text:
+            found = json.loads(text)
+            if isinstance(found, dict) and "action" in found:
+                costly = (found.get("verdict"), found.pop("action")) == ("misprint", "accept")
+                return json.dumps(found | {"stopping_costs_more": costly})
+        return text
+
     @model_validator(mode="after")
     def _says_one_thing(self) -> PageColumns:
         for name in ASKED_ALONE:
             if not _same(getattr(self, name), getattr(self.whole_verdict, name)):
                 raise ValueError(f"{name}: is not what whole_verdict says")
+        if self.disposition not in DISPOSITIONS[self.decided_by]:
+            raise ValueError(f"disposition: {self.disposition!r} is none")
+        ruled = without_gate(self.whole_verdict, self.faults)
+        if self.decided_by in ("default", "costs") and (self.disposition, self.decided_by) != ruled:
+            raise ValueError("disposition: is not what whole_verdict comes to")
         for name, of in (("faulty", "faults"), ("noted", "notes")):
             if getattr(self, name) != bool(getattr(self, of)):
                 raise ValueError(f"{name}: is not what {of} says")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
 
 CSV_COLUMNS: Final = (
-    *("sheet", "job_page", *ASKED_ALONE),
+    *("sheet", "job_page", *ASKED_ALONE, "disposition", "decided_by"),
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
     *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
     *("first_line", "time_s", "faults", "notes", "nuisance", "widened", "promise_suspended"),
@@ -69,6 +69,8 @@ def page_facts(page: PageRecord) -> dict[str, Any]:
     return _finite(
         {
             **asdict(page.verdict),
+            "disposition": page.disposition,
+            "decided_by": page.decided_by,
             "late": page.late,
             "sheet": page.sheet,
             "job_page": page.job_page,

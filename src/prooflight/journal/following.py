@@ -178,6 +178,7 @@ class JournalFollower(JournalReader):
             "not_inspected": page.verdict == "not-inspected",
             "late": page.late == 1,
             "faulty": page.faulty == 1,
+            "absent": rows.absent(),
             "noted": page.noted == 1,
         }
         sums = [func.sum(case((condition, 1), else_=0)).label(name) for name, condition in told.items()]

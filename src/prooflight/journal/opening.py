@@ -22,7 +22,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool, QueuePool
 
-from prooflight.journal.schema import SCHEMA, JournalError, all_tables, journal_table
+from prooflight.journal.schema import PREVIOUS, SCHEMA, JournalError, all_tables, journal_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -115,6 +115,8 @@ def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
         try:
             with (engine if read_only else writing(engine)).begin() as connection:
                 check(connection.connection.driver_connection, path)
+                if not read_only:
+                    _bring_up_to_date(connection)
         except BaseException as error:
             engine.dispose()
             if mode == "mode=ro" and isinstance(error, UNREADABLE):
@@ -135,12 +137,14 @@ def check(connection: Any, path: Path) -> bool:
     versions = connection.execute("SELECT schema FROM journal LIMIT 2").fetchall()
     if len(versions) != 1 or not isinstance(versions[0][0], int):
         raise JournalError(path, "does not say of which schema it is", remedy=ANOTHER)
-    if versions[0][0] != SCHEMA:
+    if versions[0][0] not in (PREVIOUS, SCHEMA):
         what = f"has schema {versions[0][0]}, this version reads schema {SCHEMA}"
         raise JournalError(path, what, remedy=f"export it with the version that wrote it, and {ANOTHER}")
     for table in all_tables.sorted_tables:
         kind, sql = of_type.pop(table.name, ("", ""))
-        columns = {row[1] for row in connection.execute(f"PRAGMA table_info({table.name})")}
+        columns = {row[1] for row in connection.execute(f"PRAGMA main.table_info({table.name})")}
+        if versions[0][0] == PREVIOUS and "action" in columns:
+            columns |= {"disposition", "decided_by"}
         if kind != "table" or "VIRTUAL" in sql or not columns.issuperset(table.columns.keys()):
             what = f"is damaged (its table {table.name} is not what a journal's is)"
             raise JournalError(path, what, remedy=ANOTHER)
@@ -255,11 +259,38 @@ def _prepare_writer(connection: Any, _record: object) -> None:
     connection.execute("PRAGMA foreign_keys = ON")
 
 
-def _prepare_reader(connection: Any, _record: object) -> None:
+def _bring_up_to_date(connection: Connection) -> None:
+    """Give a journal of schema ``PREVIOUS`` the columns of ``SCHEMA``; its rows stay as they were written."""
+    if connection.exec_driver_sql("SELECT schema FROM journal").scalar() == PREVIOUS:
+        connection.exec_driver_sql("ALTER TABLE pages RENAME COLUMN action TO disposition")
+        connection.exec_driver_sql("ALTER TABLE pages ADD COLUMN decided_by VARCHAR")
+        connection.exec_driver_sql(f"UPDATE journal SET schema = {SCHEMA}")
+
+
+def _prepare_reader(connection: Any, record: Any) -> None:
+    if connection.execute("SELECT schema FROM main.journal").fetchall() == [(PREVIOUS,)]:
+        columns = [row[1] for row in connection.execute("PRAGMA main.table_info(pages)")]
+        shown = ", ".join("action AS disposition" if name == "action" else name for name in columns)
+        connection.execute(
+            f"CREATE TEMP VIEW pages AS SELECT rowid AS rowid, {shown}, NULL AS decided_by FROM main.pages"
+        )
+        record.info["shown"] = True
     connection.execute("PRAGMA query_only = ON")
+
+
+def _show_as_written(connection: Connection) -> None:
+    """A writer may have brought the journal up to date since this connection was made."""
+    schema = connection.exec_driver_sql("SELECT schema FROM main.journal").scalar()
+    if schema == SCHEMA:
+        connection.exec_driver_sql("PRAGMA query_only = OFF")
+        connection.exec_driver_sql("DROP VIEW temp.pages")
+        connection.exec_driver_sql("PRAGMA query_only = ON")
+        connection.info["shown"] = False
 
 
 def _begin(connection: Connection) -> None:
     """Who writes waits for other writers at once, not halfway; who reads waits for nobody."""
     writes = connection.get_execution_options().get("writes", False)
+    if connection.info.get("shown"):
+        _show_as_written(connection)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

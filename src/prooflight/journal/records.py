@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from prooflight.detectors.disposition import without_gate
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
 
 Ending = Literal["finished", "stopped", "fault"]
@@ -72,8 +75,24 @@ class PageRecord:
     """What the run as a whole said with this sheet: drifts, recommendations."""
     asked: float | None = None
     """A person is asked for a word on this sheet, which was drawn with this probability; None: nobody is."""
+    gate: Disposition | None = None
+    """What the gate's policy decided of the sheet; None: no gate did."""
     evidence: Mapping[str, NDArray[Any]] | None = None
     """``redeciding.kept_evidence``: what the verdict is made from again, and cuts for people. None: nothing kept."""
+
+    @property
+    def disposition(self) -> Disposition:
+        """What becomes of the sheet."""
+        return self._decided[0]
+
+    @property
+    def decided_by(self) -> DecidedBy:
+        """By what rule that was decided."""
+        return self._decided[1]
+
+    @property
+    def _decided(self) -> tuple[Disposition, DecidedBy]:
+        return without_gate(self.verdict, self.faults) if self.gate is None else (self.gate, "gate")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,11 +113,13 @@ class RunRow:
     """That the journal could not keep while it could not write."""
     dropped_evidence: int
     """Pages whose evidence it gave up to keep their rows."""
+    absent: int = 0
+    """Rows of pages of the job that did not come, which ``pages`` and ``not_inspected`` count as well."""
     promise_suspended_from: int | None
     """Sheet from which on its pages were too unlike the press's own for the detector's promise; None: none was."""
 
 
-COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty")
+COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty", "absent")
 """Of a ``RunRow``: what its pages come to."""
 
 

@@ -76,6 +76,8 @@ def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[
     """Record -> columns; numbers of NumPy become plain ones. ValueError, TypeError: it cannot be kept."""
     whole = plain(page.verdict)
     row = {name: whole[name] for name in ASKED_ALONE} | {
+        "disposition": page.disposition,
+        "decided_by": page.decided_by,
         "run_id": run_id,
         "sheet": index(page.sheet),
         "job_page": None if page.job_page is None else index(page.job_page),
@@ -109,6 +111,7 @@ def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = Non
         notes=found.notes,
         nuisance=found.nuisance,
         asked=found.asked,
+        gate=found.disposition if found.decided_by == "gate" else None,
         evidence=evidence,
     )
 
@@ -125,6 +128,12 @@ def surely_good() -> ColumnElement[bool]:
     good = (page.verdict == "good") & (whole_says == "good") & (page.late == 0)
     silent = (page.faulty == 0) & (page.noted == 0) & (page.faults == "[]") & (page.notes == "[]")
     return (good & silent).is_(true())
+
+
+def absent() -> ColumnElement[bool]:
+    """Rows of pages of the job that did not come, as ``inspection.sheets.came`` knows them."""
+    page = stored_pages.c
+    return (page.faults == '["missing"]') & (page.verdict == "not-inspected") & page.job_page.is_not(None)
 
 
 def nobody_need_see(page: PageRecord) -> bool:
@@ -155,6 +164,7 @@ def read_runs(
         count(page.verdict == "not-inspected").label("not_inspected"),
         count(page.late == 1).label("late"),
         count(page.faulty == 1).label("faulty"),
+        count(absent()).label("absent"),
     ).group_by(page.run_id)
     query = select(stored_runs).order_by(stored_runs.c.id)
     if run_id is not None:

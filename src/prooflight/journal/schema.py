@@ -3,6 +3,7 @@
 Schema history:
 1: journal, runs, packs, pages.
 2: ``pages.asked``.
+3: ``pages.disposition`` and ``pages.decided_by`` in place of ``pages.action``.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ from prooflight.errors import InputError
 if TYPE_CHECKING:
     from sqlalchemy.types import TypeEngine
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
+PREVIOUS: Final = 2
+"""A journal of this schema is read as it is, and made one of ``SCHEMA`` when a run is written into it."""
 MOST_TEXT: Final = 20_000
 """Letters of one text; more is cut."""
 
@@ -79,7 +82,8 @@ pages_table = Table(
     Column("run_id", ForeignKey("runs.id"), primary_key=True),
     Column("sheet", Integer, primary_key=True),
     Column("job_page", Integer),
-    *_filled(String, "page", "verdict", "action"),
+    *_filled(String, "page", "verdict", "disposition"),
+    Column("decided_by", String),
     Column("kind", String),
     *(Column(name, Float) for name in ("probability", "score", "threshold", "p_value")),
     *_filled(Boolean, "late", "faulty", "noted"),

@@ -19,6 +19,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight.detectors.disposition import gravest
 from prooflight.inspection.common_cause import COLUMN_KINDS, NEAR_MM, SHEET_KINDS
 from prooflight.line.monitor.forecast import LEAST_PAGES, SLOPE_SDS
 from prooflight.line.places import around, gap_mm, in_words
@@ -27,7 +28,8 @@ from prooflight.scans.lines import CAMERA_AWAY
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from prooflight.detectors.verdict import Action, Region
+    from prooflight.detectors.disposition import Disposition
+    from prooflight.detectors.verdict import Region
     from prooflight.journal.records import PageRecord
     from prooflight.line.places import Box
 
@@ -53,7 +55,6 @@ NO_MISPRINT: Final = frozenset({MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED,
 """Kinds of incidents in which nothing wrong was seen on a sheet: no label says what these sheets were."""
 UNKNOWN: Final = "unknown"
 _NUMBERS = re.compile(r"[-+]?\d+(?:[.,:]\d+)*")
-_SEVERITY: Final[dict[Action, int]] = {"accept": 0, "reprint": 1, "stop": 2}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,8 +97,8 @@ class Incident:
     """Of the place, in standard deviations; None: it has no score."""
     size_mm2: Trend | None
     """Of the box; None: it has none."""
-    action: Action
-    """The gravest that its verdicts advised."""
+    disposition: Disposition
+    """The gravest of its sheets."""
     reason: str
     """Of its last sheet, in one line."""
     returned: int
@@ -109,6 +110,11 @@ class Incident:
     def open(self) -> bool:
         """Whether it goes on."""
         return self.ended_with is None
+
+    @property
+    def by_costs(self) -> bool:
+        """Whether its misprints are accepted, by the costs of the press file."""
+        return self.disposition == "accept" and self.kind not in NO_MISPRINT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -337,7 +343,7 @@ class _Tracked:
         self._last: PageRecord = first
         self._place = self._around = cause.box_mm
         self._sheets, self._pages = list[int](), dict[str, None]()
-        self._action: Action = "accept"
+        self._disposition: Disposition = "accept"
         self._score, self._size = _Line(), _Line()
 
     def may_go_on(self, sheet: int) -> bool:
@@ -365,7 +371,7 @@ class _Tracked:
             del self._sheets[FIRST_SHEETS]
         if len(self._pages) < MOST_PAGES:
             self._pages.setdefault(record.verdict.page)
-        self._action = max(self._action, record.verdict.action, key=lambda action: _SEVERITY[action])
+        self._disposition = gravest((self._disposition, record.disposition))
         if cause.box_mm is not None:
             self._around = cause.box_mm if self._around is None else around(self._around, cause.box_mm)
             self._size.add(record.sheet, cause.box_mm[2] * cause.box_mm[3])
@@ -394,7 +400,7 @@ class _Tracked:
             last_s=last.time_s,
             score=self._score.trend(),
             size_mm2=self._size.trend(),
-            action=self._action,
+            disposition=self._disposition,
             reason=last.verdict.reason,
             returned=self.returned,
             ended_with=self.ended_with,

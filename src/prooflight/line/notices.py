@@ -27,6 +27,8 @@ NoticeKind = Literal[
     "camera-away",
     "camera-back",
     "promise-suspended",
+    "overloaded",
+    "in-time",
     "gate-away",
     "gate-ready",
     "outlet-away",

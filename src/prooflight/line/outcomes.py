@@ -10,6 +10,7 @@ from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.notices import Notice
+from prooflight.line.pace import Pace
 from prooflight.pages.files import page_name
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
     return outcome(
         number,
         seen,
-        Verdict(page=f"sheet {number}", verdict="misprint", action="stop", kind=kind, reason=reason),
+        Verdict(page=f"sheet {number}", verdict="misprint", kind=kind, reason=reason),
     )
 
 
@@ -147,6 +148,7 @@ class RunWatch:
     sheets: int | None
     """In the run; None: nobody said."""
     promise: PromiseWatch = field(default_factory=PromiseWatch)
+    pace: Pace = field(default_factory=Pace)
 
     def add(self, outcome: Outcome) -> Outcome:
         """The next sheet, in order; returns it with what the run says now."""
@@ -160,8 +162,10 @@ class RunWatch:
         design = number if outcome.record.job_page is None else outcome.record.job_page
         if self.promise.add(outcome.record.verdict, evidence.summary, design):
             news.append(Notice(kind="promise-suspended", text=self.promise.suspended))
+        if outcome.came and (said_of_pace := self.pace.add(outcome.record)) is not None:
+            news.append(said_of_pace)
         verdict = self.promise.marked(outcome.record.verdict)
-        if not said and verdict is outcome.record.verdict:
+        if not (said or news) and verdict is outcome.record.verdict:
             return outcome
         notes = (*outcome.record.notes, *(one.text for one in said), *(one.text for one in news))
         record = replace(outcome.record, verdict=verdict, notes=notes)

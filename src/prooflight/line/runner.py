@@ -21,6 +21,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.detectors.disposition import without_gate
 from prooflight.errors import ProoflightError
 from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN, unseen_share
 from prooflight.inspection.reasons import reason_of
@@ -36,6 +37,7 @@ from prooflight.line.outcomes import (
     skipped,
     unknown_sheet,
 )
+from prooflight.line.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.sheets.records import MissingPage, SeenPage
@@ -326,7 +328,7 @@ class Running:
             self._pass(sheet, STOPPED)
         else:
             for gone in self._waiting.put(sheet, deadline_s):
-                self._pass(gone, "too many sheets waited")
+                self._pass(gone, NO_ROOM)
 
     def _lost(self, page: SeenPage) -> str:
         """Why nobody can judge a sheet of which the camera lost lines; empty: it can be judged."""
@@ -346,7 +348,7 @@ class Running:
             why = self._why_unusable(page.taken_for)
             self._unready += not why
             self._prefetcher.expect(next_page + self._unready)
-            self._done.put(skipped(number, page, why or "its design was not ready in time", name=name))
+            self._done.put(skipped(number, page, why or NOT_READY, name=name))
         elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
             self._done.put(skipped(number, page, doubt))
         else:
@@ -369,7 +371,7 @@ class Running:
                 lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
             )
             for late in gone:
-                self._pass(late, "its verdict would have come too late")
+                self._pass(late, TOO_LATE)
             if sheet is None and gone:
                 continue
             if sheet is None:
@@ -460,7 +462,14 @@ class Running:
             self.tally.count(VERDICTS[record.verdict.verdict])
         if record.late:
             self.tally.count("late")
+        unvouched = (
+            record.verdict.verdict == "good" and without_gate(record.verdict, record.faults)[0] == "hold"
+        )
+        self.tally.count("unvouched", by=told.came and unvouched)
+        self.tally.count("out_of_time", by=out_of_time(record))
+        self.tally.overloaded = self._watch.pace.overloaded
         self.tally.count("promise_suspended", by=record.verdict.promise_suspended)
+        self.tally.count("overloads", by=sum(notice.kind == "overloaded" for notice in told.notices))
         for notice in told.notices:  # the record has it among its notes
             self._finish_one(f"notice {notice.kind}", self._notice, notice)
         self.tally.count("announcements", by=len(told.announcements))

@@ -24,7 +24,7 @@ RATE_PAGES: Final = 32
 
 COUNTED: Final = (
     *("pages_seen", "good", "misprints", "late", "not_inspected", "missing", "absent", "to_come", "untold"),
-    *("announcements", "promise_suspended", "being_inspected"),
+    *("announcements", "promise_suspended", "being_inspected", "out_of_time", "overloads", "unvouched"),
 )
 """What of ``Status`` a ``Tally`` counts, by the same names."""
 VERDICTS: Final = {"good": "good", "misprint": "misprints", "not-inspected": "not_inspected"}
@@ -81,6 +81,14 @@ class Status:
     announcements: int
     promise_suspended: int
     """Sheets, and pages that did not come, since the run showed that the detector's promise does not hold."""
+    out_of_time: int
+    """Sheets that were not inspected because inspection did not keep pace."""
+    unvouched: int
+    """Sheets without a fault of the print that are held all the same: lines were lost, or they came out of place."""
+    overloads: int
+    """How often the alarm began that inspection does not keep pace."""
+    overloaded: bool
+    """Whether it lasts."""
     queue_depth: int
     being_inspected: int
     ahead: int
@@ -132,6 +140,7 @@ class Tally:
 
     phase: Phase = Phase.WAITING
     detail: str = ""
+    overloaded: bool = False
     counts: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     times: dict[str, Times] = field(default_factory=lambda: {name: Times() for name in STAGES})
@@ -167,6 +176,7 @@ class Tally:
             return Status(
                 phase=self.phase,
                 detail=self.detail,
+                overloaded=self.overloaded,
                 faults=dict(self.faults),
                 queue_depth=queue_depth,
                 ahead=ahead,

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_
 
 from pydantic import ConfigDict, Field, TypeAdapter
 
-from prooflight.detectors.verdict import Action, Word
+from prooflight.detectors.disposition import DecidedBy, Disposition
+from prooflight.detectors.verdict import Word
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunFacts
@@ -27,8 +28,22 @@ if TYPE_CHECKING:
     from prooflight.line.outcomes import Outcome
     from prooflight.pages.layout.plan import SheetPlan
 
-SCHEMA_ID: Final = "urn:prooflight:events:1"
-"""The 1 becomes 2 when a field changes its meaning or goes."""
+SCHEMA_ID: Final = "urn:prooflight:events:2"
+"""The 2 becomes 3 when a field changes its meaning or goes."""
+TrayName = Literal["good", "reject", "unconfirmed"]
+GateCode = Literal[
+    "good",
+    "misprint",
+    "not-inspected",
+    "lost-lines",
+    "unknown-sheet",
+    "out-of-place",
+    "set-spoiled",
+    "until-clean-break",
+    "too-late",
+    "place-unknown",
+]
+"""The codes of the gate's registers, by name."""
 Scope = Literal["place", "column", "sheet", "run"]
 Direction = Literal["grows", "steady", "shrinks", "unknown"]
 
@@ -109,8 +124,8 @@ class IncidentFacts(Part):
     """Of the place, in standard deviations."""
     size_mm2: Growth | None
     """Of the box."""
-    action: Action
-    """The gravest that its verdicts advised."""
+    disposition: Disposition
+    """The gravest of its sheets."""
     reason: str
     """Of its last sheet."""
     returned: int
@@ -132,6 +147,8 @@ class RunStarted(Part):
     """That judges."""
     source: str
     """Where lines come from."""
+    simulated: bool
+    """Whether the press is the simulated one, so that no sheet is of paper."""
     sheets: int | None
     """To be printed; None: nobody said."""
     width_mm: float | None
@@ -187,8 +204,12 @@ class SheetJudged(Part):
     page: str
     """Its name in the job."""
     verdict: Word
-    action: Action
-    """What costs least: to let it pass, or to stop."""
+    disposition: Disposition
+    """What becomes of the sheet. accept: it goes to the good sheets. hold: it is released to nobody before a person has
+    seen it. divert: it goes out of the good sheets. stop: so it does, and the press is stopped."""
+    decided_by: DecidedBy
+    """By what rule. gate: the policy of the press file. costs: its costs, by which stopping for this misprint is
+    expected to cost more. default: none of these."""
     kind: str | None
     """Of the misprint; None: it is none."""
     reason: str
@@ -228,6 +249,25 @@ class SheetJudged(Part):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SheetAtGate(Part):
+    """A sheet has passed the gate; one event for every sheet that came, in a run with a gate."""
+
+    event: Literal["sheet-at-gate"] = "sheet-at-gate"
+    sheet: int
+    """Its number in the run, as in ``sheet-judged``; of two sides that of the last."""
+    page: str
+    """Name of what it shows in the job."""
+    disposition: Disposition
+    """What Prooflight decided: accept, divert or stop."""
+    code: GateCode
+    """Why."""
+    in_time: bool
+    """Whether the controller had that before the sheet came; False: the gate has done what it does without a result."""
+    tray: TrayName
+    """Where the controller says that the sheet went; unconfirmed: it did not say."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IncidentOpened(Part):
     """Sheets begin to alarm for a new cause."""
 
@@ -255,13 +295,13 @@ class IncidentEnded(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateChanged(Part):
-    """Press, camera or gate are in another state than before."""
+    """Press, camera, inspection or gate are in another state than before."""
 
     event: Literal["state-changed"] = "state-changed"
-    of: Literal["press", "camera", "gate"]
+    of: Literal["press", "camera", "inspection", "gate"]
     state: str
-    """press: waiting, preparing, inspecting, draining, stopped, fault. camera: delivering, silent, away. gate: as the
-    gate says."""
+    """press: waiting, preparing, inspecting, draining, stopped, fault. camera: delivering, silent, away. inspection:
+    in-time, overloaded. gate: as the gate says."""
     detail: str = ""
 
 
@@ -289,6 +329,7 @@ Body = (
     RunStarted
     | RunEnded
     | SheetJudged
+    | SheetAtGate
     | IncidentOpened
     | IncidentChanged
     | IncidentEnded
@@ -382,6 +423,7 @@ def run_started(facts: RunFacts, size_mm: tuple[float, float] | None) -> RunStar
         press=facts.press,
         detector=facts.detector,
         source=facts.source,
+        simulated=facts.source.partition(":")[0] == "drum",
         sheets=facts.sheets,
         width_mm=width_mm,
         height_mm=height_mm,
@@ -398,7 +440,8 @@ def sheet_judged(outcome: Outcome, *, incident: int | None, plan: SheetPlan | No
         job_page=record.job_page,
         page=verdict.page,
         verdict=verdict.verdict,
-        action=verdict.action,
+        disposition=record.disposition,
+        decided_by=record.decided_by,
         kind=verdict.kind,
         reason=verdict.reason,
         detector=verdict.detector,
@@ -470,7 +513,7 @@ def incident_facts(incident: Incident) -> IncidentFacts:
         last_s=incident.last_s,
         score=_growth(incident.score),
         size_mm2=_growth(incident.size_mm2),
-        action=incident.action,
+        disposition=incident.disposition,
         reason=incident.reason,
         returned=incident.returned,
         ended_with=incident.ended_with,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from prooflight.files.atomic import whole_file
 from prooflight.plant.events import BODIES, KINDS, schema
 from prooflight.plant.gate.register_page import register_page
+from prooflight.plant.outlets_page import outlets_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,6 +37,7 @@ def pages() -> Mapping[str, str]:
     """What stands in each file, by its name under docs/reference."""
     return {
         "events.schema.json": json.dumps(schema(), indent=2) + "\n",
+        "outlets.md": outlets_page(),
         "plant.md": _page(),
         "registers.md": register_page(),
     }
@@ -81,7 +83,8 @@ def _page() -> str:
         "## XJMF\n",
         f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. Where the job lies on sheets"
         " of two sides, `Part` has `Side` and a `Defect` that side as its `Face`, and `DescriptiveName` says sheet,"
-        " copy and set. A `Defect` has the `DefectType`"
+        " copy and set. `Passed` is 1 only of a sheet that is accepted; a `Comment` says its disposition and by what"
+        " rule. A sheet that has passed the gate is a `SignalNotification`. A `Defect` has the `DefectType`"
         " `ImageDefect` and these `DefectTypeDetails`:\n",
         _table(("kind", "`DefectTypeDetails`"), details),
     ]
@@ -94,10 +97,13 @@ def _page() -> str:
         _table(("press", "VisionStateMachine", "AutomaticModeStateMachine"), states),
         "A camera that is away or silent while a run goes on is the state Error; Prooflight that ends, Halted.\n",
         "`ResultReadyEventType` is emitted for every sheet, `StateChangedEventType` at each change of state, and"
-        " `VisionInformationEventType` for incidents. A result has these fields:\n",
+        " `VisionInformationEventType` for incidents, for sheets that have passed the gate (`CausePath` `Gate/SHEET`),"
+        " and where inspection does not keep pace (`Inspection`). `ResultVariable` has the last sheet's disposition as"
+        " its value. A result has these fields:\n",
         _table(("field", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_types.RESULT_FIELDS]),
         f"`ResultState` is {opcua_types.COMPLETED} (completed) or, of a sheet that was not inspected,"
-        f" {opcua_types.ABORTED} (aborted). `ResultContent` holds the event as JSON.\n",
+        f" {opcua_types.ABORTED} (aborted). `ResultContent` holds the event as JSON. `IsSimulated` is true of the"
+        " simulated drum. [What each outlet says of a sheet](outlets.md) has every kind of sheet.\n",
     ]
     return "\n".join(text)
 

@@ -14,6 +14,7 @@ from prooflight.plant.events import (
     Noticed,
     RunEnded,
     RunStarted,
+    SheetAtGate,
     SheetJudged,
     StateChanged,
     finite,
@@ -36,18 +37,27 @@ class PlantState:
     press: str = ""
     run: int | None = None
     job: str = ""
+    simulated: bool = False
+    """Whether the run's press is the simulated one."""
     running: bool = False
     """From the run's start to its end."""
     ending: str | None = None
-    """How the last run ended; None: it has not."""
+    """How the last run ended; None: it has not. lost: Prooflight is gone without having said so."""
     states: Mapping[str, str] = field(default_factory=dict)
-    """Of press, camera and gate, as far as they have been told."""
+    """Of press, camera, inspection and gate, as far as they have been told."""
     sheets: int = 0
     """Judged since the run's start, as far as their events arrived."""
     good: int = 0
     misprints: int = 0
     not_inspected: int = 0
     last_sheet: int | None = None
+    held: int = 0
+    """Sheets of which the disposition is hold."""
+    in_good_tray: int = 0
+    """Sheets of which the controller has confirmed that they went to the good tray."""
+    in_reject_tray: int = 0
+    unconfirmed: int = 0
+    """Sheets that passed the gate without a word of the controller."""
     incidents: Mapping[int, IncidentFacts] = field(default_factory=dict)
     """That are open, by number."""
 
@@ -62,7 +72,7 @@ class PlantState:
             run=event.run,
         )
         match event.body:
-            case RunStarted(job=job):
+            case RunStarted(job=job, simulated=simulated):
                 return PlantState(
                     stream=now.stream,
                     number=now.number,
@@ -71,6 +81,7 @@ class PlantState:
                     run=now.run,
                     states=now.states,
                     job=job,
+                    simulated=simulated,
                     running=True,
                 )
             case RunEnded(ending=ending):
@@ -84,6 +95,14 @@ class PlantState:
                     misprints=now.misprints + (sheet.verdict == "misprint"),
                     not_inspected=now.not_inspected + (counted and sheet.verdict == "not-inspected"),
                     last_sheet=sheet.sheet,
+                    held=now.held + (counted and sheet.disposition == "hold"),
+                )
+            case SheetAtGate(tray=tray):
+                return replace(
+                    now,
+                    in_good_tray=now.in_good_tray + (tray == "good"),
+                    in_reject_tray=now.in_reject_tray + (tray == "reject"),
+                    unconfirmed=now.unconfirmed + (tray == "unconfirmed"),
                 )
             case IncidentOpened(incident=incident) | IncidentChanged(incident=incident):
                 return replace(now, incidents={**now.incidents, incident.number: incident})

@@ -15,6 +15,7 @@ from prooflight.plant.events import (
     IncidentEnded,
     IncidentOpened,
     RunEnded,
+    SheetAtGate,
     StateChanged,
     incident_facts,
     noticed,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from prooflight.line.outcomes import Outcome
     from prooflight.pages.layout.plan import SheetPlan
 
+INSPECTION_STATES: Final = {"overloaded": "overloaded", "in-time": "in-time"}
+"""What a notice says of the inspection."""
 CAMERA_STATES: Final = {
     "silent": "silent",
     "lines-again": "delivering",
@@ -112,14 +115,22 @@ class EventStream:
             for change in mine:
                 self._changed(change)
 
+    def at_gate(self, passed: SheetAtGate) -> None:
+        """A sheet has passed the gate."""
+        self.publish(passed)
+
     def noticed(self, notice: Notice) -> None:
         """Something that is of no sheet."""
         with self._guard:
             self.publish(noticed(notice))
             if notice.kind in CAMERA_STATES:
                 self.state("camera", CAMERA_STATES[notice.kind], notice.text)
+            if notice.kind in INSPECTION_STATES:
+                self.state("inspection", INSPECTION_STATES[notice.kind], notice.text)
 
-    def state(self, of: Literal["press", "camera", "gate"], state: str, detail: str = "") -> None:
+    def state(
+        self, of: Literal["press", "camera", "inspection", "gate"], state: str, detail: str = ""
+    ) -> None:
         """Tell a state, where it is another than before."""
         with self._guard:
             if self._states.get(of) == (state, detail):

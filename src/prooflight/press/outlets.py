@@ -33,6 +33,7 @@ Kind = Literal[
     "run-started",
     "run-ended",
     "sheet-judged",
+    "sheet-at-gate",
     "incident-opened",
     "incident-changed",
     "incident-ended",

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from prooflight.errors import plain, sentence
 from prooflight.line.monitor.channels import drift_channels
+from prooflight.line.pace import REMEDY
 from prooflight.line.status import Phase
 from prooflight.reporting import wording
 
@@ -118,6 +119,9 @@ def live_view(
         parts.append(Text(sentence(wording.suspended(status.promise_suspended)), style="bold red"))
     if status.detail:
         parts.append(Text(sentence(status.detail), style="bold red"))
+    if status.overloaded:
+        text = f"Inspection cannot keep up: {status.out_of_time} sheets not inspected; {REMEDY}"
+        parts.insert(0, Text(text, style="bold red"))
     style = PHASES.get(status.phase, "yellow")
     speed = f"{status.pages_per_s:.2f} pages/s"
     head = Text.assemble(

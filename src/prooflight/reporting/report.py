@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 from prooflight import __version__
 from prooflight.cmyk import NAME_OF_INK
 from prooflight.detectors.base import Inspection
+from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
@@ -144,7 +145,7 @@ def counts(entries: Sequence[PageEntry]) -> Counts:
         pages=len(entries),
         good=sum(entry.verdict.verdict == "good" for entry in entries),
         alarms=len(alarmed),
-        stopped=sum(entry.verdict.action == "stop" for entry in alarmed),
+        stopped=sum(not entry.verdict.stopping_costs_more for entry in alarmed),
         not_inspected=sum(entry.verdict.verdict == "not-inspected" for entry in entries),
         misprints=misprints,
         caught=caught,
@@ -272,6 +273,7 @@ def write_report(
         version=__version__,
         data=partial(data_uri, kind="webp"),
         place=_place,
+        decided=lambda verdict: wording.disposition(*without_gate(verdict)),
         name_of_ink=NAME_OF_INK,
         screen_pixels=_screen_pixels,
         saturation=pictures.SATURATION,
@@ -298,9 +300,12 @@ def sentence(count: Counts, unit: str = "page") -> str:
     elif count.stopped == count.alarms:
         parts.append(f"{count.alarms} stopped as {as_what}")
     else:
-        parts.append(f"{count.alarms} found to be {as_what}, {count.stopped} of them stopped")
+        by_costs = count.alarms - count.stopped
+        parts.append(
+            f"{count.alarms} found to be {as_what}, {by_costs} of them accepted by the press file's costs"
+        )
     unseen = "".join(
-        f"; {wording.count(pages, f'more {unit}')} {lacked} and passed unseen"
+        f"; {wording.count(pages, f'more {unit}')} {lacked} and {'is' if pages == 1 else 'are'} held"
         for pages, lacked in (
             (count.not_inspected - count.unusable, "had no scan"),
             (count.unusable, "could not be inspected"),

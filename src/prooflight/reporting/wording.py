@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from prooflight.detectors.disposition import without_gate
+
 if TYPE_CHECKING:
-    from prooflight.detectors.verdict import Action, Region, Verdict
+    from prooflight.detectors.disposition import DecidedBy, Disposition
+    from prooflight.detectors.verdict import Region, Verdict
 
 KINDS = {
     "missing-plane": "An ink is missing or faded",
@@ -24,11 +27,13 @@ KINDS = {
     "exchanged-glyph": "A letter or digit is another",
     "missing-glyph": "A letter or digit is missing",
 }
-ACTIONS: dict[Action, str] = {
+DISPOSITIONS: dict[Disposition, str] = {
+    "accept": "accepted",
+    "hold": "held until a person has seen it",
+    "divert": "diverted",
     "stop": "press stopped",
-    "reprint": "page to be printed again",
-    "accept": "let pass: stopping would cost more",
 }
+BY_COSTS = "accepted by the costs of the press file: stopping costs more"
 WORLDS = {
     "ideal": "ideal world: a good print differs from the expected picture by the sensor's noise alone",
     "press": "press world: good prints differ as those of a real press do",
@@ -37,6 +42,15 @@ ALL_OVER_SHARE = 0.6
 """A region that covers more of the page than this is all over it."""
 ACROSS_SHARE = 0.8
 """A region wider than this share of the page is a band."""
+
+
+def disposition(what: Disposition, by: DecidedBy) -> str:
+    """What became of a sheet, in words.
+
+    >>> disposition("hold", "default"), disposition("accept", "costs")
+    ('held until a person has seen it', 'accepted by the costs of the press file: stopping costs more')
+    """
+    return BY_COSTS if by == "costs" else DISPOSITIONS[what]
 
 
 def kind(name: str | None) -> str:
@@ -67,11 +81,12 @@ def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
 def judged(verdict: Verdict, size_mm: tuple[float, float]) -> str:
     """What came of a page of size_mm (width, height), in one sentence or two."""
     if verdict.verdict == "not-inspected":
-        return f"{verdict.page} was not inspected" + (f": {verdict.reason}." if verdict.reason else ".")
+        why = f": {verdict.reason}" if verdict.reason else ""
+        return f"{verdict.page} was not inspected{why}. Decision: {disposition(*without_gate(verdict))}."
     found = f"{verdict.page} is good."
     if verdict.verdict == "misprint":
         what = headline(verdict, size_mm)
-        found = f"{verdict.page} is a misprint: {what}. Decision: {ACTIONS[verdict.action]}."
+        found = f"{verdict.page} is a misprint: {what}. Decision: {disposition(*without_gate(verdict))}."
     said = widened(verdict.widened)
     return f"{found} {said[0].upper()}{said[1:]}." if said else found
 

@@ -10,7 +10,7 @@ import signal
 import socket
 import ssl
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,7 +21,7 @@ from prooflight.server.app import console_app
 from prooflight.server.settings import ConsoleSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from types import FrameType
 
     from prooflight.server.console import Console
@@ -49,6 +49,15 @@ class Listening:
         """For a browser on this machine."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.certificate else 'http'}://{host}:{self.port}"
+
+    def reached_at(self, port: int, origins: Sequence[str] = ()) -> str:
+        """Return where a browser reaches it: an address to listen at all addresses is none to open.
+
+        port: at which it listens. origins: other addresses at which it is known to be reached.
+        """
+        if not _is_any(self.host):
+            return self.address.rpartition(":")[0] + f":{port}"
+        return next(iter(origins), replace(self, host=socket.gethostname(), port=port).address)
 
     def check(self) -> None:
         """RequestError: others could read along, or the certificate cannot be used."""
@@ -117,7 +126,7 @@ def serve(
         held = app.state.console
         secret = held.accounts.first_link()
         port = bound.getsockname()[1]
-        address = listening.address.rpartition(":")[0] + f":{port}"
+        address = listening.reached_at(port, settings.origins)
         config = uvicorn.Config(
             app,
             log_level="warning",
@@ -179,6 +188,13 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), 15)
 
     threading.Thread(target=wait, name="parent", daemon=True).start()
+
+
+def _is_any(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return not host
 
 
 def _is_loopback(host: str) -> bool:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.errors import RequestError
 from prooflight.files.atomic import whole_file
+from prooflight.files.given import GivenFiles
 from prooflight.pages.job import opened
 from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
@@ -15,12 +18,15 @@ from prooflight.simulation.session import session_of
 from prooflight.simulation.worlds import worlds_digest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
     from pathlib import Path
 
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
     from prooflight.simulation.scans import MisprintRequest
+
+
+TRUTH_FILES: Final = GivenFiles(error=RequestError, remedy="give another folder", largest_mb=1000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,10 +67,45 @@ class ScanToFile:
         return truth
 
 
+def kept_truths(
+    path: Path, pages: Container[str], *, world: str, seed: int, press: Press
+) -> list[dict[str, Any]]:
+    """Return the truths in a ``truth.json`` that stay true when ``pages`` are printed anew into its folder.
+
+    Parameters
+    ----------
+    path
+        Of ``truth.json``; it need not be there.
+    pages
+        Names of the pages that will be printed.
+    world, seed, press
+        Of the new prints.
+
+    Raises
+    ------
+    RequestError
+        Scans of other pages lie there that are of another world, seed or press, or the file is none of ours.
+    """
+    if not path.exists():
+        return []
+    remedy = "give another folder, or remove what lies there"
+    try:
+        document = json.loads(TRUTH_FILES.read_text(path))
+        old = [dict(truth) for truth in document["scans"] if truth["page"] not in pages]
+        made = document["world"], document["seed"], document["press_digest"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise RequestError(path, "does not say what was printed there", remedy=remedy) from error
+    if old and made != (world, seed, press.digest):
+        what = f"tells of {len(old)} scans of another world, seed or press"
+        raise RequestError(path, what, remedy=remedy)
+    return old
+
+
 def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, seed: int, press: Press) -> None:
     """``truth.json``: what was done to every page, in which world, from which seed; atomic.
 
-    In the press world also what the press was like, ``session``, and what each print did, in mm, degrees and per cent.
+    Scans are in the order of their pages' names. In the press world also what the press was like, ``session``, and what
+    each print did, in mm, degrees and per cent.
     """
     document = {
         "world": world,
@@ -72,7 +113,7 @@ def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, see
         "seed": seed,
         "press_digest": press.digest,
         "session": session_of(press, seed).plain(press) if world == "press" else None,
-        "scans": list(truths),
+        "scans": sorted(truths, key=itemgetter("page")),
     }
     with whole_file(path) as unfinished:
         unfinished.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")

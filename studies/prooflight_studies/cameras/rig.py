@@ -116,10 +116,13 @@ def rig(folder: Path, *, designs: int, prints: int, seed: int, progress: Callabl
 
 
 def told(process: subprocess.Popen[str]) -> Any:
-    """The next line that a run tells; None: it has ended."""
+    """The next line that a run tells once it is prepared; None: it has ended."""
     assert process.stdout is not None
-    line = process.stdout.readline()
-    return json.loads(line) if line else None
+    while line := process.stdout.readline():
+        row = json.loads(line)
+        if "phase" not in row:
+            return row
+    return None
 
 
 def verdict(row: dict[str, Any]) -> tuple[Any, ...]:

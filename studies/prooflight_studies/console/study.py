@@ -246,7 +246,6 @@ def _sheet(number: int, *, alarm: bool) -> PageRecord:
     verdict = Verdict(
         page=f"p{number % 24 + 1:04}",
         verdict="good",
-        action="accept",
         score=-1.0,
         threshold=1.0,
         milliseconds=100.0,
@@ -264,7 +263,7 @@ def _sheet(number: int, *, alarm: bool) -> PageRecord:
     if not alarm:
         return page
     spot = Region(x_mm=60.0, y_mm=80.0, width_mm=3.0, height_mm=3.0, score=9.0, kind="spots-voids")
-    bad = replace(verdict, verdict="misprint", action="stop", kind="spots-voids", regions=(spot,), score=8.0)
+    bad = replace(verdict, verdict="misprint", kind="spots-voids", regions=(spot,), score=8.0)
     cut = (np.arange(2 * 200 * 200, dtype=np.uint32) * (number + 7) % 4096).astype(np.uint16)
     evidence = {"cut0": cut.reshape(2, 200, 200), "cut0_mm": np.array([50.0, 70.0, 21.0, 21.0])}
     return replace(page, verdict=bad, evidence=evidence)

@@ -171,10 +171,10 @@ class StandIn:
 def _verdict(sheet: PlannedSheet) -> Verdict:
     page = f"p{sheet.serial // 2 % JOB_PAGES + 1:04d}"
     if sheet.kind in ("misprint", "unknown", "false-alarm"):
-        return Verdict(page=page, verdict="misprint", action="stop", kind="streak", detector="stand-in")
+        return Verdict(page=page, verdict="misprint", kind="streak", detector="stand-in")
     if sheet.kind == "late":
         return Verdict.skipped(page, "its verdict would have come too late")
-    return Verdict(page=page, verdict="good", action="accept", detector="stand-in")
+    return Verdict(page=page, verdict="good", detector="stand-in")
 
 
 def _faults(sheet: PlannedSheet) -> tuple[str, ...]:

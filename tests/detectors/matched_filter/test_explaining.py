@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.explaining import reason_for, regions_of
+from prooflight.detectors.matched_filter.explaining import distinct_inks, reason_for, regions_of
 from prooflight.detectors.matched_filter.naming import supported
 from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
 from prooflight.detectors.verdict import Ink, Region
@@ -56,13 +58,63 @@ SPOT = Region(x_mm=10.0, y_mm=20.0, width_mm=2.0, height_mm=2.0, score=9.0, kind
     ],
 )  # fmt: skip
 def test_reasons(kind: str, name: str, region: Region | None, inks: dict[str, Ink], words: str) -> None:
-    assert reason_for(kind, statistic(name), region, inks, registration()) == words
+    assert reason_for(kind, statistic(name), region, inks, registration(), distinct="CMYK") == words
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "region", "inks", "words"),
+    [
+        ("missing-plane", "fit/gain-C", None, {"C": ink(-92.0), "K": ink()}, "missing ink"),
+        ("missing-plane", "fit/gain-C", None, {"C": ink(-30.0)}, "weak cyan"),  # the page has no other
+        ("density", "fit/gain-M", None, {"C": ink(1.0), "M": ink(12.3)}, "an ink 12 % too strong"),
+        ("plane-register", "fit/plane-M", None, {"M": ink(register=(0.3, 0)), "K": ink()}, "register of an ink 0.3 mm"),
+        ("streak", "streak/add-K/2/full", STREAK, {"K": ink()}, "streak at x = 83 mm"),
+        ("spots-voids", "box/add-C+/4", SPOT, {"C": ink()}, "spot around x = 11 mm, y = 21 mm (2 x 2 mm)"),
+        ("banding", "band/gain-C/wave", None, {"C": ink()}, "bands across the page"),
+    ],
+)  # fmt: skip
+def test_an_ink_that_the_sensors_cannot_tell_from_others_is_not_named(
+    kind: str, name: str, region: Region | None, inks: dict[str, Ink], words: str
+) -> None:
+    assert reason_for(kind, statistic(name), region, inks, registration(), distinct="") == words
+
+
+def sensor(white: float, *solids: float) -> Any:
+    """A sensor that sees so much light of paper and of each solid ink."""
+    mean_dn = np.full((33, 33, 33, 33), white)
+    for ink_at, solid in enumerate(solids):
+        node = [0, 0, 0, 0]
+        node[ink_at] = -1
+        mean_dn[tuple(node)] = solid
+    return SimpleNamespace(mean_dn=mean_dn, white_dn=white)
+
+
+def test_one_sensor_tells_no_ink_from_another() -> None:
+    assert distinct_inks([sensor(3000.0, 500.0, 700.0, 2500.0, 100.0)]) == frozenset()
+
+
+def test_two_sensors_that_answer_alike_tell_no_ink_from_another() -> None:
+    alike = sensor(3000.0, 500.0, 700.0, 2500.0, 100.0)
+    assert distinct_inks([alike, alike]) == frozenset()
+
+
+def test_red_green_and_blue_tell_all_inks_apart() -> None:
+    red = sensor(3000.0, 300.0, 2700.0, 2900.0, 100.0)
+    green = sensor(3000.0, 1800.0, 300.0, 2600.0, 100.0)
+    blue = sensor(3000.0, 2500.0, 1500.0, 300.0, 100.0)
+    assert distinct_inks([red, green, blue]) == frozenset("CMYK")
+
+
+def test_an_ink_that_no_sensor_sees_is_not_named_and_hides_no_other() -> None:
+    red = sensor(3000.0, 300.0, 2700.0, 3000.0, 100.0)
+    green = sensor(3000.0, 1800.0, 300.0, 3000.0, 100.0)
+    assert distinct_inks([red, green]) == frozenset("CMK")
 
 
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
-    moved = reason_for("wrong-page", None, None, {}, registration(shift_mm=(2.3, -0.1)))
+    moved = reason_for("wrong-page", None, None, {}, registration(shift_mm=(2.3, -0.1)), distinct="")
     assert moved == "the page lies +2.3, -0.1 mm and +0.00 degrees off its place"
-    lost = reason_for("wrong-page", None, None, {}, registration(found=False))
+    lost = reason_for("wrong-page", None, None, {}, registration(found=False), distinct="")
     assert lost == "the scan does not show this page: too little is printed to tell where"
 
 

@@ -57,7 +57,6 @@ def sheet(number: int, rng: np.random.Generator, *, drifts: float = 1.0) -> Page
     verdict = Verdict(
         page=f"p{number % 24 + 1:04}",
         verdict="good",
-        action="accept",
         score=float(rng.normal(-1.5, 0.6)),
         threshold=2.0,
         probability=0.001,
@@ -81,7 +80,7 @@ def misprint(
     *,
     kind: str,
     box_mm: tuple[float, float, float, float],
-    action: str = "stop",
+    accepted: bool = False,
     page: str | None = None,
 ) -> PageRecord:
     """One whose cut of the scan is kept."""
@@ -90,7 +89,7 @@ def misprint(
     verdict = replace(
         good.verdict,
         verdict="misprint",
-        action=action,
+        stopping_costs_more=accepted,
         kind=kind,
         regions=(region,),
         score=float(rng.normal(7, 1)),
@@ -128,14 +127,14 @@ def troubled(number: int, rng: np.random.Generator, seed: int) -> PageRecord:
     if number % 97 == 40:
         place = rng.normal([140.0, 210.0], 7.0)
         return misprint(
-            number, rng, kind="spots-voids", box_mm=(*place, *rng.uniform(3, 9, 2)), action="reprint"
+            number, rng, kind="spots-voids", box_mm=(*place, *rng.uniform(3, 9, 2)), accepted=True
         )
     if number % 151 == 90:
         return misprint(number, rng, kind="missing-content", box_mm=(18.0, 24.0, 74.0, 31.0))
     good = sheet(number, rng, drifts=1 + seed % 3)
     if number in (330, 331, 332):
         reason = f"the camera lost {3 * number - 900} lines of it"
-        verdict = Verdict(page=good.verdict.page, verdict="not-inspected", action="reprint", reason=reason)
+        verdict = Verdict(page=good.verdict.page, verdict="not-inspected", reason=reason)
         return replace(good, verdict=verdict, faults=("lost-lines",), nuisance={})
     if number in (470, 471):
         return replace(good, late=True, verdict=replace(good.verdict, milliseconds=640.0))

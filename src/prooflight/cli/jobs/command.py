@@ -207,12 +207,15 @@ def simulate(
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json."""
+    """Print and scan a job on the simulated press: one TIFF of raw digital numbers a page, and truth.json.
+
+    Pages that are printed again replace theirs in DIR and in its truth.json; all others stay.
+    """
     from prooflight.pages.job import parse_pages
     from prooflight.pages.parallel import in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
-    from prooflight.simulation.files import ScanToFile, write_truth
+    from prooflight.simulation.files import ScanToFile, kept_truths, write_truth
     from prooflight.simulation.scans import MisprintRequest
     from prooflight.simulation.worlds import known_world
 
@@ -223,13 +226,14 @@ def simulate(
     request = MisprintRequest.parse(misprint) if misprint else None
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
-        job_pages = len(opened)
+        job_pages, names = len(opened), {source.page_name(number) for number in numbers}
+    kept = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
     out.mkdir(parents=True, exist_ok=True)
     work = ScanToFile(
         job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
     )
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
-    write_truth(out / "truth.json", truths, world=world, seed=seed, press=loaded)
+    write_truth(out / "truth.json", [*kept, *truths], world=world, seed=seed, press=loaded)
     if json:
         show.print_json(truths)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from prooflight.cli import faults, show
@@ -90,7 +90,7 @@ def _printed(done: Inspected[Any], shown: int) -> int:
     if not done.judged:
         return 0
     for item in done.items[shown:]:
-        show.print_json(asdict(done.verdict_of(item)))
+        show.print_json(show.verdict_facts(done.verdict_of(item)))
     return len(done.items)
 
 

@@ -430,8 +430,8 @@ def _facts_table(run: RunRow) -> Table:
 
 
 def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
-    words = ("page", "verdict", "action", "what")
-    table = show.table_of(title, ("sheet", "page", "verdict", "action", "score", "what"), words=words)
+    words = ("page", "verdict", "disposition", "what")
+    table = show.table_of(title, ("sheet", "page", "verdict", "disposition", "score", "what"), words=words)
     for page in pages:
         verdict = page.verdict
         what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
@@ -441,7 +441,7 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
             str(page.sheet),
             visible(verdict.page),
             Text(verdict.verdict, style=show.VERDICT_STYLE[verdict.verdict]),
-            verdict.action,
+            show.disposed(page.disposition, page.decided_by),
             "" if verdict.score is None else f"{verdict.score:.3g}",
             visible("; ".join(filter(None, (*what, *page.faults, *page.notes)))),
         )

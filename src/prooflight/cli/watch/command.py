@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from prooflight.cli.watch.view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
+    from prooflight.line.outcomes import Outcome
     from prooflight.line.pager import PageStart
     from prooflight.line.recording import Recorder
     from prooflight.line.sheet_inspector import Keep
@@ -151,8 +152,8 @@ def watch(
 ) -> None:
     """Inspect a press while it runs: every page's verdict as it passes.
 
-    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded. Ctrl-C ends cleanly:
-    what has passed is still inspected; a second one drops it, and says so.
+    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if inspection could
+    not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops it, and says so.
     """
     from prooflight.cli.jobs.check import checked_early
     from prooflight.cli.jobs.zones import zones_in_force
@@ -172,6 +173,8 @@ def watch(
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    if json:
+        show.print_json({"phase": "preparing", "detail": "reading the job"})
     printed = job_source(job, loaded, profile=profile)
     printed, plan = laid_out.laid_out(printed, layout, loaded.geometry, sheets=sheets)
     with printed.open() as opened:
@@ -200,8 +203,8 @@ def watch(
             fed=served.simulated,
             plan=plan,
         ),
-        shown=lambda scans, total: (
-            scans if json else show.progress(scans, total=total, what="printing for the drum")
+        shown=lambda scans, total: (show.told_progress if json else show.progress)(
+            scans, total=total, what="printing for the drum"
         ),
     )
     settings = Settings(
@@ -320,7 +323,7 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
         notice=lambda one: said(one),
         progress=show.steps(quiet=console.json),
     ) as served:
-        console.phase = served.phase
+        console.phase, console.too_late = served.phase, served.too_late
         book = JobBook(
             job=planned.job,
             press=press,
@@ -338,7 +341,9 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
             keep=planned.keep,
             follow=planned.follow,
             false_alarms=planned.false_alarms,
-            tell=_each(served.gate_told, partial(console.told, recorder=recorder), served.stream_told),
+            tell=_decided_first(
+                served.gate_told, _each(partial(console.told, recorder=recorder), served.stream_told)
+            ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
             name=book.name,
@@ -359,6 +364,26 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
             recorder.end(status, stopped=stopped, detail=lacks)
         served.ended(ending_of(status, stopped=stopped), lacks)
     return status
+
+
+def _decided_first(
+    decide: Callable[[Outcome], Outcome] | None, tell: Callable[[Outcome], None]
+) -> Callable[[Outcome], None]:
+    """Have the gate decide a sheet before it is told; decide: None, there is no gate.
+
+    A sheet that the gate fails to decide is told as held.
+    """
+    if decide is None:
+        return tell
+
+    def told(outcome: Outcome) -> None:
+        decided = replace(outcome, record=replace(outcome.record, gate="hold"))
+        try:
+            decided = decide(outcome)
+        finally:
+            tell(decided)
+
+    return told
 
 
 def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
@@ -384,7 +409,8 @@ def _ended(status: Status, lacks: str) -> int:
         faults.told("; ".join(filter(None, (status.detail, lacks))))
     if broke_off and not status.good + status.misprints:
         return UNUSABLE_INPUT
-    return of_run(misprints=status.misprints, complete=not (broke_off or lacks))
+    complete = not (broke_off or lacks)
+    return of_run(misprints=status.misprints, complete=complete, overloaded=status.overloads > 0)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from prooflight.line.recording import Recorder
     from prooflight.pages.job import Job
     from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.plant.events import SheetAtGate
     from prooflight.plant.gate.gate import Gate
     from prooflight.plant.gate.handshake import State
     from prooflight.press.artefact import Press
@@ -121,12 +122,13 @@ def gate_of(
     recorder: Recorder | None,
     notice: Callable[[Notice], None],
     state: Callable[[str, str], None] = lambda _state, _why: None,
+    report: Callable[[SheetAtGate], None] = lambda _passed: None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> Iterator[Gate | None]:
     """The gate, served until the last sheets have reached it; None: the press has none.
 
     progress: told that they are waited for. notice: told when it is ready and when it is not; state: told of every
-    step of the handshake, and why.
+    step of the handshake, and why. report: with every sheet that has passed the gate.
     """
     if settings is None:
         yield None
@@ -159,6 +161,7 @@ def gate_of(
         journal=journal,
         run_id=run_id,
         tell=tell,
+        report=report,
     ) as gate:
         yield gate
         if left := gate.talk.waiting:

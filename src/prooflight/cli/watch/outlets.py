@@ -21,14 +21,17 @@ if TYPE_CHECKING:
 REMEDY: Final = "see `prooflight plant check`, mend it, or take its block out of [plant]"
 
 
-def outlets_in(plant: PressFile | None) -> list[Outlet]:
-    """Those that a press file names, each tried; RequestError: one does not answer; others as of ``outlets_of``."""
+def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:
+    """Those that a press file names, each tried; press: the name that events have.
+
+    RequestError: one does not answer; others as of ``outlets_of``.
+    """
     if plant is None:
         return []
     from prooflight.plant.outlets.made import outlets_of
     from prooflight.plant.outlets.outlet import check
 
-    found = outlets_of(plant)
+    found = outlets_of(plant, press)
     for outlet in found:
         tried = check(outlet)
         if not tried.ok:

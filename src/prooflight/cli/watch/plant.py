@@ -50,7 +50,7 @@ class Plant:
         lengths_mm = watch_gate.lengths_mm(job, press)
         size_mm = None if job.flaws() else job.page_size_mm(1)
         file = PressFile.read(path)
-        outlets = watch_outlets.outlets_in(file)
+        outlets = watch_outlets.outlets_in(file, press.name)
         gate = watch_gate.gate_settings(file)
         return cls(file=file, gate=gate, outlets=outlets, lengths_mm=lengths_mm, size_mm=size_mm)
 
@@ -111,6 +111,7 @@ class Plant:
                     recorder=recorder,
                     notice=notice,
                     state=(lambda _state, _why: None) if stream is None else partial(stream.state, "gate"),
+                    report=(lambda _passed: None) if stream is None else stream.at_gate,
                     progress=progress,
                 )
             )
@@ -134,8 +135,8 @@ class ServedPlant:
             self.gate.arrived(number, page)
 
     @property
-    def gate_told(self) -> Callable[[Outcome], None] | None:
-        """Told of every sheet, before anybody else: the gate is due."""
+    def gate_told(self) -> Callable[[Outcome], Outcome] | None:
+        """Told of every sheet, before anybody else, for the gate is due; returns it with what was decided."""
         return None if self.gate is None else self.gate.told
 
     @property
@@ -147,6 +148,10 @@ class ServedPlant:
     def noticed(self) -> Callable[[Notice], None] | None:
         """Told of what is of no sheet."""
         return None if self.stream is None else self.stream.noticed
+
+    def too_late(self) -> int:
+        """Return how many sheets have passed the gate before their result could be written."""
+        return 0 if self.gate is None else self.gate.talk.too_late
 
     def phase(self, phase: str, detail: str) -> None:
         """The run is in this phase."""

@@ -14,6 +14,8 @@ from rich.live import Live
 from prooflight.cli import faults, show
 from prooflight.cli.laid_out import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
+from prooflight.line.pace import REMEDY
+from prooflight.line.status import Phase
 from prooflight.reporting.live import live_view
 from prooflight.reporting.wording import count, not_inspected
 
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 REFRESH_S: Final = 0.25
 TELL_S: Final = 5.0
-"""Between two lines of JSON that say how cameras are."""
+"""Between two lines of JSON that say how cameras are, or that the run is still being prepared."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -50,10 +52,15 @@ class Watching:
     """The first sheet that was not inspected, and why."""
     phase: Callable[[str, str], None] = lambda _phase, _detail: None
     """Told of the run's phase, and of what went wrong, each time it is looked at."""
+    too_late: Callable[[], int] = lambda: 0
+    """How many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """How the cameras of the source are, by name."""
     told_s: float = 0.0
     """When a program was told that last."""
+    last_phase: Phase | None = None
+    phase_s: float = 0.0
+    """What a program was told of the phase last, and when."""
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the live view is on, in which notices stand."""
 
@@ -103,6 +110,15 @@ class Watching:
             sheets="" if self.sheets is None else sheets_line(self.sheets.counts),
         )
 
+    def tell_phase(self, status: Status) -> None:
+        """How far the preparation is, to a program: now and then, and when it is over."""
+        now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
+        begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
+        if self.json and (begins or (prepares and now_s - self.phase_s >= TELL_S)):
+            self.last_phase, self.phase_s = status.phase, now_s
+            detail = f"{count(status.ahead, 'design')} ready"
+            show.print_json({"phase": str(status.phase), "detail": detail})
+
     def tell_cameras(self) -> None:
         """How they are, to a program: a line of JSON each time."""
         known = self.cameras()
@@ -122,6 +138,7 @@ class Watching:
             while not running.join(REFRESH_S):
                 status = running.status()
                 self.phase(str(status.phase), status.detail)
+                self.tell_phase(status)
                 now_s = time.monotonic()
                 if self.json and now_s - self.told_s >= TELL_S:
                     self.told_s = now_s
@@ -135,10 +152,18 @@ class Watching:
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
         """What keeps a run of so many sheets from being complete, in one line; empty: nothing does."""
         parts = []
+        if status.overloads:
+            late = count(status.out_of_time, "sheet")
+            parts.append(f"inspection could not keep up with the press, and {late} passed for that; {REMEDY}")
         if status.absent:
             parts.append(f"{status.absent:,} of {count(sheets, 'sheet')} did not come")
         if unseen := status.not_inspected:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
+        if status.unvouched:
+            held = f"{count(status.unvouched, 'sheet')} well printed, but not released"
+            parts.append(f"{held}: lines of it were lost, or it came out of its place")
+        if too_late := self.too_late():
+            parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:
             parts.append(f"{count(status.untold, 'verdict')} could not be told")
         if unrecorded:

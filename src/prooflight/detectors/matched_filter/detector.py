@@ -18,6 +18,7 @@ from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up, score_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
+    distinct_inks,
     inks_found,
     reason_for,
     regions_of,
@@ -307,7 +308,9 @@ class MatchedFilterPage:
         place = regions[0] if regions else None
         inks = inks_found(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
-        reason = PARTS if only_parts else reason_for(kind, speaking, place, inks, analysis.found)
+        distinct = distinct_inks(self.detector.station.sensors)
+        reason = reason_for(kind, speaking, place, inks, analysis.found, distinct=distinct)
+        reason = PARTS if only_parts else reason
         return {"kind": kind, "regions": regions, "reason": reason}
 
     def _in_careful(self, analysis: ScanAnalysis, telling: Observed) -> dict[str, Any]:
@@ -315,7 +318,8 @@ class MatchedFilterPage:
         kind, strongest = kind_of(telling.statistic), [(telling.statistic.cause, telling)]
         regions = _regions(strongest, kind, analysis, self.known.page)
         inks, place = inks_found(analysis, self.inks), regions[0] if regions else None
-        reason = reason_for(kind, telling, place, inks, analysis.found)
+        distinct = distinct_inks(self.detector.station.sensors)
+        reason = reason_for(kind, telling, place, inks, analysis.found, distinct=distinct)
         zone = None
         if place is not None and self.zones is not None:
             middle = place.x_mm + place.width_mm / 2, place.y_mm + place.height_mm / 2

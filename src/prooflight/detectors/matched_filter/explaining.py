@@ -13,16 +13,19 @@ from prooflight.detectors.placing import place_reason
 from prooflight.detectors.verdict import Ink, Region
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.statistics.marks import FloorFinding
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
+    from prooflight.prediction.tables import SensorModel
     from prooflight.registration.register import Registration
 
 LIGHTENING: Final = ("light", "void")
 """Modes of which more makes a place lighter."""
 MOST_OF_PLANE: Final = 0.5
+DISTINCT_DEGREES: Final = 10.0
+"""assumed: a spot of 10 standard deviations has a direction that its noise turns by 6 degrees."""
 GONE_PERCENT: Final = -60.0
 """An ink of which less than 40 % is there is called missing, not weak."""
 LEAST_TOLD_MM: Final = 0.05
@@ -30,6 +33,40 @@ LEAST_TOLD_MM: Final = 0.05
 TIE_MM: Final = 0.05
 """A point this far outside a region counts as inside. Boxes of one size overlap by half, so the middle of one lies on
 its neighbour's edge, and the last bits of a float would decide on which side. Tiles are ten times as large."""
+
+
+def distinct_inks(sensors: Sequence[SensorModel]) -> frozenset[str]:
+    """Return the letters of the inks that the sensors can tell from every other ink.
+
+    Each ink darkens the sensors in proportions of its own, whatever its amount: the optical densities of the solid ink,
+    one a sensor, are a direction. An ink is distinct where its direction is more than ``DISTINCT_DEGREES`` away from
+    that of every other ink. A single sensor knows one direction, and so no distinct ink.
+
+    Parameters
+    ----------
+    sensors
+        Of the press; ``mean_dn`` gives the signal of paper and of each solid ink [DN].
+    """
+    solid = [
+        tuple(-1 if ink == at else 0 for at in range(len(NAME_OF_INK))) for ink in range(len(NAME_OF_INK))
+    ]
+    density = np.array(
+        [
+            [
+                max(math.log10(sensor.white_dn / max(float(sensor.mean_dn[node]), 1.0)), 0.0)
+                for sensor in sensors
+            ]
+            for node in solid
+        ]
+    )
+    length = np.linalg.norm(density, axis=1)
+    seen = length > 0
+    direction = density / np.where(seen, length, 1.0)[:, None]
+    degrees = np.degrees(np.arccos(np.clip(direction @ direction.T, -1.0, 1.0)))
+    degrees[:, ~seen] = np.inf  # an ink that no sensor sees is mistaken for none
+    np.fill_diagonal(degrees, np.inf)
+    distinct = seen & (degrees.min(axis=1) > DISTINCT_DEGREES)
+    return frozenset(letter for letter, alone in zip(NAME_OF_INK, distinct, strict=True) if alone)
 
 
 def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
@@ -111,23 +148,27 @@ def reason_for(
     region: Region | None,
     inks: dict[str, Ink],
     found: Registration,
+    *,
+    distinct: Collection[str],
 ) -> str:
     """One line: what is wrong, with which ink, how much and where.
 
-    statistic: the statistic that says most; region: the first place, None if there is none.
+    statistic: the statistic that says most; region: the first place, None if there is none. distinct: letters of the
+    inks that the sensors tell from others; no other ink is named, but the one of a page that has a single ink, where
+    the print of that ink as a whole is off.
     """
     ink = _ink_of(statistic)
     match kind:
         case "wrong-page":
             return place_reason(found)
         case "plane-register":
-            return _of_register(ink, inks)
+            return _of_register(ink, inks, distinct)
         case "density" | "missing-plane" | "swapped-planes":
-            return _of_gain(kind, ink, inks, statistic, region)
+            return _of_gain(kind, ink, inks, statistic, region, distinct)
         case "streak" if region is not None:
-            return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink)}"
+            return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink, distinct)}"
         case "banding":
-            return f"bands across the page{_in(ink)}"
+            return f"bands across the page{_in(ink, distinct)}"
         case "unknown" if not found.found:
             return (
                 f"where the page lies cannot be told: {found.reason or 'its tiles lie in different places'}"
@@ -139,20 +180,25 @@ def reason_for(
         "missing-content": "missing content",
         "scum": "ink where there should be paper",
     }.get(kind, "difference all over the page" if region is None else "difference")
-    return f"{what}{_in(ink)}{_around(region)}"
+    return f"{what}{_in(ink, distinct)}{_around(region)}"
 
 
-def _of_register(ink: str, inks: dict[str, Ink]) -> str:
+def _of_register(ink: str, inks: dict[str, Ink], distinct: Collection[str]) -> str:
     off = {letter: math.hypot(*one.register_mm) for letter, one in inks.items()}
     if not off:
         return "planes out of register"
     worst = ink if ink in off else max(off, key=lambda letter: off[letter])
     amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
-    return f"register of {NAME_OF_INK[worst]}{amount}"
+    return f"register of {_named(worst, inks, distinct)}{amount}"
 
 
 def _of_gain(
-    kind: str, ink: str, inks: dict[str, Ink], statistic: Observed | None, region: Region | None
+    kind: str,
+    ink: str,
+    inks: dict[str, Ink],
+    statistic: Observed | None,
+    region: Region | None,
+    distinct: Collection[str],
 ) -> str:
     gains = {letter: one.gain_percent for letter, one in inks.items()}
     named = ink if ink in gains else max(gains, key=lambda letter: abs(gains[letter]), default="")
@@ -163,10 +209,10 @@ def _of_gain(
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
         word = "missing" if gain < GONE_PERCENT or (local and not _darker(statistic)) else "weak"
-        return f"{word} {NAME_OF_INK[named]}{where}"
+        return f"{word} {_named(named, inks, distinct).removeprefix('an ')}{where}"
     if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
         return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
-    return f"{NAME_OF_INK[named]} {_amount(gain)}{where}"
+    return f"{_named(named, inks, distinct)} {_amount(gain)}{where}"
 
 
 def _is_local(statistic: Statistic) -> bool:
@@ -191,8 +237,13 @@ def _darker(statistic: Observed | None) -> bool:
     return statistic.statistic.sign == ("-" if statistic.statistic.mode in LIGHTENING else "+")
 
 
-def _in(ink: str) -> str:
-    return f" in {NAME_OF_INK[ink]}" if ink else ""
+def _named(ink: str, inks: dict[str, Ink], distinct: Collection[str]) -> str:
+    """The name of a plane's ink, where the sensors or the page leave no other."""
+    return NAME_OF_INK[ink] if ink in distinct or len(inks) == 1 else "an ink"
+
+
+def _in(ink: str, distinct: Collection[str]) -> str:
+    return f" in {NAME_OF_INK[ink]}" if ink and ink in distinct else ""
 
 
 def _around(region: Region | None) -> str:

@@ -188,7 +188,7 @@ def _verdict(verdict: Verdict, read: Sequence[Code], failed: Sequence[Code]) -> 
     return replace(
         verdict,
         verdict="misprint",
-        action="stop",
+        stopping_costs_more=False,
         kind=KIND,
         reason=why,
         codes=tuple(read),

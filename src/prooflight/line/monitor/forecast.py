@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 from scipy import special
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.verdict import Action
 
+Advice = Literal["accept", "stop", "reprint"]
+"""How to go on with a run: as it is, stop, or stop and print again what was doubtful."""
 SLOPE_SDS: Final = 2.0
 """A slope less sure than this counts as a step."""
 LEAST_PAGES: Final = 12
@@ -63,7 +64,7 @@ class Change:
 
 def expected_costs(
     change: Change, *, tolerance: float, pages_since: int, pages_left: int, costs: RunningCosts
-) -> dict[Action, float]:
+) -> dict[Advice, float]:
     """Expected cost of going on, of stopping now, and of stopping and printing doubtful pages again. [cent]
 
     A misprint that is delivered costs c_m, a stop c_f, a page printed again c_f: the price of doubting a good one.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.detectors.verdict import Action
+    from prooflight.line.monitor.forecast import Advice
 
 AnnouncementKind = Literal["drift", "step", "streak", "excursion"]
 
@@ -85,9 +85,9 @@ class Announcement:
     pages_to_tolerance: int | None
     """Until the level leaves tolerance; 0: it has; None: it is not on its way."""
     pages_left: int
-    costs_cents: Mapping[Action, float]
+    costs_cents: Mapping[Advice, float]
     """Expected, of the three ways to go on."""
-    action: Action
+    action: Advice
     """The cheapest."""
     x_mm: float | None
     """Where across the page, of a streak."""
@@ -202,7 +202,7 @@ class RunMonitor:
             pages_left=left,
             costs=self.costs,
         )
-        action: Action = min(costs, key=lambda way: costs[way])
+        action: Advice = min(costs, key=lambda way: costs[way])
         kind: AnnouncementKind = "excursion" if excursion else "drift" if change.slope else "step"
         if channel.x_mm is not None:
             kind = "streak"
@@ -253,7 +253,7 @@ def _worded(
     change: Change,
     since: int,
     to_tolerance: int | None,
-    action: Action,
+    action: Advice,
 ) -> str:
     def shown(value: float) -> str:
         return f"{value * channel.scale:+.2g} {channel.unit}"

@@ -11,16 +11,14 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+from prooflight.detectors.disposition import NOT_ITS_PLACE, NOT_WHOLE
 from prooflight.plant.gate.registers import Code, Result
 
 if TYPE_CHECKING:
+    from prooflight.detectors.disposition import Disposition
     from prooflight.journal.records import PageRecord
     from prooflight.press.gate import GateSettings
 
-NOT_WHOLE: Final = frozenset({"lost-lines", "extra-lines", "splice"})
-"""Faults of a sheet of which not all was seen as it should be; two sheets that overlap have too many lines."""
-NOT_ITS_PLACE: Final = frozenset({"repeated", "out-of-order"})
-"""Faults of a sheet that may be well printed and does not belong where it came."""
 STRANGE: Final = frozenset({"unknown", "blank"})
 DOUBTS: Final = frozenset({Code.NOT_INSPECTED, Code.LOST_LINES, Code.TOO_LATE, Code.PLACE_UNKNOWN})
 """What the policy is for; all else is known."""
@@ -107,6 +105,10 @@ class GateDecider:
             self._stopped, result = True, Result.STOP
         return self._made(record, result, code, own_set)
 
+    def alone(self, record: PageRecord, *, came: bool = True) -> Disposition:
+        """Return what the policy says of one side by itself, before its sheet is decided."""
+        return disposition_of(self._own_result(own_code(record)) if came else Result.NONE)
+
     def lost(self, decision: SheetDecision) -> None:
         """A sheet that was accepted did not get to the good tray after all: those that belong to it follow it."""
         if decision.result is Result.ACCEPT:
@@ -175,6 +177,16 @@ class GateDecider:
             came=came,
             why=record.verdict.reason or (record.verdict.kind or ""),
         )
+
+
+def disposition_of(result: Result) -> Disposition:
+    """Return a result as all other outlets have it; a page that did not come is held, for it lacks a sheet."""
+    by_result: dict[Result, Disposition] = {
+        Result.ACCEPT: "accept",
+        Result.DIVERT: "divert",
+        Result.STOP: "stop",
+    }
+    return by_result.get(result, "hold")
 
 
 def own_code(record: PageRecord) -> Code:

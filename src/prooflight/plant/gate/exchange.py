@@ -8,7 +8,7 @@ So nothing hangs on what either side remembers of the other.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.plant.gate.handshake import Event, State, after
 from prooflight.plant.gate.registers import Fault, OurStatus, Result, packed
@@ -18,11 +18,13 @@ from prooflight.plant.gate.waiting import Pending, Waiting
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from prooflight.plant.events import SheetAtGate
     from prooflight.plant.gate.deciding import SheetDecision
     from prooflight.plant.gate.log import GateLog
     from prooflight.plant.gate.tracking import Tracker
     from prooflight.press.gate import GateSettings
 
+TRAYS: Final[dict[int, Literal["good", "reject"]]] = {1: "good", 2: "reject"}
 POLICIES: Final = {"reject": 0, "accept": 1, "stop": 2}
 
 
@@ -36,10 +38,11 @@ class Exchange(Waiting):
         *,
         log: GateLog,
         tell: Callable[[State, str], None] = lambda _state, _why: None,
+        report: Callable[[SheetAtGate], None] = lambda _passed: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Arguments as of ``Waiting``."""
-        super().__init__(settings, tracker, log=log, tell=tell, clock=clock)
+        super().__init__(settings, tracker, log=log, tell=tell, report=report, clock=clock)
         self._session = self._number = self._heartbeat = 0
         self._current: Pending | None = None
         self._result: dict[str, int] = {}
@@ -208,8 +211,9 @@ class Exchange(Waiting):
         """Where the last sheet went, where none was missed since the last look."""
         count = values["sheets_at_gate"]
         if self._at_gate is not None and count - self._at_gate == 1 and values["last_tag"]:
-            tray = {1: "good", 2: "reject"}.get(values["last_tray"], "unknown")
-            self._log.add("tray", tag=values["last_tag"], tray=tray, session=self._session)
+            tray = TRAYS.get(values["last_tray"])
+            self._log.add("tray", tag=values["last_tag"], tray=tray or "unknown", session=self._session)
+            self._left.confirmed(values["last_tag"], tray or "unconfirmed")
         self._at_gate = count
 
     def _passed(self, now_s: float) -> None:

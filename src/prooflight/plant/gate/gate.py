@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.plant.gate.coil import CoilTalk
-from prooflight.plant.gate.deciding import GateDecider
+from prooflight.plant.gate.deciding import GateDecider, disposition_of
 from prooflight.plant.gate.exchange import Exchange
 from prooflight.plant.gate.handshake import State
 from prooflight.plant.gate.link import PlcLink, RegisterTalk, Wire
@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from prooflight.detectors.disposition import Disposition
     from prooflight.line.outcomes import Outcome
     from prooflight.line.sheets.records import SeenPage
     from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.plant.events import SheetAtGate
     from prooflight.press.gate import GateSettings
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.lines import LineSource
@@ -108,12 +110,13 @@ class Gate:
         journal: Path | None = None,
         run_id: int = 0,
         tell: Callable[[State, str], None] = lambda _state, _why: None,
+        report: Callable[[SheetAtGate], None] = lambda _passed: None,
         clock: Callable[[], float] = time.monotonic,
         open_wire: Callable[..., Wire] = Wire,
         pace: float = 1.0,
     ) -> None:
         """job_pages: of one copy. plan: how they lie on sheets; None: a page a sheet. journal: beside which the gate's
-        log lies; None: none is kept. tell: as of ``Exchange``. open_wire, pace: as of ``PlcLink``.
+        log lies; None: none is kept. tell, report: as of ``Waiting``. open_wire, pace: as of ``PlcLink``.
         """
         self.settings = settings
         self._lead_in = round(geometry.lead_in_mm / geometry.line_pitch_mm)
@@ -137,7 +140,7 @@ class Gate:
             self._log.add("state", state=str(state), why=why)
             tell(state, why)
 
-        how: dict[str, Any] = {"log": self._log, "tell": stepped, "clock": clock}
+        how: dict[str, Any] = {"log": self._log, "tell": stepped, "report": report, "clock": clock}
         self.talk: Exchange | CoilTalk
         if settings.plc.style == "coil":
             self.talk = coil = CoilTalk(settings, self.tracker, **how)
@@ -156,6 +159,7 @@ class Gate:
         if kind is None:
             self._let_pass()
         self._link.close()
+        self.talk.ended()
         self._log.add("end", too_late=self.talk.too_late)
         self._log.close()
 
@@ -168,13 +172,16 @@ class Gate:
         if self._sides is None or self._sides.is_due(page.job_page):
             self.talk.arrived(number + 1)
 
-    def told(self, outcome: Outcome) -> None:
-        """What was found of the next sheet, or that a page did not come; in the order of the run."""
+    def told(self, outcome: Outcome) -> Outcome:
+        """Decide the next sheet, or a page that did not come, in the order of the run; return it with that.
+
+        A side that comes before its sheet is decided has what the policy says of it alone.
+        """
         record, came, more = outcome.record, outcome.came, dict[str, Any]()
         if self._sides is not None:
             found = self._sides.add(record, came=came)
             if found is None:
-                return
+                return _decided(outcome, self.decider.alone(record, came=came))
             record, came, more = found.record, found.came, {"rows": found.rows}
         while self.talk.lost_sheets:
             self.decider.lost(self.talk.lost_sheets.popleft())
@@ -197,6 +204,7 @@ class Gate:
         )
         if decision.came:
             self.talk.post(decision, line=line, last_line_s=record.time_s)
+        return _decided(outcome, disposition_of(decision.result))
 
     def _let_pass(self) -> None:
         """Wait until the last sheets have reached the gate; a heartbeat that stops would reject them."""
@@ -207,3 +215,7 @@ class Gate:
                 return
         if self.talk.state is State.READY:
             until.wait(SETTLING_S / self._pace)
+
+
+def _decided(outcome: Outcome, disposition: Disposition) -> Outcome:
+    return replace(outcome, record=replace(outcome.record, gate=disposition))

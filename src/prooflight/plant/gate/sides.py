@@ -54,7 +54,6 @@ class SidesTogether:
         verdict = Verdict(
             page=found.name,
             verdict=found.verdict,
-            action=told.verdict.action,
             kind=told.verdict.kind,
             reason="; ".join(found.why),
         )

@@ -10,11 +10,13 @@ from threading import Lock
 from typing import TYPE_CHECKING, Final
 
 from prooflight.plant.gate.handshake import State
+from prooflight.plant.gate.passed import PassedSheets
 from prooflight.plant.gate.registers import Code, Result
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from prooflight.plant.events import SheetAtGate
     from prooflight.plant.gate.deciding import SheetDecision
     from prooflight.plant.gate.log import GateLog
     from prooflight.plant.gate.tracking import Tracker
@@ -49,9 +51,12 @@ class Waiting:
         *,
         log: GateLog,
         tell: Callable[[State, str], None] = lambda _state, _why: None,
+        report: Callable[[SheetAtGate], None] = lambda _passed: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """tell: called when the handshake goes from state to state, and why; clock: that of the lines."""
+        """tell: called when the handshake goes from state to state, and why; report: with every sheet that has passed
+        the gate, and its tray; clock: that of the lines.
+        """
         self._settings, self._tracker, self._log = settings, tracker, log
         self._tell, self._clock = tell, clock
         self.wake = Signal()
@@ -59,6 +64,7 @@ class Waiting:
         self._guard = Lock()
         self._state = State.AWAY
         self._sheets: dict[int, Pending] = {}
+        self._left = PassedSheets(report)
         self.latencies_s: list[float] = []
         """From a sheet's last line to its result with the controller."""
         self.too_late = 0
@@ -85,6 +91,7 @@ class Waiting:
         now_s = self._clock()
         with self._guard:
             self._posted(decision)
+            self._left.decided(decision)
             self._sheets[decision.tag] = Pending(
                 decision=decision, line=line, last_line_s=last_line_s, posted_s=now_s
             )
@@ -105,9 +112,18 @@ class Waiting:
             if now_s >= (one.posted_s + GIVEN_UP_S if due_s is None else due_s + after_s):
                 del self._sheets[tag]
                 gone.append((tag, one))
+                unsent = None
                 if not one.taken:
-                    self._unsent(tag, one, Code.PLACE_UNKNOWN if due_s is None else Code.TOO_LATE)
+                    unsent = Code.PLACE_UNKNOWN if due_s is None else Code.TOO_LATE
+                    self._unsent(tag, one, unsent)
+                self._left.passed(tag, now_s=now_s, unsent=unsent)
+        self._left.overdue(now_s)
         return gone
+
+    def ended(self) -> None:
+        """Report the sheets of which nobody will say any more where they went."""
+        with self._guard:
+            self._left.ended()
 
     def _unsent(self, tag: int, one: Pending, code: Code) -> None:
         """It passed before its result could be written."""
@@ -124,6 +140,7 @@ class Waiting:
     def _written(self, one: Pending, *, session: int, position: int, at_s: float) -> None:
         """The controller has its result."""
         one.taken = True
+        self._left.written(one.decision.tag)
         self.latencies_s.append(at_s - one.last_line_s)
         self._log.add(
             "written",

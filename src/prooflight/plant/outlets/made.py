@@ -18,23 +18,26 @@ if TYPE_CHECKING:
 REMEDY: Final = "install prooflight[plant]"
 
 
-def outlets_of(file: PressFile) -> list[Outlet]:
+def outlets_of(file: PressFile, press: str | None = None) -> list[Outlet]:
     """All outlets of ``[plant]``, not yet connected.
+
+    press: the name that its events have; None: that of the press file, where there is no run.
 
     PressFileError: a secret or a certificate is not to be had. RequestError: a library of the extra ``plant`` is not
     there.
     """
     plant, path = file.plant, file.path
+    name = file.name if press is None else press
     found: list[Outlet] = []
     try:
         if plant.mqtt is not None:
-            found.append(_mqtt(plant.mqtt, path, file.name))
+            found.append(_mqtt(plant.mqtt, path, name))
         for number, block in enumerate(plant.webhook, start=1):
             found.append(_webhook(block, path, f"plant.webhook.{number}"))
         if plant.xjmf is not None:
             found += _xjmf(plant.xjmf, path)
         if plant.opcua is not None:
-            found.append(_opcua(plant.opcua, path, file.name))
+            found.append(_opcua(plant.opcua, path, name))
     except ModuleNotFoundError as error:
         raise RequestError("plant", f"{error.name} is not installed", remedy=REMEDY) from error
     return found

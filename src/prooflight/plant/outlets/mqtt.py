@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import aiomqtt
@@ -30,6 +30,7 @@ TOPICS: Final = {
     "run-started": "run",
     "run-ended": "run",
     "sheet-judged": "sheet",
+    "sheet-at-gate": "gate",
     "incident-opened": "incident",
     "incident-changed": "incident",
     "incident-ended": "incident",
@@ -38,6 +39,8 @@ TOPICS: Final = {
     "events-lost": "lost",
 }
 """Last part of an event's topic."""
+EACH_SHEET: Final = frozenset({"sheet-judged", "sheet-at-gate"})
+"""Kinds after which the retained state is not sent again, for they come with every sheet."""
 ONLINE, STATE = "online", "state"
 """Last parts of the retained topics; the first is the last will's too."""
 
@@ -74,12 +77,26 @@ class Mqtt:
         try:
             async with self._client(identifier=self.client_id, will=will) as client:
                 await client.publish(self.of(ONLINE), "true", qos=QOS, retain=True)
-                await self._tell_state(client)
-                outbox.up(f"{self.host}:{self.port}, topic {self.topic}")
-                await _first_of(self._deliver(client, outbox), _broken(client))
+                ended = False
+                while not ended:
+                    async with self._witness() as witness:
+                        await self._tell_state(client)
+                        outbox.up(f"{self.host}:{self.port}, topic {self.topic}")
+                        work = self._deliver(client, outbox)
+                        ended = await _first_of(work, _broken(client), _broken(witness))
                 await client.publish(self.of(ONLINE), "false", qos=QOS, retain=True)
         except aiomqtt.MqttError as error:
             raise OutletError(_CODE.sub("", told(error))) from error
+
+    def _witness(self) -> aiomqtt.Client:
+        """Return a second link, by whose last will the retained state says that the run is lost: a link has one will.
+
+        A will is fixed when a link is made, so this link is made again when a run begins.
+        """
+        lost = replace(self.state, running=False, ending="lost", incidents={})
+        will = aiomqtt.Will(self.of(STATE), payload=lost.json(), qos=QOS, retain=True)
+        own = None if self.client_id is None else f"{self.client_id}-state"
+        return self._client(identifier=own, will=will)
 
     async def reach(self) -> str:
         """See ``Outlet``."""
@@ -102,7 +119,8 @@ class Mqtt:
             **how,
         )
 
-    async def _deliver(self, client: aiomqtt.Client, outbox: Outbox) -> None:
+    async def _deliver(self, client: aiomqtt.Client, outbox: Outbox) -> bool:
+        """Send until no more events come, which returns True, or until a run has begun."""
         while events := await outbox.heads(AT_ONCE):
             # They begin in this order, so the broker has them in this order.
             sent = [
@@ -120,8 +138,11 @@ class Mqtt:
                 for one in sent:
                     one.cancel()
                 await asyncio.gather(*sent, return_exceptions=True)
-            if any(event.kind != "sheet-judged" for event in events):
+            if any(event.kind not in EACH_SHEET for event in events):
                 await self._tell_state(client)
+            if any(event.kind == "run-started" for event in events):
+                return False
+        return True
 
     async def _tell_state(self, client: aiomqtt.Client) -> None:
         await client.publish(self.of(STATE), self.state.json(), qos=QOS, retain=True)
@@ -133,13 +154,14 @@ async def _broken(client: aiomqtt.Client) -> None:
         pass
 
 
-async def _first_of(work: Any, watch: Any) -> None:
-    """Do the work until it is done, or until the watch says that it cannot be."""
-    tasks = [asyncio.ensure_future(one) for one in (work, watch)]
+async def _first_of(work: Any, *watches: Any) -> bool:
+    """Do the work until it is done, and return what it does, or until a watch says that it cannot be."""
+    tasks = [asyncio.ensure_future(one) for one in (work, *watches)]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for one in done:
             one.result()
+        return tasks[0] in done and bool(tasks[0].result())
     finally:
         for one in tasks:
             one.cancel()
@@ -157,7 +179,11 @@ def topics(prefix: str = "PREFIX") -> list[tuple[str, str, bool]]:
             "`true` while Prooflight is connected, else `false`; also the last will",
             True,
         ),
-        (f"{prefix}/{STATE}", "state of press, run and open incidents, as JSON", True),
+        (
+            f"{prefix}/{STATE}",
+            "state of press, run and open incidents, as JSON; also a last will, with `running` false and `ending` lost",
+            True,
+        ),
         *(
             (f"{prefix}/{part}", f"events {', '.join(names)}, as JSON", False)
             for part, names in kinds.items()

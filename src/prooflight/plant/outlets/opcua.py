@@ -31,7 +31,14 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.object_ids import ObjectIds
 
 from prooflight import __version__
-from prooflight.plant.events import IncidentChanged, IncidentEnded, IncidentOpened, SheetJudged
+from prooflight.plant.events import (
+    IncidentChanged,
+    IncidentEnded,
+    IncidentOpened,
+    SheetAtGate,
+    SheetJudged,
+    StateChanged,
+)
 from prooflight.plant.outlets import opcua_types as vision
 from prooflight.plant.state import PlantState
 
@@ -78,6 +85,16 @@ def states_of(state: PlantState) -> tuple[str, str | None]:
     if state.running:
         return "Operational", "ContinuousExecution"
     return ("Preoperational", None) if state.ending is None else ("Operational", "Ready")
+
+
+def result_state(sheet: SheetJudged) -> int:
+    """Return the ``ResultState`` of a sheet: completed, or aborted where it was not inspected."""
+    return vision.COMPLETED if sheet.verdict != "not-inspected" else vision.ABORTED
+
+
+def severity(sheet: SheetJudged) -> int:
+    """Return the severity of the event of a sheet: high where it alarms or is not accepted."""
+    return LOW if sheet.incident is None and sheet.disposition == "accept" else HIGH
 
 
 @dataclass(slots=True, kw_only=True)
@@ -229,6 +246,17 @@ class VisionSystem:
         match event.body:
             case SheetJudged() as sheet:
                 await self._result(event, sheet, state)
+            case SheetAtGate() as passed:
+                generator = self._generators["VisionInformationEventType"]
+                generator.event.CausePath = f"Gate/{passed.sheet}"
+                generator.event.Severity = LOW if passed.tray == "good" else HIGH
+                text = f"sheet {passed.sheet} at the gate: {passed.disposition}, {passed.code}, tray {passed.tray}"
+                await generator.trigger(_moment(event.time_s), text)
+            case StateChanged(of="inspection", state=inspection, detail=detail):
+                generator = self._generators["VisionInformationEventType"]
+                generator.event.CausePath = "Inspection"
+                generator.event.Severity = HIGH if inspection == "overloaded" else LOW
+                await generator.trigger(_moment(event.time_s), detail)
             case (
                 IncidentOpened(incident=incident)
                 | IncidentChanged(incident=incident)
@@ -247,14 +275,13 @@ class VisionSystem:
         ended = _moment(event.time_s)
         took = timedelta(milliseconds=sheet.latency_ms or 0.0)
         identity = structures["ResultIdDataType"](Id=event.key)
-        looked = sheet.verdict != "not-inspected"
         values: dict[str, Any] = {
             "ResultId": identity,
             "IsPartial": False,
-            "IsSimulated": False,
-            "ResultState": vision.COMPLETED if looked else vision.ABORTED,
+            "IsSimulated": state.simulated,
+            "ResultState": result_state(sheet),
             "MeasId": structures["MeasIdDataType"](
-                Id=str(sheet.sheet), Description=ua.LocalizedText(sheet.verdict)
+                Id=str(sheet.sheet), Description=ua.LocalizedText(f"{sheet.verdict}, {sheet.disposition}")
             ),
             "PartId": structures["PartIdDataType"](Id=sheet.page, Description=ua.LocalizedText(sheet.reason)),
             "JobId": structures["JobIdDataType"](
@@ -274,9 +301,9 @@ class VisionSystem:
             setattr(generator.event, name, values[name])
             variant = kind if isinstance(kind, ua.VariantType) else ua.VariantType.ExtensionObject
             await self._write(name, ua.Variant(values[name], variant))
-        await self._write("last", ua.Variant(sheet.verdict, ua.VariantType.String))
-        generator.event.Severity = LOW if sheet.incident is None else HIGH
-        await generator.trigger(ended, f"sheet {sheet.sheet}: {sheet.verdict}")
+        await self._write("last", ua.Variant(sheet.disposition, ua.VariantType.String))
+        generator.event.Severity = severity(sheet)
+        await generator.trigger(ended, f"sheet {sheet.sheet}: {sheet.verdict}, {sheet.disposition}")
 
     async def _write(self, node: str, value: ua.Variant) -> None:
         await self._server.write_attribute_value(self._nodes[node].nodeid, ua.DataValue(value))

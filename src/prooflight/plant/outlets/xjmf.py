@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from prooflight.plant.events import EventsLost, RunStarted, SheetJudged
+from prooflight.plant.events import EventsLost, RunStarted, SheetAtGate, SheetJudged
 from prooflight.plant.outlets import xjmf_messages as xjmf
 from prooflight.plant.outlets.http_answers import answering
 from prooflight.plant.outlets.outlet import OutletError
@@ -82,6 +82,10 @@ class XjmfPush(_Told):
                 if self.alarms_only and incident is None:
                     return None
                 return xjmf.signals([event], device_id=self.device_id, job=self.job, sheet_mm=self.sheet_mm)
+            case SheetAtGate() as passed:
+                if self.alarms_only and passed.tray == "good" and passed.disposition == "accept":
+                    return None
+                return xjmf.at_gate(event, passed, device_id=self.device_id)
             case EventsLost():
                 return xjmf.lost(event, device_id=self.device_id)
         return None

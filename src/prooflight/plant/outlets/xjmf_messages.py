@@ -15,7 +15,7 @@ from lxml import etree  # type: ignore[import-untyped]
 
 from prooflight import __version__
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.plant.events import EventsLost, SheetJudged
+from prooflight.plant.events import EventsLost, SheetAtGate, SheetJudged
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -105,6 +105,22 @@ def lost(event: Event, *, device_id: str) -> bytes:
     return written(root)
 
 
+def at_gate(event: Event, passed: SheetAtGate, *, device_id: str) -> bytes:
+    """A ``SignalNotification`` of a sheet that has passed the gate; a warning where its tray is not the decided one."""
+    root = _root(device_id, event.time_s)
+    signal = _element(root, "SignalNotification", ChannelMode="Reliable")
+    _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
+    expected = "good" if passed.disposition == "accept" else "reject"
+    note = _element(signal, "Notification", Class="Event" if passed.tray == expected else "Warning")
+    late = "" if passed.in_time else ", which came too late"
+    _element(
+        note, "Comment"
+    ).text = (
+        f"sheet {passed.sheet} at the gate: {passed.disposition} ({passed.code}){late}; tray: {passed.tray}"
+    )
+    return written(root)
+
+
 def refusal(kind: str, text: str, code: int, *, device_id: str, query_id: str | None, time_s: float) -> bytes:
     """The answer to what cannot be answered; kind: the message's, such as ``Resource``."""
     root = _root(device_id, time_s)
@@ -176,7 +192,8 @@ def _sheet(above: _Element, event: Event, sheet: SheetJudged, sheet_mm: tuple[fl
     result.set("QualityControlMethods", "Inspection")
     if sheet.verdict != "not-inspected":
         good = sheet.verdict == "good"
-        result.set("Passed", str(int(good)))
+        # Passed is what a receiver releases: a sheet that is well printed and is not accepted is neither.
+        result.set("Passed", str(int(good and sheet.disposition == "accept")))
         result.set("Failed", str(int(not good)))
         result.set("Severity", str(severity(sheet)))
         inspection = _element(result, "Inspection")
@@ -190,8 +207,10 @@ def _resource(above: _Element, sheet: SheetJudged, **part: str) -> _Element:
     own = sheet.on_sheet
     named = sheet.page if own is None else f"{sheet.page}, {_worded(own)}"
     resource = _element(above, "Resource", ExternalID=f"sheet-{sheet.sheet}", DescriptiveName=clean(named))
-    if sheet.reason and not part:
-        _element(resource, "Comment").text = clean(sheet.reason)
+    if not part:
+        if sheet.reason:
+            _element(resource, "Comment").text = clean(sheet.reason)
+        _element(resource, "Comment").text = f"disposition: {sheet.disposition} ({sheet.decided_by})"
     if own is not None and own.side is not None:
         part = {"Side": _face(sheet), **part}
     _element(resource, "Part", SheetName=name(sheet.page), **part)

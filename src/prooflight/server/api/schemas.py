@@ -6,7 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from prooflight.detectors.disposition import DecidedBy, Disposition
 from prooflight.server.accounts.roles import Role, Scope
+from prooflight.server.reading.now import State
 
 Cursor = int | None
 
@@ -36,6 +38,7 @@ class RunAnswer(Answer):
     not_inspected: int
     late: int
     faulty: int
+    absent: int
     dropped_pages: int
     dropped_evidence: int
     promise_suspended_from: int | None
@@ -59,7 +62,8 @@ class SheetAnswer(Answer):
     job_page: int | None
     page: str
     verdict: Literal["good", "misprint", "not-inspected"]
-    action: Literal["accept", "reprint", "stop"]
+    disposition: Disposition
+    decided_by: DecidedBy
     kind: str | None
     probability: float | None
     score: float | None
@@ -150,7 +154,7 @@ class IncidentAnswer(Answer):
     pages: list[str]
     since_s: float
     last_s: float
-    action: str
+    disposition: Disposition
     reason: str
     returned: int
     open: bool
@@ -304,10 +308,12 @@ class ReportAnswer(Answer):
 class NowAnswer(Answer):
     """The press at this moment."""
 
-    state: Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
+    state: State
     alarm: bool
     run: RunAnswer | None
     cause: int | None
+    overload: dict[str, int] | None
+    """Sheets that inspection was too slow for (late), among how many of the last (recent); None: it keeps pace."""
     incidents: list[dict[str, Any]]
     to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
     unprinted: int

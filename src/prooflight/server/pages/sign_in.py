@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import anyio
 from fastapi import APIRouter, Depends, Form, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import JSONResponse, RedirectResponse, Response
 
 from prooflight.errors import RequestError
 from prooflight.server.access import cookie_name, needs, open_to_all
@@ -51,6 +51,13 @@ async def sign_in(request: Request, _who: Anybody, name: Text, password: Text, n
 def welcome(request: Request, _who: Anybody) -> Response:
     """Choose a password; the secret of the link stands behind the # and never in a log."""
     return page(request, None, "welcome", wrong="")
+
+
+@router.post("/welcome/name")
+async def welcome_name(request: Request, _who: Anybody, secret: Text) -> Response:
+    """Say to whoever has a link whose it is; 404: nobody's, used, or too old."""
+    person = await anyio.to_thread.run_sync(console(request).accounts.linked, secret)
+    return Response(status_code=404) if person is None else JSONResponse({"name": person.name})
 
 
 @router.post("/welcome")

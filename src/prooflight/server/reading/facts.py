@@ -44,7 +44,8 @@ def live_sheet(row: Written) -> dict[str, Any]:
         "sheet": row.page.sheet,
         "page": verdict.page,
         "verdict": verdict.verdict,
-        "action": verdict.action,
+        "disposition": row.page.disposition,
+        "decided_by": row.page.decided_by,
         "kind": verdict.kind,
         "late": row.page.late,
         "faults": list(row.page.faults),
@@ -74,7 +75,7 @@ def incident_of(told: Told) -> dict[str, Any]:
 def brief_incident(told: Told) -> dict[str, Any]:
     """An incident in as few words as a list needs."""
     incident = told.incident
-    names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "action", "open")
+    names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")
     said = {"word": told.word, "answered": told.answered, "seen": told.seen}
     return {name: getattr(incident, name) for name in names} | said
 
@@ -93,6 +94,9 @@ def now_facts(now: Now) -> dict[str, Any]:
         "run": None if now.run is None else run_of(now.run),
         "cause": None if now.cause is None else now.cause.incident.number,
         "incidents": [brief_incident(told) for told in now.incidents[:MOST_INCIDENTS]],
+        "overload": None
+        if now.overload is None
+        else dict(zip(("late", "recent"), now.overload, strict=True)),
         "to_print_again": now.reprints.count,
         "unprinted": now.reprints.unprinted,
         "together": None if now.together is None else now.together.facts,

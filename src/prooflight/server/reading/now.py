@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.journal.exporting import job_warnings
+from prooflight.line.pace import overload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,9 +18,12 @@ if TYPE_CHECKING:
     from prooflight.server.reading.incidents import Told
     from prooflight.server.reading.reprints import Counted
 
-State = Literal["no-run", "waiting", "good", "stop", "look", "silent", "ended", "fault", "interrupted"]
-"""waiting: for the first sheet. stop: an alarm advises to stop, and nobody has answered. look: another alarm is open or
-unanswered. silent: no sheet comes. fault, interrupted, ended: how the run came to its end."""
+State = Literal[
+    "no-run", "waiting", "good", "overload", "stop", "look", "silent", "ended", "fault", "interrupted"
+]
+"""waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: an alarm advises to stop,
+and nobody has answered. look: another alarm is open or unanswered. silent: no sheet comes. fault, interrupted, ended:
+how the run came to its end."""
 SILENT_S: Final = 10.0
 """Without a sheet, as ``watch`` says it of a camera."""
 RECENT: Final = 100
@@ -79,6 +84,8 @@ class Now:
     """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
     """None: the run has no gate."""
+    overload: tuple[int, int] | None = None
+    """Sheets that inspection was too slow for, and among how many of the last; None: it keeps pace."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -88,7 +95,8 @@ class Now:
     @property
     def alarm(self) -> bool:
         """Whether it should be heard."""
-        return any(not told.seen and told.incident.action == "stop" for told in self.incidents)
+        stops = any(not told.seen and told.incident.disposition == "stop" for told in self.incidents)
+        return stops or self.state == "overload"
 
 
 def health(pages: Sequence[PageRecord], *, quiet_s: float | None) -> Health:
@@ -122,10 +130,13 @@ def now(
     going = run is not None and run.state == "running"
     asked = sorted((told for told in incidents if _asks(told)), key=_urgency)
     of = health(pages, quiet_s=quiet_s if going else None)
+    slow = overload(pages)
     state: State = "no-run"
     if run is not None:
         urgent = asked[0] if asked else None
-        if going and urgent is not None and not urgent.seen and urgent.incident.action == "stop":
+        if going and slow is not None:
+            state = "overload"
+        elif going and urgent is not None and not urgent.seen and urgent.incident.disposition == "stop":
             state = "stop"
         elif run.state in ("fault", "interrupted"):
             state = "fault" if run.state == "fault" else "interrupted"
@@ -146,6 +157,7 @@ def now(
         health=of,
         together=together,
         gate=gate,
+        overload=slow,
     )
 
 
@@ -158,6 +170,6 @@ def _asks(told: Told) -> bool:
     return told.incident.open and told.word != "false-alarm"
 
 
-def _urgency(told: Told) -> tuple[bool, bool, bool, int]:
+def _urgency(told: Told) -> tuple[bool, int, bool, int]:
     incident = told.incident
-    return told.seen, incident.action != "stop", not incident.open, -incident.last_sheet
+    return told.seen, -LEAST_FIRST.index(incident.disposition), not incident.open, -incident.last_sheet

@@ -40,6 +40,14 @@ if (welcome) {
   const kept = location.hash.slice(1) || sessionStorage.getItem("welcome") || "";
   sessionStorage.setItem("welcome", kept);
   welcome.elements.secret.value = kept;
+  fetch("/welcome/name", { method: "POST", body: new URLSearchParams({ secret: kept }) })
+    .then((answer) => (answer.ok ? answer.json() : null))
+    .then((whose) => {
+      if (!whose) return;
+      one("welcome-who").querySelector("b").textContent = whose.name;
+      one("welcome-who").hidden = false;
+    })
+    .catch(() => {});
   if (location.hash) history.replaceState(null, "", location.pathname);
 }
 

@@ -147,12 +147,15 @@ def _cover(
 
 
 def _box_sums(image: NDArray[np.floating], side: int) -> NDArray[np.float64]:
-    """Return sums over windows, at the pixel that ``note_row`` takes as their middle; 0 lies outside the image."""
+    """Return sums over windows, at the pixel that ``note_row`` takes as their middle; 0 lies outside the image.
+
+    image: (lines, pixels), nowhere below 0, so that sums which are are rounded.
+    """
     middle = side // 2, side // 2
     sums = cv2.boxFilter(
         image, cv2.CV_64F, (side, side), normalize=False, anchor=middle, borderType=cv2.BORDER_CONSTANT
     )
-    return np.asarray(sums)
+    return np.maximum(sums, 0)
 
 
 def limits(
@@ -377,7 +380,7 @@ class VisibleMarks:
                 found.append(
                     PlaceRow(
                         place=NAMES[name],
-                        share=np.count_nonzero(here) / inspected,
+                        share=float(np.count_nonzero(here) / inspected),
                         spot_mm=_median(spot),
                         worst_spot_mm=float(spot.max()),
                         hair_mm=_median(hair),

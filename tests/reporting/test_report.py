@@ -25,6 +25,8 @@ from prooflight.reporting.report import (
     page_entry,
     write_report,
 )
+from prooflight.reporting.visibility_picture import VisibleOnPage
+from prooflight.reporting.wording import mark_size
 from prooflight.reporting.zones_at_work import Looked, ZonesAtWork
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
@@ -356,6 +358,25 @@ def test_entries_travel_between_processes_and_are_small(run: list[PageEntry]) ->
 
 def test_good_pages_carry_no_pictures_of_the_camera(run: list[PageEntry]) -> None:
     assert [entry.alarm is not None for entry in run] == [False, True, True, False, False]
+
+
+def test_what_would_be_caught_is_shown_with_the_floor(
+    tmp_path: Path, run: list[PageEntry], trained_press: Press, make_page: Callable[..., Page]
+) -> None:
+    page = make_page(7)
+    assert VisibleOnPage.of(Inspector.of(trained_press, "chi-square"), page) is None
+    visible = VisibleOnPage.of(Inspector.of(trained_press), page)
+    assert visible is not None
+    with Image.open(io.BytesIO(visible.picture)) as picture:
+        assert picture.format == "WEBP"
+        assert picture.width > picture.height > 300
+    write_report(tmp_path / "report.html", run, SUMMARY, visible=visible)
+    section = read(tmp_path / "report.html").one("visible")
+    rows = [[cell.text for cell in row.children] for row in section.all("tr")[1:]]
+    assert [row[0] for row in rows] == [row.place for row in visible.rows]
+    assert rows[0][2] == mark_size(visible.rows[0].spot_mm)
+    assert "a flat place over 0.1 mm² that differs by more than 10 % of paper white is always" in section.text
+    assert all(entry.attributes.get("id") != "visible" for entry in written(tmp_path, run))
 
 
 def test_zones_at_work_are_shown_with_what_each_print_came_to(tmp_path: Path, run: list[PageEntry]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from prooflight.cli import show
+from prooflight.cli import show, visible_marks
 from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
@@ -239,20 +239,36 @@ def show_press(
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Write tables, columns and footprint as a picture.")
     ] = None,
+    job: Annotated[
+        Path | None, typer.Option(metavar="JOB", help="Show what would be caught on a page of this job.")
+    ] = None,
+    page: Annotated[int | None, typer.Option(metavar="N", help="Which page; default 1.", min=1)] = None,
+    map_picture: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="F.png", help="Write as a picture what would be caught where on it."),
+    ] = None,
+    profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
     json: Json = False,
 ) -> None:
-    """Look inside a press artefact."""
+    """Look inside a press artefact; say which marks it would catch."""
     from prooflight.commissioning.training.learned_variation import stated_beside_learned
     from prooflight.press.artefact import Press
 
+    number = visible_marks.page_number(job, page, map_picture)
     press = Press.load(artefact)
+    if job is not None:
+        rows = visible_marks.on_page(press, job, number, picture=map_picture, profile=profile)
     facts, learned = _facts(press), stated_beside_learned(press)
+    caught = visible_marks.on_tints(press)
     if picture is not None:
         from prooflight.reporting.press_pictures import draw_press
 
         draw_press(picture, press)
     if json:
-        show.print_json(facts | {"learned": [asdict(row) for row in learned]})
+        told = {"learned": [asdict(row) for row in learned], "catches": visible_marks.plain(caught)}
+        if job is not None:
+            told["catches_on_page"] = visible_marks.plain(rows)
+        show.print_json(facts | told)
         return
     table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
     sensors = facts.pop("sensors")
@@ -265,8 +281,15 @@ def show_press(
     show.people.print(of_sensors)
     if learned:
         _print_learned(learned)
-    if picture is not None:
-        show.written(picture)
+    if caught:
+        visible_marks.print_tints(caught)
+    if job is not None:
+        visible_marks.print_page(rows, f"What would be caught on page {number} of {job.name}")
+    if caught:
+        show.people.print(visible_marks.EXPLAINED)
+    for path in (picture, map_picture):
+        if path is not None:
+            show.written(path)
 
 
 def _print_learned(rows: list[StatedBesideLearned]) -> None:
@@ -295,6 +318,7 @@ def _in_lines(value: Any) -> str:
 
 
 def _facts(press: Press) -> dict[str, Any]:
+    from prooflight.detectors.matched_filter.visibility import floor_in_words
     from prooflight.inspection.registry import promises
 
     geometry = press.geometry
@@ -318,6 +342,8 @@ def _facts(press: Press) -> dict[str, Any]:
         "missed_misprint_cents": press.costs.missed_misprint_cents,
         "alpha": round(press.costs.alpha, 4),
         "fringes": press.fringes,
+        "floor_percent_of_white": round(100 * press.floor_share, 6),
+        "floor": floor_in_words(press.floor_share) or "none",
         "variation": dict(press.variation),
         "detectors": promises(press),
         "sensors": [

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
     from prooflight.reporting.two_worlds import TwoWorlds
+    from prooflight.reporting.visibility_picture import VisibleOnPage
     from prooflight.reporting.zones_at_work import ZonesAtWork
     from prooflight.scans.recorded import RecordedScan
     from prooflight.simulation.misprints.kinds import Misprint
@@ -242,12 +243,14 @@ def write_report(
     *,
     worlds: TwoWorlds | None = None,
     zones: ZonesAtWork | None = None,
+    visible: VisibleOnPage | None = None,
     sheets: Sequence[SheetVerdict | SetVerdict] = (),
 ) -> None:
     """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name.
 
-    worlds, zones: shown first where there are such pictures. sheets: of a job that was laid on sheets, with its sets;
-    the entries then are their sides, in the order in which sheets number them.
+    worlds, zones: shown first where there are such pictures. visible: what would be caught on one page, shown last.
+    sheets: of a job that was laid on sheets, with its sets; the entries then are their sides, in the order in which
+    sheets number them.
     """
     count, unit = counts(entries), "side" if sheets else "page"
     known = summary.world is not None
@@ -256,6 +259,7 @@ def write_report(
         summary=summary,
         worlds=worlds,
         zones=zones,
+        visible=visible,
         count=count,
         known=known,
         sentence=sentence(count, unit),

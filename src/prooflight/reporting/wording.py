@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from prooflight.detectors.disposition import without_gate
@@ -178,6 +179,15 @@ def millimetres(value: float) -> str:
     ('0.0', '83.3')
     """
     return f"{round(value, 1) + 0.0:.1f}"
+
+
+def mark_size(size_mm: float) -> str:
+    """Two digits, or that no size would do.
+
+    >>> mark_size(0.2468), mark_size(float("inf"))
+    ('0.25', 'none')
+    """
+    return f"{size_mm:.2g}" if isfinite(size_mm) else "none"
 
 
 def score(value: float | None) -> str:

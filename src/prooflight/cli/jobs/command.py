@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -78,6 +79,7 @@ def demo(
     from prooflight.pages.parallel import in_order
     from prooflight.press.pages import job_source
     from prooflight.reporting.report import RunSummary, counts, write_report
+    from prooflight.reporting.visibility_picture import VisibleOnPage
     from prooflight.simulation.worlds import known_world
 
     into = known_world(world)
@@ -135,7 +137,9 @@ def demo(
             seed=seed,
             shown=lambda prints, total, what: _shown(prints, total, what, quiet=json),
         )
-    write_report(report, entries, summary, worlds=worlds, zones=shown_zones)
+    with source.open() as opened:
+        visible = VisibleOnPage.of(inspector, press.geometry.lay(opened.page(1)))
+    write_report(report, entries, summary, worlds=worlds, zones=shown_zones, visible=visible)
     of_run = counts(entries)
     totals: dict[str, float] = {
         "pages": of_run.pages,
@@ -363,9 +367,11 @@ def _reported(
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
+    from prooflight.inspection.job import UNUSABLE
     from prooflight.pages.check import in_words
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
+    from prooflight.reporting.visibility_picture import VisibleOnPage
 
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
@@ -385,7 +391,10 @@ def _reported(
         warnings=[in_words(warning) for warning in (*early.warnings, *_later(done, early))],
     )
     sheets = () if plan is None else laid_out.of_job(plan, done.verdicts)
-    write_report(report / "report.html", done.items, summary, sheets=sheets)
+    visible = None
+    with suppress(*UNUSABLE):  # its entry says why the page cannot be used
+        visible = VisibleOnPage.of(work.inspector, work.page(1))
+    write_report(report / "report.html", done.items, summary, visible=visible, sheets=sheets)
     return done
 
 

@@ -136,6 +136,18 @@ class DetectorModel:
         told = np.where(in_deviations(self.statistics), _known(values), compared)
         return np.asarray((told - self.shift) / self.scale)
 
+    def values_at(
+        self, deviations: NDArray[np.floating], page_features: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Return the statistics (n,) of one page that deviate so far, (n,): ``deviations`` inverted."""
+        mean, sd = self.centre
+        x = np.concatenate([[1.0], ((page_features - mean) / sd).clip(-3, 3)])
+        stated = deviations * self.scale + self.shift
+        logarithm = stated * self.sd + x @ self.baseline
+        return np.where(
+            in_deviations(self.statistics), stated, np.sign(logarithm) * np.expm1(np.abs(logarithm)) / 3
+        )
+
     def widened(self, times: float) -> DetectorModel:
         """That takes good pages to deviate so many times as widely."""
         return self if times == 1 else replace(self, scale=self.scale * times)

@@ -51,6 +51,26 @@ def evidence_of(
     return evidence
 
 
+def deviation_at(
+    evidence: float, quantiles: NDArray[np.floating], tail: NDArray[np.floating], tail_from: float
+) -> NDArray[np.float64]:
+    """Return the greatest deviation of each family, (families,), at which it says ``evidence``.
+
+    The inverse of ``evidence_of``; quantiles, tail, tail_from: as ``DetectorModel`` has them.
+    """
+    share = 1 - 10.0**-evidence
+    steps = np.linspace(0, tail_from, quantiles.shape[1])
+    within = np.array([np.interp(share, steps, one) for one in quantiles])
+    begin, scale, shape = tail.T
+    beyond = 10 ** (shape * (evidence + np.log10(1 - tail_from)))
+    return np.where(share > tail_from, begin + scale / shape * (beyond - 1), within)
+
+
+def alarming_evidence(threshold: float, families: int) -> float:
+    """Return -log10 p of one of so many families of a group, from which a page alarms by it, whatever forests say."""
+    return threshold / ALONE_SLOPE + ALONE_FROM + float(np.log10(families))
+
+
 def strongest_alone(evidence: NDArray[np.floating], marks: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return -log10 of each page's p-value by its strongest family alone, (pages,).
 

@@ -65,7 +65,9 @@ REACH: Final = 2
 """Pixels about a window within which an edge counts as near; half the window's side is added."""
 REFERENCE_WINDOWS: Final = 1e6
 """Windows of which the greatest T is stated; of fewer, the greatest is taken to be as much higher as Gaussian theory
-says."""
+says ..."""
+REFERENCE_T: Final = float(ndtri(1 - 1 / REFERENCE_WINDOWS))
+"""... from this on."""
 FLOOR_AREA_MM2: Final = 0.1
 """A difference beyond the floor counts from this area on: a spot of 0.36 mm. A pixel more is asked for, since a
 region's outline lies anywhere within its pixels: two of 0.25 mm are what the darkest specks of good paper reach."""
@@ -181,11 +183,10 @@ class Marks:
     def statistics(self) -> list[Observed]:
         """Return a statistic for each class, size and sign, always in the same order."""
         found = []
-        high = float(ndtri(1 - 1 / REFERENCE_WINDOWS))
         for c, place in enumerate(PLACE_CLASSES):
             for s, window in enumerate(WINDOWS):
                 for sign, name in enumerate("+-"):
-                    value = self.greatest[c, s, sign] / self.spread[c, s] + high - self.usual[c, s]
+                    value = self.greatest[c, s, sign] / self.spread[c, s] + REFERENCE_T - self.usual[c, s]
                     line, pixel = self.at[c, s, sign]
                     side = window * self.pixel_mm
                     left, top = pixel * self.pixel_mm + self.left_mm, line * self.pixel_mm + self.top_mm
@@ -248,7 +249,7 @@ def measure_marks(
         greatest=np.maximum(np.sqrt(most.max(axis=0)), LEAST_T),
         at=np.take_along_axis(at, best[None, ..., None], axis=0)[0],
         spread=_spread(beyond.sum(axis=0), windows),
-        usual=_usual(windows / np.square(WINDOWS)),
+        usual=usual_t(windows / np.square(WINDOWS)),
         floor=_floor(left, weight, white, places.flat, floor_share, corner, threads)
         if floor_share
         else NO_FLOOR,
@@ -264,9 +265,14 @@ def _spread(beyond: NDArray[np.int64], windows: NDArray[np.int64]) -> NDArray[np
     return np.maximum(float(LEAST_T) / ndtri(1 - np.minimum(share, 0.9) / 2), 1.0)
 
 
-def _usual(windows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quantile at 1 - 1 / n of a standard Gaussian, of n windows."""
+def usual_t(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the greatest T that so many independent Gaussian windows have: the quantile at 1 - 1 / n."""
     return np.asarray(ndtri(1 - 1 / np.maximum(windows, 3.0)))
+
+
+def least_pixels(pixel_mm: float) -> int:
+    """Return how many pixels a region must have for the floor."""
+    return int(np.ceil(FLOOR_AREA_MM2 / pixel_mm**2 - 1e-9)) + 1
 
 
 def _floor(
@@ -286,7 +292,7 @@ def _floor(
         threads=threads,
     )
     left_mm, top_mm, pixel_mm = corner
-    least = int(np.ceil(FLOOR_AREA_MM2 / pixel_mm**2 - 1e-9)) + 1
+    least = least_pixels(pixel_mm)
     found = NO_FLOOR
     if sum(counts) < least:
         return found

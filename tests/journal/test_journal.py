@@ -49,6 +49,7 @@ FULL = Verdict(
     reason="streak at x = 83 mm – “né”",
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},
     expected_cost={"accept": 0.03, "stop": 0.006},
+    stopping_costs_more=True,
     widened=1.28,
     codes=(
         Code(

@@ -51,6 +51,13 @@ SUMMARY = RunSummary(
 VOID = {"meta", "link", "img", "br"}
 
 
+class Burning:
+    """A score of which nothing can be written."""
+
+    def __abs__(self) -> float:
+        raise ArithmeticError("burn")
+
+
 class Element:
     def __init__(self, tag: str, attributes: dict[str, str]) -> None:
         self.tag, self.attributes = tag, attributes
@@ -333,7 +340,7 @@ def test_every_picture_opens_and_says_what_it_shows(tmp_path: Path, run: list[Pa
 def test_a_report_that_fails_leaves_the_former_one(tmp_path: Path, run: list[PageEntry]) -> None:
     written(tmp_path, run)
     before = (tmp_path / "report.html").read_bytes()
-    broken = [run[0], replace(run[1], verdict=replace(run[1].verdict, score="burn"))]  # type: ignore[arg-type]
+    broken = [run[0], replace(run[1], verdict=replace(run[1].verdict, score=Burning()))]  # type: ignore[arg-type]
     with pytest.raises(Exception, match="burn"):
         write_report(tmp_path / "report.html", broken, SUMMARY)
     assert (tmp_path / "report.html").read_bytes() == before

@@ -63,9 +63,10 @@ def test_headlines(regions: list[Region], kind: str | None, words: str) -> None:
         (28, 0, 0, 0, "28 pages inspected: 28 passed as good, no misprint found."),
         (0, 1, 1, 0, "1 page inspected: 0 passed as good, 1 stopped as a misprint."),
         (20, 8, 8, 0, "28 pages inspected: 20 passed as good, 8 stopped as misprints."),
-        (20, 8, 5, 0, "28 pages inspected: 20 passed as good, 8 found to be misprints, 5 of them stopped."),
-        (1, 0, 0, 2, "1 page inspected: 1 passed as good, no misprint found; 2 more pages had no scan and passed "
-         "unseen."),
+        (20, 8, 5, 0, "28 pages inspected: 20 passed as good, 8 found to be misprints, 3 of them accepted by the press "
+         "file's costs."),
+        (1, 0, 0, 2, "1 page inspected: 1 passed as good, no misprint found; 2 more pages had no scan and are "
+         "held."),
     ],
 )  # fmt: skip
 def test_sentences(good: int, alarms: int, stopped: int, unseen: int, words: str) -> None:

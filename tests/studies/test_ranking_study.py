@@ -46,6 +46,7 @@ def made_up(designs: int, seed: int, *, first_day: int, times: float = 1.0) -> R
         "values": values.astype(np.float32),
         "portrait": rng.standard_normal((design.size, 3)),
         "another": kind == "wrong-page",
+        "floor_mm2": np.where(kind == "spots-voids", 0.5, 0.0),
         "names": np.array(NAMES * 2),
     }
 

@@ -266,6 +266,7 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
         "caught": _caught(ours, wrong, wrong["nuisance"] == ""),
         "caught_costly": _caught(fits[COSTLY], wrong, wrong["nuisance"] == COSTLY),
         "composed": _as_built(ours, _plain(every), plan),
+        "floor": True,
     }
 
 

@@ -171,4 +171,4 @@ def test_a_lost_place_alone_is_no_other_page() -> None:
     assert supported("wrong-page", placed) == "wrong-page"
     assert supported("streak", lost) == "streak"
     why = "where the page lies cannot be told: too little is printed to tell where"
-    assert reason_for("unknown", None, None, {}, lost) == why
+    assert reason_for("unknown", None, None, {}, lost, distinct=()) == why

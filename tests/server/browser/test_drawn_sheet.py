@@ -119,17 +119,17 @@ def test_pictures_that_come_disturb_no_note_and_are_told_where_they_do_not(
     with page.expect_request("**/sheets/0/pictures"):
         visitor.goto("/runs/1/sheets/0").wait_for_selector("#coming-note")
     fit_for_everybody(page)
-    page.fill("#note", "as it should be")
+    page.fill("#sheet-note", "as it should be")
     held[0].fulfill(status=503)
     visitor.expected.append("503")
     page.wait_for_selector("#coming-not")
     assert not page.is_visible("#coming-note")
     with page.expect_request("**/sheets/0/pictures"):
         visitor.goto("/runs/1/sheets/0").wait_for_selector("#coming-note")
-    page.fill("#note", "as it should be")
+    page.fill("#sheet-note", "as it should be")
     held[1].continue_()
     opened(page)
-    assert page.input_value("#note") == "as it should be"
+    assert page.input_value("#sheet-note") == "as it should be"
     page.keyboard.press("Tab")
     page.keyboard.press("g")
     page.wait_for_selector(".words q:has-text('as it should be')")

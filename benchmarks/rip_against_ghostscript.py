@@ -142,7 +142,7 @@ def compare(path: Path, *, profile: Path | None = PROFILE, dpi: float = DPI) -> 
     """Render the first page of a PDF with both and compare; ValueError if the rasters differ in size."""
     import pymupdf
 
-    from prooflight.pages.pdf import separations as plates
+    from prooflight.pages.pdf.drawing import output_intent
 
     with pymupdf.open(path) as document:
         trim = document.xref_get_key(document[0].xref, "TrimBox")[0] != "null"
@@ -151,7 +151,7 @@ def compare(path: Path, *, profile: Path | None = PROFILE, dpi: float = DPI) -> 
         ours = job.page(1, exact_dpi).cmyk
     with pymupdf.open(path) as document:
         loaded = pymupdf.mupdf.pdf_load_page(pymupdf.mupdf.pdf_document_from_fz_document(document.this), 0)
-        intent = plates.output_intent(loaded)
+        intent = output_intent(loaded)
     rgb = intent if intent[16:20] == b"RGB " else b""
     theirs = ghostscript(path, exact_dpi, profile=profile, trim=trim, rgb=rgb)
     if ours.shape != theirs.shape:

@@ -73,7 +73,7 @@ def test_the_referee_sees_a_wrong_ink() -> None:
 STATES = "/ExtGState<</N<</op true/OP true/OPM 0>>/M<</op true/OP true/OPM 1>>>>"
 GOLD = "[/Separation/Gold/DeviceCMYK<</FunctionType 2/Domain[0 1]/C0[0 0 0 0]/C1[0 0.2 0.8 0.1]/N 1>>]"
 BLACK = "[/Separation/Black/DeviceCMYK<</FunctionType 2/Domain[0 1]/C0[0 0 0 0]/C1[0 0 0 1]/N 1>>]"
-BOTH = "[/DeviceN[/Magenta/Gold]/DeviceCMYK 5 0 R<</Colorants<</Gold " + GOLD + ">>>>]"
+BOTH = "[/DeviceN[/Magenta/Gold]/DeviceCMYK 5 0 R<</Subtype/NChannel/Colorants<</Gold " + GOLD + ">>>>]"
 FUNCTION = b"{dup 0.2 mul 3 -1 roll add exch dup 0.8 mul exch 0.1 mul 0 4 1 roll}"  # m g -> 0 m+.2g .8g .1g
 SPACES = f"/ColorSpace<</Au {GOLD}/B {BLACK}/D {BOTH}>>{STATES}"
 UNDER = "0.4 0.2 0 0 k 0 0 100 100 re f /Au cs 0.5 scn 0 0 100 40 re f"

@@ -139,7 +139,7 @@ def test_misprints_end_with_exit_code_1_and_a_place(
         "regions",
     }
     more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
-    more |= {"widened", "codes", "promise_suspended"}
+    more |= {"stopping_costs_more", "widened", "codes", "promise_suspended"}
     assert keys | more == set(verdicts[0])
     assert set(verdicts[0]["regions"][0]) == {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
 

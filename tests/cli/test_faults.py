@@ -176,6 +176,6 @@ def test_a_reader_that_goes_away_is_not_a_misprint() -> None:
 
 def test_every_exit_code_is_told_apart() -> None:
     codes = [value for name, value in vars(exit_codes).items() if name.isupper()]
-    assert len(set(codes)) == len(codes) == 5
+    assert len(set(codes)) == len(codes) == 6
     assert 0 not in codes
     assert cli.run(["--version"]) == 0

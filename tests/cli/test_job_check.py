@@ -51,7 +51,8 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
 
 
 def rows_of(out: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in out.splitlines()]
+    """Without the phases that ``watch`` tells between them."""
+    return [row for row in map(json.loads, out.splitlines()) if "phase" not in row]
 
 
 def two_pages(path: Path) -> Path:

@@ -153,7 +153,7 @@ def test_rows_are_verdicts_as_inspect_gives_them_and_more(
     rows = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
     assert [row["sheet"] for row in rows] == [0, 1, 2, 3, 4]
     wanted = set(Verdict.__slots__) | {"late", "sheet", "job_page", "first_line", "time_s"}
-    assert set(rows[0]) == wanted | {"faults", "notes", "nuisance", "asked"}
+    assert set(rows[0]) == wanted | {"disposition", "decided_by", "faults", "notes", "nuisance", "asked"}
     assert rows[1]["score"] is None  # infinity
     assert rows[1]["regions"][0]["x_mm"] == 83.0
     assert rows[2]["faults"] == ["slip", "lost-lines"]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
@@ -88,7 +87,7 @@ def plain(rows: Sequence[OnTint] | Sequence[PlaceRow]) -> list[dict[str, Any]]:
     """Return rows for programs; null stands for no size."""
     return [
         {
-            key: None if isinstance(value, float) and not np.isfinite(value) else value
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(row).items()
         }
         for row in rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -111,9 +112,9 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Serving]]:
 
 
 @pytest.fixture
-def console(serve: Callable[..., Serving], journal: Path) -> Serving:
-    """A console on the three runs, with somebody of each role."""
-    made = serve(journal)
+def console(serve: Callable[..., Serving], journal: Path, tmp_path: Path) -> Serving:
+    """A console on the three runs, with somebody of each role; words lie beside a journal, so each test has a copy."""
+    made = serve(shutil.copytree(journal.parent, tmp_path / "three-runs") / journal.name)
     for role in Role:
         made.person(role)
     return made

@@ -102,6 +102,7 @@ class Plant:
                     notice=notice,
                 )
             )
+            after_gate = stack.enter_context(ExitStack())
             gate = stack.enter_context(
                 watch_gate.gate_of(
                     self.gate,
@@ -115,7 +116,7 @@ class Plant:
                     progress=progress,
                 )
             )
-            yield ServedPlant(gate=gate, stream=stream)
+            yield ServedPlant(gate=gate, stream=stream, after_gate=after_gate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,6 +125,8 @@ class ServedPlant:
 
     gate: Gate | None
     stream: EventStream | None
+    after_gate: ExitStack
+    """Called back when the last sheets have passed the gate."""
 
     def followed(self, source: LineSource) -> LineSource:
         """The source, whose lines the gate tracks."""
@@ -159,6 +162,6 @@ class ServedPlant:
             self.stream.state("press", phase, detail)
 
     def ended(self, ending: Ending, lacks: str) -> None:
-        """The run is over."""
+        """The run is over; told when the gate has told of its last sheets."""
         if self.stream is not None:
-            self.stream.ended(ending, lacks)
+            self.after_gate.callback(self.stream.ended, ending, lacks)

@@ -230,13 +230,13 @@ class CalibratedDetector:
         score, so that weighted split-conformal (``weighted_conformal``) gives all tests together the rate that was
         told, however they share it. No word lifts the floor: what reaches it is a misprint.
         """
-        all_tests = self._with_floor(self._of_all_tests(taught, glyphs, floor_mm2), floor_mm2)
+        all_tests = self._with_floor(self._of_all_tests(taught, glyphs), floor_mm2)
         if not self.told:
             return all_tests
         labelled = self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
         return self._with_floor(labelled, floor_mm2)
 
-    def _of_all_tests(self, decision: Decision, glyphs: float, floor_mm2: float) -> Decision:
+    def _of_all_tests(self, decision: Decision, glyphs: float) -> Decision:
         """Return the decision with the p-value of three tests that share a rate (weighted Bonferroni)."""
         if decision.p_value is None:
             return decision
@@ -244,8 +244,6 @@ class CalibratedDetector:
         if self.glyphs is not None:
             p_value = min(p_value, self.glyphs.p_value(glyphs) / SHARE)
             score = together(score, decision.threshold, glyphs, self.glyphs.threshold)
-        if floor_mm2 >= FLOOR_AREA_MM2:
-            p_value = min(p_value, self.taught_rate)
         return self.decision(score, decision.threshold, min(p_value, 1.0))
 
     def _with_floor(self, decision: Decision, floor_mm2: float) -> Decision:

@@ -158,7 +158,7 @@ class MatchedFilterPage:
         return True
 
     def complete(self) -> None:
-        """See ``MadeReadyInTwo``: what only the second look needs."""
+        """See ``MadeReadyInTwo``: what only the explanation of a misprint needs."""
         _ = self.known.added.images
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:

@@ -299,7 +299,7 @@ class DetectorModel:
     ) -> list[tuple[str, Observed]]:
         """The families that say most of one page, each with its most telling statistic and where that is.
 
-        statistics: all of the model's, or those of its first look alone.
+        statistics: all of the model's, or those of its screen alone.
         """
         deviations = self.deviations(self.laid_out(statistics)[None], page_features[None])
         if self.screen is not None and len(statistics) < len(self.statistics):
@@ -317,7 +317,7 @@ class DetectorModel:
     def laid_out(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
         """Values (n,) of all the model's statistics, NaN of those that were not looked at.
 
-        statistics: all of them, or those of its first look alone. ValueError: they are others.
+        statistics: all of them, or those of its screen alone. ValueError: they are others.
         """
         which = tuple(one.statistic for one in statistics)
         if which == self.statistics:

@@ -14,6 +14,7 @@ from pymupdf import mupdf
 
 from prooflight.pages.pdf.resources import get, items, name_of, page_resources, shown_name
 from prooflight.pages.pdf.rip import SWATCHES_A_PAGE
+from prooflight.pages.pdf.tints import tint_arrays
 from prooflight.pages.raster import POINTS_PER_INCH
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ def _font(font: Any, name: str) -> dict[str, Any]:
 
 def _spots(space: Any) -> Iterator[str]:
     """Colorants of a colour space that are no process inks."""
-    for array in _tint_arrays(space):
+    for array in tint_arrays(space):
         for name in _colorants(array):
             if name and name not in (*PROCESS, *NO_INK):
                 yield name
@@ -221,17 +222,6 @@ def _colorants(array: Any) -> list[str]:
     """Names of a Separation or DeviceN array."""
     given = mupdf.pdf_array_get(array, 1)
     return [name_of(one) for one in items(given)] or [name_of(given)]
-
-
-def _tint_arrays(space: Any) -> Iterator[Any]:
-    """The Separation or DeviceN array that a colour space is, or is made of."""
-    for _ in range(8):  # Indexed and Pattern spaces have a base; a cycle of them is none
-        kind = name_of(mupdf.pdf_array_get(space, 0)) if mupdf.pdf_is_array(space) else ""
-        if kind in ("Separation", "DeviceN"):
-            yield space
-        if kind not in ("Indexed", "I", "Pattern"):
-            return
-        space = mupdf.pdf_array_get(space, 1)
 
 
 def write_swatches(page: Any, path: Path) -> list[str]:
@@ -271,7 +261,7 @@ def _spot_spaces(page: Any) -> dict[str, tuple[Any, int, int]]:
     found: dict[str, tuple[Any, int, int]] = {}
     for resource in page_resources(page.obj()):
         if resource.category == "ColorSpace":
-            for array in _tint_arrays(resource.thing):
+            for array in tint_arrays(resource.thing):
                 names = _colorants(array)
                 for place, name in enumerate(names):
                     better = name not in found or len(names) < found[name][1]

@@ -98,7 +98,7 @@ class TintSpaces:
 
     def rename(self, space: Any, listed: Tinted) -> None:
         """Rename the colorants of all such spaces within a colour space (``mupdf.PdfObj``), and list them."""
-        for array in _tint_arrays(space):
+        for array in tint_arrays(space):
             listed.any_space = True
             with contextlib.suppress(Exception):  # a broken one, in which nothing can be painted
                 listed.plates |= self._renamed(array)
@@ -193,7 +193,7 @@ def _transform(array: Any, colorants: list[str]) -> TintTransform:
     return TintTransform(name=colorants[0], inputs=len(colorants), alternate=alternate, function=function)
 
 
-def _tint_arrays(space: Any) -> Iterator[Any]:
+def tint_arrays(space: Any) -> Iterator[Any]:
     """The Separation or DeviceN array that a colour space is, or is made of."""
     for _ in range(8):  # Indexed and Pattern spaces have a base; a cycle of them is none
         kind = name_of(mupdf.pdf_array_get(space, 0)) if mupdf.pdf_is_array(space) else ""

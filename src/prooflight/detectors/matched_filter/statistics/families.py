@@ -56,7 +56,7 @@ MODE_GROUPS: Final = (
     ("light", *(name for name in MODES if name.startswith("gain") or name == "blur")),
     GHOST_MODES,
 )
-"""Of modes that the first look does not sum up, by what they cost."""
+"""Of modes that the screen does not sum up, by what they cost."""
 
 
 def all_statistics(
@@ -129,7 +129,7 @@ def remaining_statistics(
 
 
 def _of_mode_group(sums: Sums, scatter: Scatter, names: tuple[str, ...]) -> list[Observed]:
-    """Of some modes, light the first, what the first look does not see."""
+    """Of some modes, light the first, what the screen does not see."""
     own, of_own = sums.of_modes(names), scatter.of_modes(names)
     every = [*_of_modes(own, flat_part(own), of_own), *of_slants(own, of_own)]
     return [one for one in every if not in_screen(one.statistic)]

@@ -29,8 +29,6 @@ feedback.register_of_presses(app)
 FULL = 160
 TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
 """How many designs each way of teaching prints."""
-COMPOSED_SEED = 70_000
-"""Of the designs that teach, apart from those of studies."""
 
 Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
 
@@ -152,16 +150,15 @@ def catches(ours: CalibratedDetector) -> str:
 
 
 def _trained(press: Press, designs: int, *, rate: float, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.training.train import trained
-    from prooflight.simulation.corpus.corpus import Corpus
+    from prooflight.commissioning.training.cache import trained_once
 
-    return trained(
+    return trained_once(
         press,
-        Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
         designs=designs,
         seed=seed,
         false_alarm_rate=rate,
         paper=full,
+        progress=show.steps(quiet=quiet),
         shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
     )
 

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from prooflight.cli.press import COMPOSED_SEED
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.train import trained
+from prooflight.commissioning.training.cache import trained_once
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import opened
@@ -17,7 +16,6 @@ from prooflight.reporting.report import PageEntry, page_entry
 from prooflight.reporting.two_worlds import two_worlds
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
-from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, SimulatedScan, scan_page
 from prooflight.simulation.session import session_of
@@ -105,8 +103,7 @@ def demo_press(
     press = build_press(press_file, seed=seed, pixels=pixels, progress=progress)
     if world == "ideal":
         return press
-    designs = Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi)
-    return trained(press, designs, designs=DESIGNS, seed=seed, shown=shown)
+    return trained_once(press, designs=DESIGNS, seed=seed, progress=progress, shown=shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

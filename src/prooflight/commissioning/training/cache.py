@@ -1,0 +1,127 @@
+"""A cache of trained presses: the same press, trained by the same program in the same way, is trained once.
+
+Training prints designs by simulation for a minute or more, and its result depends on nothing but the untrained press,
+the plan and the program. A trained press is therefore kept in the user's cache folder, under a digest of these three.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import sys
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from prooflight.commissioning.training.train import DEFAULT_RATE, trained
+from prooflight.errors import ProoflightError
+from prooflight.press.artefact import Press
+from prooflight.simulation.corpus.corpus import Corpus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from prooflight.commissioning.training.train import Shown
+
+_log = logging.getLogger(__name__)
+
+COMPOSED_SEED: Final = 70_000
+"""First seed of the designs that presses are trained on, apart from those of studies."""
+MOST_PRESSES: Final = 8
+"""How many trained presses are kept, some 20 MB each; the one that was used longest ago goes first."""
+CALCULATING: Final = ("numpy", "scipy", "numba", "opencv-python-headless")
+"""Libraries whose versions may change the last digits of what training measures."""
+
+
+def trained_once(
+    press: Press,
+    *,
+    designs: int,
+    seed: int,
+    false_alarm_rate: float = DEFAULT_RATE,
+    paper: bool = False,
+    progress: Callable[[str], None] = lambda _step: None,
+    shown: Shown = lambda items, _total, _what: iter(items),
+) -> Press:
+    """Return the press as ``train.trained`` makes it on composed designs, from the cache where it holds it.
+
+    Parameters
+    ----------
+    press
+        The press as ``build_press`` makes it.
+    designs, seed, false_alarm_rate, paper, shown
+        See ``train.trained``.
+    progress
+        Hears in words that the cache held the press.
+
+    Raises
+    ------
+    RequestError
+        If there are too few designs.
+    """
+    plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
+    key = hashlib.sha256(f"{press.digest} {plan} {_program_digest()}".encode()).hexdigest()
+    path = cache_folder() / f"{key}.press"
+    kept = _load(path)
+    if kept is not None:
+        progress(f"taking from {path.parent} what this program taught this press before")
+        return kept
+    corpus = Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi)
+    made = trained(
+        press,
+        corpus,
+        designs=designs,
+        seed=seed,
+        false_alarm_rate=false_alarm_rate,
+        paper=paper,
+        shown=shown,
+    )
+    _save(made, path)
+    return made
+
+
+def cache_folder() -> Path:
+    """Return the folder of trained presses, by the XDG base directory specification or as Windows has it."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "prooflight" / "presses"
+
+
+def _load(path: Path) -> Press | None:
+    """Return the press of a file; None if there is none, or none that can be used."""
+    try:
+        press = Press.load(path)
+        os.utime(path)
+    except (OSError, ProoflightError) as error:
+        if path.exists():
+            _log.warning("%s cannot be used (%s); the press is trained again", path, error)
+        return None
+    return press
+
+
+def _save(press: Press, path: Path) -> None:
+    """Keep a press and remove those used longest ago; where nothing can be written, each build trains anew."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        press.save(path)
+        by_age = sorted(path.parent.glob("*.press"), key=lambda one: one.stat().st_mtime)
+        for old in by_age[:-MOST_PRESSES]:
+            old.unlink(missing_ok=True)
+    except (OSError, ProoflightError) as error:
+        _log.debug("%s: trained presses cannot be kept (%s)", path.parent, error)
+
+
+@cache
+def _program_digest() -> str:
+    """Return the SHA-256 of this program's files and of the versions of the libraries that it calculates with."""
+    root = Path(__file__).resolve().parents[2]
+    sha = hashlib.sha256("".join(f"{name} {version(name)}\n" for name in CALCULATING).encode())
+    for path in sorted(root.rglob("*")):
+        if path.is_file() and path.suffix in {".py", ".toml", ".safetensors", ".json"}:
+            sha.update(path.relative_to(root).as_posix().encode())
+            sha.update(path.read_bytes())
+    return sha.hexdigest()

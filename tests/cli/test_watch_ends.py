@@ -168,7 +168,6 @@ def test_verdicts_that_are_not_recorded_change_the_exit_code(
         (("--stall", "0"), "--stall"),
         (("--false-alarms", "nan"), "--false-alarms"),
         (("--trigger", 10**26), "--trigger"),
-        (("--memory", 10**26), "--memory"),
         (("--threads", 10**6), "--threads"),
         (("--seed", 10**30), "--seed"),
         (("--source", "drum:nan"), "drum:5"),

@@ -16,6 +16,7 @@ from prooflight.errors import JobError, ScanError
 from prooflight.inspection.promise import PromiseWatch
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
+from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.queues import Waiting
 from prooflight.line.runner import Running
 from prooflight.line.settings import Settings
@@ -163,6 +164,29 @@ def test_designs_are_made_ready_ahead_of_their_sheets() -> None:
     )
     run(script, inspector=inspector, source=source, ahead=10)
     assert ready == [list(range(10))]
+
+
+@pytest.mark.parametrize(
+    ("room", "at_once", "fewest", "most"),
+    [(100, False, 25, 25), (100, True, 1, 12), (12, False, 12, 14)],
+    ids=["all", "at once", "as far as memory allows"],
+)
+def test_a_press_that_does_not_wait_is_read_when_all_designs_are_ready(
+    room: int, at_once: bool, fewest: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that no sheet meets a design that is not ready, unless the user says so or memory holds no more.
+
+    Two more may be begun while the last is waited for, and ten are begun when the first sheet is expected.
+    """
+    monkeypatch.setattr(DesignPrefetcher, "has_room", property(lambda self: self.ready < room))
+    begun: list[int] = []
+    script, inspector = [seen(page) for page in range(50)], SheetInspector()
+    source = Source(
+        script, before=lambda place: begun.append(len(set(inspector.prepared))) if place == 0 else None
+    )
+    settings = {"source_waits": False, "start_at_once": at_once, "ahead": 10, "deadline_s": 1e6}
+    run(script, inspector=inspector, source=source, book=Book(50, designs=25), **settings)
+    assert fewest <= begun[0] <= most
 
 
 def test_a_verdict_behind_its_deadline_is_late_and_still_told() -> None:

@@ -54,12 +54,41 @@ def test_designs_are_kept_as_far_as_memory_allows() -> None:
     book = Book()
     prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, lambda page: page, depth=2, room_bytes=3000)
     for sheet in (0, 1, 2, 3):
+        prefetcher.expect(sheet)
         prefetcher.get(sheet)
-    assert prefetcher.ready == 3
-    assert prefetcher.get(3)[0] == 3
-    prefetcher.get(0)
     prefetcher.close()
-    assert book.asked == [0, 1, 2, 3, 0]
+    assert prefetcher.ready == 3
+    assert book.asked[:4] == [0, 1, 2, 3]
+
+
+@dataclass
+class Loop(Book):
+    """A job that is printed over and over."""
+
+    designs: int = 5
+
+    def design(self, sheet: int) -> int:
+        return sheet % self.designs
+
+
+def test_what_is_needed_last_makes_room() -> None:
+    """Of a loop of five designs of which four fit, most are there when they are needed; none, if the oldest went."""
+    book = Loop(sheets=60)
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(book, lambda page: page, depth=1, room_bytes=4000)
+    for sheet in range(60):
+        prefetcher.expect(sheet)
+        prefetcher.get(sheet)
+    prefetcher.close()
+    # Belady's optimum makes a miss every (designs - 1) sheets once memory is full.
+    assert len(book.asked) == 5 + (60 - 5) // 4
+
+
+def test_there_is_room_for_as_many_designs_as_fit() -> None:
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(Book(), lambda page: page, depth=1, room_bytes=3500)
+    for sheet, room in enumerate([True, True, True, False]):
+        assert prefetcher.has_room is room
+        prefetcher.get(sheet)
+    prefetcher.close()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import OrderedDict
@@ -15,12 +16,15 @@ import numpy as np
 from prooflight.pages.process import step_back
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable, Hashable, Iterable
 
     from prooflight.pages.raster import Page
 
 _log = logging.getLogger(__name__)
 
+FORESIGHT: Final = 2000
+"""Coming sheets that are looked at to choose the design that is needed last. Assumed: twice the designs that a machine
+holds at most."""
 RETRY_S: Final = 30.0
 """Until a design is tried again that could not be made ready: somebody may have sent its file once more."""
 Ready = TypeVar("Ready")
@@ -60,8 +64,10 @@ def size_bytes(value: object) -> int:
 
 
 class DesignPrefetcher(Generic[Ready]):
-    """Makes the designs of the next sheets ready; keeps those used last, as far as memory allows.
+    """Makes the designs of the next sheets ready; keeps as many as fit into memory, those needed last go first.
 
+    The order of a job is known, so what is needed last is too: a job of a few more designs than fit would otherwise,
+    by dropping what was used longest ago, always drop the one that comes next (Belady, IBM Systems Journal 5, 1966).
     Designs whose sheets have passed before their turn came are not made any more: it would make the next ones late.
     """
 
@@ -91,6 +97,7 @@ class DesignPrefetcher(Generic[Ready]):
         self._stale: set[Hashable] = set()
         self._renewing = False
         self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
+        self._next = 0  # the sheet that comes next
         self._guard = threading.Lock()
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead", initializer=step_back)
@@ -100,6 +107,13 @@ class DesignPrefetcher(Generic[Ready]):
     def ready(self) -> int:
         """Designs that are ready."""
         return len(self._bytes)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether one more design as large as the others fits into memory."""
+        with self._guard:
+            used, count = sum(self._bytes.values()), len(self._bytes)
+        return not count or used + used / count <= self._room_bytes
 
     def largest(self) -> Ready:
         """The design that takes most memory of those that are ready; ValueError: none is."""
@@ -116,13 +130,18 @@ class DesignPrefetcher(Generic[Ready]):
 
     def expect(self, sheet: int) -> None:
         """A sheet of the job and those after it come next."""
+        self._next = sheet
         self._drop_before(sheet)
         last = len(self._book) if len(self._book) else sheet + self._depth
         coming = range(sheet, min(sheet + self._depth, last))
-        for number in coming:
-            if not self._failed_lately(number):
-                self._asked(number)
+        self.begin(coming)
         self._renew_one(coming)
+
+    def begin(self, sheets: Iterable[int]) -> None:
+        """Have the designs of these sheets made ready, but for those that could not be lately; wait for none."""
+        for sheet in sheets:
+            if not self._failed_lately(sheet):
+                self._asked(sheet)
 
     def get(self, sheet: int, *, timeout_s: float | None = None) -> Ready:
         """The design of a sheet, made ready now if it is not yet; raises what its making raised, or TimeoutError."""
@@ -230,9 +249,26 @@ class DesignPrefetcher(Generic[Ready]):
         return ready
 
     def _make_room(self, but: Hashable) -> None:
-        for design in list(self._kept):
-            if sum(self._bytes.values()) <= self._room_bytes:
+        """Drop the designs that are needed last until what is ready fits into memory; of equals, the oldest."""
+        while sum(self._bytes.values()) > self._room_bytes:
+            others = [design for design in self._kept if design != but and design in self._bytes]
+            if not others:
                 return
-            if design != but and design in self._bytes:
-                del self._kept[design], self._bytes[design]
-                self._stale.discard(design)
+            needed = self._needed(others)
+            last = max(others, key=lambda design: needed.get(design, math.inf))
+            del self._kept[last], self._bytes[last]
+            self._stale.discard(last)
+
+    def _needed(self, designs: Iterable[Hashable]) -> dict[Hashable, int]:
+        """Return the next sheet of each of these designs that comes soon."""
+        wanted: set[Hashable] = set(designs)
+        needed: dict[Hashable, int] = {}
+        last = min(self._next + FORESIGHT, len(self._book) or self._next + FORESIGHT)
+        for sheet in range(self._next, last):
+            design = self._book.design(sheet)
+            if design in wanted:
+                wanted.discard(design)
+                needed[design] = sheet
+            if not wanted:
+                break
+        return needed

@@ -208,18 +208,22 @@ class Running:
             self._ended.set()
 
     def _prepare(self) -> None:
-        """Have the first designs ready, and everything compiled, before the first line is read."""
+        """Have the job's designs ready, as far as memory holds them, and everything compiled, before the first line."""
         self.tally.phase = Phase.PREPARING
         for sheet, flaw in self._flaws.items():
             self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
-        first = range(max(min(self._settings.ahead, len(self._book)), 1))
-        self._prefetcher.expect(0)
-        for sheet in first:
+        first = self._first_of_designs()
+        self.tally.to_prepare = len(first)
+        for count, sheet in enumerate(first):
+            if self._stopping.is_set() or (count >= self._settings.ahead and not self._prefetcher.has_room):
+                break
+            self._prefetcher.begin(first[count : count + self._settings.preparers])
             self._ready(sheet)
+        self._prefetcher.expect(0)
         if self._stopping.is_set():
             return
         if not self._prefetcher.ready:
-            self._prefetcher.get(first[0])  # it raises: of the first designs none can be used
+            self._prefetcher.get(0)  # it raises: of the first designs none can be used
         touch(self._prefetcher.still_to_fill())
         # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
         # and last, or designs would lie where that memory was.
@@ -234,6 +238,17 @@ class Running:
             if (error := turn.exception()) is not None:
                 _log.error("a warm-up failed", exc_info=error)  # its sheets will say so themselves
                 break
+
+    def _first_of_designs(self) -> list[int]:
+        """Return the first sheet of each design that is made ready before the first line is read.
+
+        These are all designs of the job, for a press does not wait. A source that does wait needs a few ahead.
+        """
+        if self._settings.start_at_once:
+            return [0]
+        sheets = range(max(min(MOST_DESIGNS, len(self._book)), 1))
+        first = list({self._book.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
+        return first[: self._settings.ahead] if self._settings.source_waits else first
 
     def _read_all(self) -> None:
         """Read until the lines end; whatever ends them, what has passed until then is inspected."""

@@ -93,6 +93,8 @@ class Status:
     being_inspected: int
     ahead: int
     """Designs that are ready."""
+    to_prepare: int
+    """Designs that are made ready before the first line is read, if memory holds them."""
     journalled: int
     """Pages that are durable."""
     pages_per_s: float
@@ -140,6 +142,7 @@ class Tally:
 
     phase: Phase = Phase.WAITING
     detail: str = ""
+    to_prepare: int = 0
     overloaded: bool = False
     counts: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
@@ -180,6 +183,7 @@ class Tally:
                 faults=dict(self.faults),
                 queue_depth=queue_depth,
                 ahead=ahead,
+                to_prepare=self.to_prepare,
                 journalled=journalled,
                 pages_per_s=(len(self.arrivals_s) - 1) / span_s if span_s > 0 else 0.0,
                 elapsed_s=elapsed_s,

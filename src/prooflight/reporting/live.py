@@ -5,6 +5,7 @@ It is made of outcomes as they are told and of the status snapshot, and asks not
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from dataclasses import dataclass, field
@@ -117,6 +118,8 @@ def live_view(
         parts += [Text(text, style="yellow") for text in recent.notices]
     if status.promise_suspended:
         parts.append(Text(sentence(wording.suspended(status.promise_suspended)), style="bold red"))
+    if status.phase is Phase.PREPARING and status.to_prepare:
+        parts.insert(0, Text(f"Preparing: {preparation(status)}", style="bold"))
     if status.detail:
         parts.append(Text(sentence(status.detail), style="bold red"))
     if status.overloaded:
@@ -128,6 +131,15 @@ def live_view(
         (f" {status.phase.upper()} ", f"reverse {style}"), f"  {plain(title)}   ", (speed, "bold"), " "
     )
     return Panel(Group(*parts), title=head, title_align="left", padding=(0, 1), expand=False)
+
+
+def preparation(status: Status) -> str:
+    """Say how many designs are ready before the first line, and how long the others will take."""
+    ready = f"{status.ahead} of {wording.count(status.to_prepare, 'design')} ready"
+    left = status.to_prepare - status.ahead
+    if not status.ahead or left <= 0:
+        return ready
+    return f"{ready}, about {math.ceil(status.elapsed_s * left / status.ahead)} s left"
 
 
 def sparkline(values: Sequence[float], tolerance: float, *, cells: int = CURVE_CELLS) -> str:

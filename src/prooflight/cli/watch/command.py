@@ -18,7 +18,7 @@ from prooflight.cli.options import Detector, JobPath, Json, LayoutWords, PressAr
 from prooflight.cli.watch.console import console_beside
 from prooflight.cli.watch.sources import REMEDY, DrumWishes, open_source
 from prooflight.errors import RequestError
-from prooflight.line.settings import DEADLINE_S, STALL_S, Settings
+from prooflight.line.settings import DEADLINE_S, STALL_S, Settings, memory_for_designs
 from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ MOST_SHEETS: Final = 10_000_000
 MOST_LINES: Final = 1_000_000
 """From trigger to trigger: 100 m of paper."""
 MOST_THREADS: Final = 256
-MOST_MEGABYTES: Final = 1_000_000
 HOUR_S: Final = 3600.0
 
 
@@ -119,10 +118,13 @@ def watch(
     threads: Annotated[
         int | None, typer.Option(help="That inspect; default one a core.", min=1, max=MOST_THREADS)
     ] = None,
-    memory_mb: Annotated[
-        int,
-        typer.Option("--memory", metavar="MB", help="For designs made ready.", min=100, max=MOST_MEGABYTES),
-    ] = 4000,
+    start_at_once: Annotated[
+        bool,
+        typer.Option(
+            "--start-at-once",
+            help="Read lines before all designs are ready; sheets that come before theirs is are not inspected.",
+        ),
+    ] = False,
     follow: Annotated[
         bool, typer.Option("--follow/--no-follow", help="Follow slow changes of lamp and paper.")
     ] = True,
@@ -212,7 +214,8 @@ def watch(
         source_clock=not framed,
         deadline_s=deadline_ms / 1e3,
         inspectors=threads or os.cpu_count() or 1,
-        ahead_bytes=memory_mb * 10**6,
+        start_at_once=start_at_once,
+        ahead_bytes=memory_for_designs(),
         stall_s=stall_s,
         sample=sample,
         seed=seed,

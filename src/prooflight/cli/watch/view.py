@@ -16,7 +16,7 @@ from prooflight.cli.laid_out import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
 from prooflight.line.pace import REMEDY
 from prooflight.line.status import Phase
-from prooflight.reporting.live import live_view
+from prooflight.reporting.live import live_view, preparation
 from prooflight.reporting.wording import count, not_inspected
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class Watching:
         begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
         if self.json and (begins or (prepares and now_s - self.phase_s >= TELL_S)):
             self.last_phase, self.phase_s = status.phase, now_s
-            detail = f"{count(status.ahead, 'design')} ready"
+            detail = preparation(status) if prepares else f"{count(status.ahead, 'design')} ready"
             show.print_json({"phase": str(status.phase), "detail": detail})
 
     def tell_cameras(self) -> None:

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from prooflight.shown import Renderer
     from prooflight.simulation.scans import simulate as simulate
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOMES = {
     "Press": "press.artefact",

@@ -16,7 +16,7 @@ CLASSES = 6
 """Classes of places; any greater number stands for a place that is not inspected."""
 LEAST_T = np.float32(2.5)
 """Deviations below are not looked at one by one: of Gaussian noise, 1.2 % are beyond."""
-_BLOCK = 16
+_BLOCK = 64
 _NOTHING = np.float32(1e-9)
 
 
@@ -73,40 +73,35 @@ def slide(sums, new, old):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def square_t(push, power, tolerance, count, out):  # type: ignore[no-untyped-def]
-    """T squared with the sign of T, of the first ``count`` windows."""
-    for x in range(count):
-        known = power[x]
-        out[x] = push[x] * abs(push[x]) / (known + tolerance * known * known + _NOTHING)
-
-
-@inner_kernel(fastmath=True, error_model="numpy")
-def greatest(row, first, last):  # type: ignore[no-untyped-def]
-    """Greatest absolute value of part of a row."""
-    most = np.float32(0)
+def excess(push, power, tolerance, first, last):  # type: ignore[no-untyped-def]
+    """Return the greatest of N^2 - ``LEAST_T``^2 (D + tolerance D^2) of part of a row: positive if some T is beyond."""
+    most = np.float32(-1e30)
     for x in range(first, last):
-        most = max(most, abs(row[x]))
+        known = power[x]
+        most = max(most, push[x] * push[x] - LEAST_T * LEAST_T * (known + tolerance * known * known))
     return most
 
 
 @inner_kernel(error_model="numpy")
-def note_row(squares, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
+def note_row(push, power, tolerance, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
     """Note the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle."""
-    least = LEAST_T * LEAST_T
     half = WINDOWS[size] // 2
     for begin in range(0, count, _BLOCK):
         end = min(begin + _BLOCK, count)
-        if greatest(squares, begin, end) < least:
+        if excess(push, power, tolerance, begin, end) <= 0:
             continue
         for x in range(begin, end):
-            square = squares[x]
+            scatter = power[x] + tolerance * power[x] * power[x]
+            if push[x] * push[x] <= LEAST_T * LEAST_T * scatter:
+                continue
             which = places[x + half]
-            if abs(square) < least or which >= CLASSES:
+            square = push[x] * push[x] / (scatter + _NOTHING)
+            if which >= CLASSES or square < LEAST_T * LEAST_T:
                 continue
             beyond[which, size] += 1
-            sign = 0 if square > 0 else 1
-            if abs(square) > most[which, size, sign]:
-                most[which, size, sign] = abs(square)
+            sign = 0 if push[x] > 0 else 1
+            if square > most[which, size, sign]:
+                most[which, size, sign] = square
                 at[which, size, sign, 0] = line
                 at[which, size, sign, 1] = x
 
@@ -130,43 +125,46 @@ def window_extremes(  # type: ignore[no-untyped-def]
     """
     sensors, _, pixels = residual.shape
     channels = sensors + 1 if sensors > 1 else 1
-    ring = np.zeros((channels, 2, TALLEST + 1, pixels), np.float32)
+    # Sums over windows are made of sums along a row, which each line makes once: twice as wide from as wide.
+    ring = np.empty((channels, SIZES, 2, TALLEST + 1, pixels), np.float32)
     sums = np.zeros((channels, SIZES, 2, pixels), np.float32)
-    wide = np.empty((2, 2, pixels), np.float32)
-    squares = np.empty(pixels, np.float32)
     for begin in range(first, last, STRIP):
-        ring[:] = np.float32(0)
         sums[:] = np.float32(0)
-        for line in range(max(begin - TALLEST + 1, 0), min(begin + STRIP, last)):
+        above = max(begin - TALLEST + 1, 0)
+        for line in range(above, min(begin + STRIP, last)):
             slot = line % (TALLEST + 1)
             for s in range(sensors):
+                narrow = ring[s, 0]
                 evidence_row(
-                    residual[s, line], weight[s, line], light[s, line], ring[s, 0, slot], ring[s, 1, slot]
+                    residual[s, line], weight[s, line], light[s, line], narrow[0, slot], narrow[1, slot]
                 )
             if channels > 1:
                 for part in range(2):
-                    ring[sensors, part, slot] = ring[0, part, slot]
+                    ring[sensors, 0, part, slot] = ring[0, 0, part, slot]
                     for s in range(1, sensors):
-                        pair_rows(ring[s, part, slot], ring[sensors, part, slot])
+                        pair_rows(ring[s, 0, part, slot], ring[sensors, 0, part, slot])
             for channel in range(channels):
+                rows, count = ring[channel], pixels
                 for size in range(SIZES):
                     tall = WINDOWS[size]
+                    if size > 0:
+                        step = WINDOWS[size - 1]
+                        count -= step
+                        for part in range(2):
+                            pair_up(rows[size - 1, part, slot], step, count, rows[size, part, slot])
                     gone = (line - tall) % (TALLEST + 1)
                     for part in range(2):
-                        slide(sums[channel, size, part], ring[channel, part, slot], ring[channel, part, gone])
+                        column_sums = sums[channel, size, part]
+                        if line - tall >= above:
+                            slide(column_sums, rows[size, part, slot], rows[size, part, gone])
+                        else:
+                            pair_rows(rows[size, part, slot], column_sums)
                     top = line - tall + 1
                     if line < begin or top < 0:
                         continue
-                    for part in range(2):
-                        wide[0, part] = sums[channel, size, part]
-                    now, step, count = 0, 1, pixels
-                    while step < tall:
-                        count -= step
-                        for part in range(2):
-                            pair_up(wide[now, part], step, count, wide[1 - now, part])
-                        now, step = 1 - now, 2 * step
-                    square_t(wide[now, 0], wide[now, 1], tolerance, count, squares)
-                    note_row(squares, count, places[size, top + tall // 2], top, size, most, at, beyond)
+                    push, power = sums[channel, size, 0], sums[channel, size, 1]
+                    classes = places[size, top + tall // 2]
+                    note_row(push, power, tolerance, count, classes, top, size, most, at, beyond)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -159,7 +159,7 @@ class Detector(Protocol):
 
     @property
     def promise(self) -> str:
-        """False-alarm rate that is promised, and its basis, in words."""
+        """False-alarm rate that is guaranteed, and its basis, in words."""
         ...
 
     @property
@@ -176,12 +176,12 @@ class Detector(Protocol):
         ...
 
     def decided_again(self, kept: KeptArrays) -> Decision:
-        """Repeat the decision from ``Inspection.kept``; RequestError: the evidence is not of this detector."""
+        """Repeat the decision from ``Inspection.kept``; RequestError: it is not of this detector."""
         ...
 
 
 class RunTest(Protocol):
-    """Test whether the pages of one run are like those that the detector's promise rests on."""
+    """Test whether the pages of one run are like those that the detector's guarantee rests on."""
 
     def add(self, summary: NDArray[np.float64]) -> None:
         """Add the next page of the run by its ``Inspection.summary``."""
@@ -189,7 +189,7 @@ class RunTest(Protocol):
 
     @property
     def suspended(self) -> bool:
-        """Whether the pages were ever too different for the promise to hold."""
+        """Whether the pages were ever too different for the guarantee to hold."""
         ...
 
     @property
@@ -214,7 +214,7 @@ class ChecksRuns(Protocol):
 
 @runtime_checkable
 class MadeReadyInTwo(Protocol):
-    """A prepared page of which a part is computed when first needed, or earlier if many scans are expected."""
+    """A prepared page of which a part is computed when first needed, or earlier for many scans."""
 
     def complete(self) -> None:
         """Compute the rest."""

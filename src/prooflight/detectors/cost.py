@@ -46,11 +46,11 @@ class RunningCosts:
 
     @property
     def stopping_probability(self) -> float:
-        """Probability of a misprint from which stopping costs less than letting pass: c_f / (c_f + c_m). [-]"""
+        """Probability of a misprint from which stopping pays: c_f / (c_f + c_m). [-]"""
         return self.false_alarm_cents / (self.false_alarm_cents + self.missed_misprint_cents)
 
     def expected_cents(self, probability: float) -> dict[str, float]:
-        """Return the expected cost of letting pass and of stopping, at this probability of a misprint. [cent]"""
+        """Return the expected cost of letting pass and of stopping, at a probability of a misprint. [cent]"""
         return {
             "accept": probability * self.missed_misprint_cents,
             "stop": (1 - probability) * self.false_alarm_cents,

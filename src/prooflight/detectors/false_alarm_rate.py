@@ -15,7 +15,7 @@ TAIL_SHARE: Final = 0.2
 """Share of the designs whose scores make the tail."""
 LEAST_IN_TAIL: Final = 5
 FURTHEST: Final = 10.0
-"""Limit of extrapolation: a tail supports no rate below a tenth of what the designs promise by count, and a
+"""Limit of extrapolation: a tail supports no rate below a tenth of what the designs guarantee by count, and a
 request for less gets that."""
 ALONE: Final = 5.0
 """Number of a press's own good pages beyond a threshold from which these decide alone: it is then known to a
@@ -29,7 +29,7 @@ UNSURE: Final = 1.28
 
 
 def least_false_alarm_rate(designs: int) -> float:
-    """Return the least false-alarm rate that n exchangeable good designs can promise: 1 / (n + 1). [-]"""
+    """Return the least false-alarm rate that n exchangeable good designs can guarantee: 1 / (n + 1). [-]"""
     return 1 / (designs + 1)
 
 
@@ -40,7 +40,7 @@ def conformal_threshold(
 
     It is split conformal over designs. score, design (pages,) of good pages. Each design counts once, with
     the worst of its copies; the threshold is the ceil((n + 1)(1 - rate))-th smallest of these (Vovk et al.
-    2005, chapter 4). ValueError: n designs cannot promise that rate.
+    2005, chapter 4). ValueError: n designs cannot guarantee that rate.
     """
     worst = GoodScores.of(score, design).worst
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
@@ -52,7 +52,7 @@ def conformal_threshold(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """False-alarm rate that a threshold promises, and its basis."""
+    """False-alarm rate that a threshold guarantees, and its basis."""
 
     rate: float
     """One good page in 1 / rate alarms. [-]"""
@@ -107,9 +107,9 @@ class GoodScores:
         return least_false_alarm_rate(self.worst.size) / FURTHEST
 
     def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
-        """Return the score that new designs' good pages exceed at a rate.
+        """Return the threshold for a rate, and whether it is by count (conformal).
 
-        And whether it is by count (conformal).
+        A new design's good page exceeds it at most at that rate.
 
         If these are too few for such a rate it is the tail's beginning plus its mean excess, at its upper
         bound, times ln(share in the tail / rate), and no less than the greatest score.
@@ -124,7 +124,7 @@ class GoodScores:
     def p_value(self, score: float) -> float:
         """Return the share of good designs that score so high.
 
-        By count, with one more counted, or less by the tail.
+        It is by count, with one more counted, or less by the tail.
         """
         count = self.worst.size
         above = count - int(np.searchsorted(self.worst, score, side="left"))
@@ -210,7 +210,7 @@ class PressScores:
         return self.reference.threshold(false_alarm_rate / self.ratio)
 
     def p_value(self, score: float, false_alarm_rate: float) -> float:
-        """See ``GoodScores``; false_alarm_rate: the promised one, which determines whose scores decide."""
+        """See ``GoodScores``; false_alarm_rate: the guaranteed one, which determines whose scores decide."""
         if self.alone(false_alarm_rate):
             return self.own.p_value(score)
         return min(self.reference.p_value(score) * self.ratio, 1.0)

@@ -144,13 +144,13 @@ class Verdict(Shown):
     """Bar codes and matrix codes of the page, from top to bottom; empty: it has none, or they were not
     read."""
     promise_suspended: bool = False
-    """Whether the run's pages had shown, by this one, that the promised false-alarm rate does not hold for
+    """Whether the run's pages had shown, by this one, that the guaranteed false-alarm rate does not hold for
     them."""
 
     def __post_init__(self) -> None:
         """Replace a good verdict by ``not-inspected`` if a number of it is not finite.
 
-        Applies to stored ones too.
+        This applies to stored verdicts too.
         """
         if self.verdict == "good" and (why := unsound(self)):
             changed = dict.fromkeys(NUMBERS) | {"verdict": "not-inspected", "reason": why}

@@ -84,7 +84,7 @@ class ToldPages:
 
     @property
     def missing(self) -> int:
-        """Number of further sampled pages that the promise needs: 1 / rate - 1 by count; 0: there are enough."""
+        """Number of further sampled pages that ``rate`` needs: 1 / rate - 1 by count; 0: enough."""
         return max(math.ceil(1 / self.rate - 1 - self.sample - 1e-9), 0)
 
     def p_value(self, score: float) -> float:
@@ -96,7 +96,7 @@ class ToldPages:
 
     @property
     def threshold(self) -> float:
-        """The least score above which a page's ``p_value`` is at most ``rate``; RequestError: there is none."""
+        """The least score above which ``p_value`` is at most ``rate``; RequestError: there is none."""
         # p falls in steps: behind each score of a page, and where the weight of a new page changes.
         steps = np.unique(np.append(self.score, self.alarms_from))
         if not self.missing:
@@ -121,12 +121,12 @@ class ToldPages:
     def rests_on(self, zones: str) -> bool:
         """Return whether pages were labelled with these zones in force, by their digest without a price.
 
-        "": with none.
+        "" means without zones.
         """
         return zones in (self.zones or ("",))
 
     def too_few(self) -> RequestError:
-        """Return an error: these cannot support the promise, and how many more are needed."""
+        """Return an error: these cannot support the guarantee, and how many more are needed."""
         odds = f"one false alarm in {1 / self.rate:,.0f} good pages"
         what = f"{self.sample:.0f} pages of the random sample were told good, too few to promise {odds}"
         more = max(self.missing, 1)
@@ -161,7 +161,7 @@ class ToldPages:
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str) -> None:
-        """Raise Misfit unless ``from_parts`` makes of them pages that support their promise."""
+        """Raise Misfit unless ``from_parts`` makes of them pages that support their guarantee."""
         told = checked(ToldFacts, facts, under=under)
         check_arrays(arrays, TABLE, {}, under=under)
         if not 0 < told.rate < 1:
@@ -244,7 +244,7 @@ class SampleCounts:
 
     @property
     def missed(self) -> Estimate | None:
-        """Misprints among the sheets that passed; None: none of them is labelled. Clopper and Pearson (1934)."""
+        """Misprints among the sheets that passed; None: none is labelled. Clopper and Pearson (1934)."""
         if not self.passed_told:
             return None
         share = self.passed_misprints / self.passed_told

@@ -194,7 +194,7 @@ def decision_of(volume: float, *, another: bool) -> Decision:
 
 
 def evened(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
-    """Remove columns' offsets and gains from (sensors, lines, pixels); without sensors return it unchanged."""
+    """Remove columns' offsets and gains from (sensors, lines, pixels), unless there are no sensors."""
     if not sensors:
         return light
     return np.stack(

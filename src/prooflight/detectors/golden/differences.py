@@ -54,7 +54,7 @@ differences, half at most are near an edge by chance. [-]"""
 class Tolerance:
     """Variation of a good print relative to the golden.
 
-    Tuned on half of a set of real pairs (docs/results/golden.md).
+    It was tuned on half of a set of real pairs (docs/results/golden.md).
     """
 
     edge_pixels: float = 2.0
@@ -88,7 +88,7 @@ class GoldenDifference:
 def in_contrasts(
     golden: NDArray[np.floating], *scans: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], ...]:
-    """Scale ``golden`` and scans (channels, lines, pixels) to 0..1 from the golden's darkest to its lightest."""
+    """Scale images (channels, lines, pixels) to 0..1 from the golden's darkest to its lightest value."""
     scaled = [np.empty(image.shape, np.float32) for image in (golden, *scans)]
     for channel, sheet in enumerate(golden):
         dark, light = (float(np.percentile(sheet[::2, ::2], percent)) for percent in EXTREMES_PERCENT)

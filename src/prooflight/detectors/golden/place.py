@@ -272,7 +272,7 @@ def _step(
 def _tile_moves(
     now: GoldenPlace, golden: NDArray[np.float32], scan: NDArray[np.float32], shrink: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each tile's own displacement (tiles, 2) [pixels], and its precision (tiles, 2, 2) [1/pixel^2]."""
+    """Return tiles' own displacements (tiles, 2) [pixels] and their precision (tiles, 2, 2) [1/pixel^2]."""
     moved = now.moved(golden, shrink=shrink)
     known = np.isfinite(moved)
     moved = np.where(known, moved, scan)
@@ -335,7 +335,7 @@ def _solved(
 ) -> NDArray[np.float64]:
     """Return the field (tiles, 2) that balances the tiles' own goals and stiffness.
 
-    Weakly held without information.
+    Tiles without information are held weakly.
     """
     held = precision + np.eye(2) * WEAK
     bands = stiff.copy()

@@ -42,7 +42,7 @@ LEAST_SCORES: Final = 2
 MOST_TOLD: Final = 1000
 """Maximum number of times that one press may be recalibrated before it is built again."""
 FLOOR_SHARE_OF_RATE: Final = 0.1
-"""Share of the promised rate that the floor has: fewer of the good pages by which the ranking is evaluated
+"""Share of the guaranteed rate that the floor has: fewer of the good pages by which the ranking is evaluated
 reach it (docs/results/ranking.md)."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print is: above that of any evidence."""
@@ -103,7 +103,7 @@ class CalibratedDetector:
     asked_when_taught: float
     """False-alarm rate that was requested in training. [-]"""
     taught_rate: float
-    """False-alarm rate that was promised then. [-]"""
+    """False-alarm rate that was guaranteed then. [-]"""
     taught_threshold: float
     misprint_rate: float
     """Rate of misprints of the press, before a page is seen. [-]"""
@@ -158,7 +158,7 @@ class CalibratedDetector:
         )
 
     def recalibrated(self, told: ToldPages) -> Self:
-        """Return the detector with the threshold that labelled pages support; RequestError: they are too few."""
+        """Return the detector with the threshold of labelled pages; RequestError: they are too few."""
         return replace(
             self,
             threshold=told.threshold,
@@ -200,7 +200,7 @@ class CalibratedDetector:
     def wrong_glyphs(self, page: WeighedPage) -> tuple[WeighedGlyph, ...]:
         """Return the glyphs that alarm by themselves, the worst first.
 
-        None if the page does not alarm by its glyphs.
+        There are none if the page does not alarm by its glyphs.
         """
         if self.glyphs is None:
             return ()
@@ -253,7 +253,7 @@ class CalibratedDetector:
     def _with_floor(self, decision: Decision, floor_mm2: float) -> Decision:
         """Return the decision.
 
-        Raise its score above its threshold if the floor is reached, more for a larger area.
+        If the floor is reached, its score is raised above its threshold, more for a larger area.
         """
         if floor_mm2 < FLOOR_AREA_MM2 or not np.isfinite(decision.score):
             return decision
@@ -343,7 +343,7 @@ class CalibratedDetector:
 
 
 def _of_ranking(pages: GoodPages) -> float:
-    """Return the share of the promised rate that the ranking has, next to floor and glyphs."""
+    """Return the share of the guaranteed rate that the ranking has, next to floor and glyphs."""
     return 1 - FLOOR_SHARE_OF_RATE - (SHARE if pages.glyphs.size else 0)
 
 

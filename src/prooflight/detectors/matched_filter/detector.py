@@ -233,7 +233,7 @@ class MatchedFilterPage:
     ) -> NDArray[np.float64] | None:
         """Return what the run's test ranks the page by.
 
-        With labelled pages, only the score that their threshold is for.
+        With labelled pages it is only the score that their threshold is for.
         """
         if self.detector.calibrated.told:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
@@ -249,7 +249,7 @@ class MatchedFilterPage:
     def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
         """Return the analysis of a scan, its statistics and its score.
 
-        All statistics only of a page that alarms.
+        All statistics are computed only for a page that alarms.
         """
         ours, model = self.detector.calibrated, self.model
         threads = self.detector.station.threads or os.cpu_count() or 1
@@ -339,7 +339,7 @@ class MatchedFilterPage:
         return {"kind": kind, "regions": regions, "reason": f"{reason}, in the careful zone{name}"}
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
-        """Return where the print is too light (above 0) or too dark, in standard deviations of good prints."""
+        """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
         sums, light = analysis.sums, MODES.index("light")
         push, power, edges = (
             cv2.blur(one, (PICTURED_TILES, PICTURED_TILES), borderType=cv2.BORDER_REPLICATE)
@@ -382,7 +382,7 @@ def summary_of(
 ) -> NDArray[np.float64] | None:
     """Return one page's ``summaries``, from its statistics (n,) and their score.
 
-    None: one of them is not finite.
+    It is None if one of them is not finite.
     """
     known = np.isfinite(values[of_every_page(model)]).all()
     if not (known and np.isfinite(page_features).all() and np.isfinite(score)):

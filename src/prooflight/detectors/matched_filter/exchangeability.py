@@ -1,4 +1,4 @@
-"""Conformal test martingales: whether a run's pages are exchangeable with those that the promise rests on.
+"""Conformal test martingales: whether a run's pages are exchangeable with those that the guarantee rests on.
 
 Each page is ranked, by several summaries of its scan, among the press's own good pages and the run's pages
 before it. If all of these are exchangeable, the ranks by one summary are independent and uniform (Vovk,
@@ -16,11 +16,11 @@ regardless of its age, the newest among them, which leaves the theorem valid: gi
 newest was equally likely any of them, and what is stored for later does not depend on which. Forgetting the
 oldest would make later ranks informative.
 
-If labelled pages set a press's threshold, the promise rests on these, and they were not drawn with equal
+If labelled pages set a press's threshold, the guarantee rests on these, and they were not drawn with equal
 probability: every alarm, and few of the pages that passed. Each is retained with a probability in proportion
 to its weight, which is the inverse of the probability with which it was drawn. So every good sheet of those
 runs is retained with one and the same probability, whatever its score, and the retained ones are independent
-draws from the law that the promise refers to (rejection; von Neumann 1951). One page of each design is
+draws from the law that the guarantee refers to (rejection; von Neumann 1951). One page of each design is
 retained. A run's pages are ranked among these by the one score that the threshold applies to, and all of the
 above holds with one gambler, who has all of ``FALSELY``.
 """
@@ -152,7 +152,7 @@ class ExchangeabilityTest:
 
     @property
     def suspended(self) -> bool:
-        """Whether the run's pages ever differed too much from the press's own for its promise to hold."""
+        """Whether the run's pages ever differed too much from the press's own for its guarantee to hold."""
         return self.most >= -np.log(FALSELY)
 
     @property

@@ -125,7 +125,7 @@ def regions_of(
 
 
 def told_of_floor(floor: FloorFinding, found: Registration) -> dict[str, Any]:
-    """Return kind, place and reason of a page that is a misprint because its light differs beyond the floor."""
+    """Return kind, place and reason of a misprint whose light differs by more than the floor."""
     shift_mm = found.placement.shift_mm if found.found else (0.0, 0.0)
     x, y, width, height = floor.box
     box_mm = max(x - shift_mm[0], 0.0), max(y - shift_mm[1], 0.0), width, height

@@ -89,7 +89,7 @@ def in_deviations(statistics: Sequence[Statistic]) -> NDArray[np.bool_]:
 class DetectorModel:
     """Parameters learned from one press's good prints and from misprints.
 
-    Arrays, so that an artefact can store it.
+    They are arrays, so that an artefact can store them.
     """
 
     statistics: tuple[Statistic, ...]

@@ -97,7 +97,7 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> str:
 def supported(kind: str, found: Registration) -> str:
     """Return a kind.
 
-    Unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
+    It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
     """
     return UNKNOWN if kind == WRONG_PAGE_KIND and not found.found else kind
 

@@ -56,7 +56,7 @@ def deviation_at(
 ) -> NDArray[np.float64]:
     """Return the greatest deviation of each family, (families,), at which its evidence is ``evidence``.
 
-    The inverse of ``evidence_of``; quantiles, tail, tail_from: as in ``DetectorModel``.
+    This inverts ``evidence_of``; quantiles, tail, tail_from: as in ``DetectorModel``.
     """
     share = 1 - 10.0**-evidence
     steps = np.linspace(0, tail_from, quantiles.shape[1])
@@ -74,8 +74,8 @@ def alarming_evidence(threshold: float, families: int) -> float:
 def strongest_alone(evidence: NDArray[np.floating], marks: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return -log10 of each page's p-value by its strongest family alone, (pages,).
 
-    Families of marks and all others are two groups; within a group the strongest counts after Bonferroni. evidence
-    (pages, families); marks (families,): which are of marks.
+    Families of marks and all others are two groups; within a group the strongest counts after Bonferroni.
+    evidence (pages, families); marks (families,): which are of marks.
     """
     found = np.full(len(evidence), -np.inf)
     for group in (marks, ~marks):
@@ -98,7 +98,7 @@ def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
 def every_column(
     evidence: NDArray[np.floating], page_features: NDArray[np.floating], deviations: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Return ``family_columns``, the page features, and each statistic's excess above and below good pages."""
+    """Return ``family_columns``, page features, and each statistic's excess above and below good pages."""
     above, below = np.maximum(deviations, 0), np.maximum(-deviations, 0)
     return np.hstack([family_columns(evidence), page_features, above, below])
 
@@ -133,7 +133,7 @@ class Forest:
     def check(arrays: Mapping[str, NDArray[Any]], columns: int, *, under: str) -> None:
         """Raise Misfit unless ``arrays`` are a forest on ``columns`` columns in which every path ends.
 
-        Compiled loops follow its indices without checks.
+        Compiled loops follow the indices without checks.
         """
         check_arrays(arrays, FOREST, {}, under=under)
         column, nodes = arrays["column"], arrays["column"].size
@@ -168,7 +168,7 @@ FOREST: Final = {
 
 
 def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the log odds of rows (pages, columns) by each forest: (pages, forests); there may be no forests."""
+    """Return log odds of rows (pages, columns) by each forest: (pages, forests), possibly none."""
     return np.array([forest.score(columns) for forest in forests]).reshape(-1, len(columns)).T
 
 

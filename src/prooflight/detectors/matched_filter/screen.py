@@ -54,7 +54,7 @@ class Screen:
     def evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return evidence (pages, families) from deviations of all the model's statistics.
 
-        Others than its own may be NaN.
+        Those of other statistics may be NaN.
         """
         own = deviations[:, self.statistic]
         return evidence_of(own, self.family, self.quantiles, self.tail, self.tail_from)

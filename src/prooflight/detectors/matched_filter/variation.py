@@ -204,7 +204,7 @@ def _rough(level: NDArray[np.float64], known: NDArray[np.bool_], wide: int) -> N
 def _shared(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Return the covariance of two measurements.
 
-    A quarter of their sum's variance less their difference's, robust.
+    It is a quarter of their sum's variance less their difference's, robust.
     """
     plus, minus = one + other, one - other
     spread = [NORMAL * float(np.median(np.abs(both - np.median(both)))) for both in (plus, minus)]

@@ -95,7 +95,7 @@ class Mark(NamedTuple):
 
     @classmethod
     def hair(cls, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Self:
-        """Return lines of ``HAIR_BLACK``, ``HAIR_MM`` long, along the paper's travel; the sizes are widths."""
+        """Return lines of ``HAIR_BLACK``, ``HAIR_MM`` long, along the travel; the sizes are widths."""
         slices = [np.array([[-HAIR_MM / 2, HAIR_MM / 2, size / 2]]) for size in HAIRS_MM]
         return cls._seen(HAIRS_MM, slices, HAIR_BLACK, sensors, geometry)
 
@@ -132,7 +132,7 @@ def _cover(
     geometry: ScanGeometry,
     phase: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Return the share of each pixel's light that comes from rectangles, (lines, pixels), as sensors see on average."""
+    """Return the share of each pixel's light from rectangles, (lines, pixels), averaged over sensors."""
     top, bottom, half = rectangles.T
     reach = max(one.footprint.reach_mm for one in sensors)
     seen = []

@@ -5,10 +5,10 @@ neither alarm nor hide anything outside.
 
 For careful areas, the extremes of the boxes and streaks of the screening pass are taken there alone. The
 greatest deviation of these from good prints of the same pages is the area's score. The page as a whole may
-use (1 - w) of the promised rate of false alarms, careful areas w. Theorem: let p be a page's p-value, and q
+use (1 - w) of the guaranteed rate of false alarms, careful areas w. Theorem: let p be a page's p-value, and q
 that of its careful areas, each at most u with probability at most u on good prints. Then min(p / (1 - w), q /
 w) is at most u with probability at most u (Bonferroni, weighted; Genovese, Roeder and Wasserman 2006):
-however the two depend on each other, the promise holds for the page. q is conformal: from prints that are
+however the two depend on each other, the guarantee holds for the page. q is conformal: from prints that are
 exchangeable with those of the run, of pages with these zones, scored with a mean and a standard deviation
 that were estimated on others (Vovk et al. 2005, chapter 4). p is that of the press as it was trained, or that
 of a press whose own good pages are the same prints with zones in force, whichever is greater: the ranking's
@@ -66,7 +66,7 @@ LEAST_SD: Final = 0.05
 """Minimum standard deviation of a statistic on good prints; assumed: otherwise one that hardly varies would
 decide alone."""
 MOST_OF_RATE: Final = 0.5
-"""Maximum share of the promised rate that careful areas may use."""
+"""Maximum share of the guaranteed rate that careful areas may use."""
 TOO_FEW: Final = "price the zones by more prints: `prooflight zones price --prints`"
 
 
@@ -162,7 +162,7 @@ class ZonedJudge:
     baseline: NDArray[np.float64]
     """(2, statistics) ``baseline_of``."""
     share: float
-    """Share of the promised rate that careful areas may use."""
+    """Share of the guaranteed rate that careful areas may use."""
 
     @classmethod
     def of(cls, zones: PageZones) -> Self | None:
@@ -226,7 +226,7 @@ class ZonedJudge:
     def rates(self, promised: float) -> tuple[float, float]:
         """Return the shares of a rate of the page as a whole and of its careful areas.
 
-        0: there are no careful areas.
+        The latter is 0 if there are no careful areas.
 
         RequestError: the prints are too few for alarms that rare.
         """

@@ -76,7 +76,7 @@ class BayesianNetwork:
     types: tuple[str, ...]
     """``correct`` first, then the types of misprint."""
     edges: NDArray[np.float64]
-    """(n, bins - 1) inner edges of each statistic's bins, rising; a value on an edge belongs to the bin above."""
+    """(n, bins - 1) inner edges of each statistic's bins, rising; a value on an edge is in the bin above."""
     log_likelihood: NDArray[np.float64]
     """(types, n, bins) log P(bin | type)."""
     log_type_share: NDArray[np.float64]

@@ -41,7 +41,7 @@ class ChiSquare:
     - 1 for each sensor, because the tables have no free parameter. The score is the greater of the two
     statistics over its own alarm level, so that a page alarms above 1.
 
-    The promise, one alarm in good_pages_per_false_alarm good pages, holds in the paper's own world, where a
+    The guarantee, one alarm in good_pages_per_false_alarm good pages, holds in the paper's own world, where a
     good page is the prediction plus sensor noise.
     """
 

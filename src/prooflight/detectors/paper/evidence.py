@@ -59,7 +59,7 @@ def interval_shares() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """Evidence of one scan against its prediction. z is limited to 32 sigma and rounded to 1/128 of a sigma."""
+    """Evidence of a scan against its prediction. z is limited to 32 sigma and rounded to sigma / 128."""
 
     tile_histogram: NDArray[np.int64]
     """(sensors, tile rows, tile columns, intervals) pixels in each interval, with rounding to integers taken
@@ -155,7 +155,7 @@ def _noise(pixels: int) -> NDArray[np.uint16]:
 
 
 def line_starts(seed: int, sensor: int, lines: range) -> NDArray[np.int64]:
-    """Return each line's position in the noise: splitmix64 of seed, sensor, line (Steele, Lea, Flood 2014)."""
+    """Return lines' positions in the noise: splitmix64 of seed, sensor, line (Steele, Lea, Flood 2014)."""
     z = np.arange(lines.start, lines.stop, dtype=np.uint64) + np.uint64(
         ((seed << 8 | sensor) << 32) & (2**64 - 1)
     )
@@ -178,7 +178,7 @@ def compare(
 ) -> Part:
     """Compare ``lines`` of one sensor, one of the page's ``parts``, with their prediction.
 
-    (lines, pixels) each.
+    Each array is (lines, pixels).
 
     mean, inverse: as returned by ``compact``. ``join`` combines the parts.
     """
@@ -282,7 +282,7 @@ class EvidenceDetector(Protocol):
 
     @property
     def promise(self) -> str:
-        """False-alarm rate that is promised, in words."""
+        """False-alarm rate that is guaranteed, in words."""
         ...
 
     def decide(self, evidence: Evidence) -> Decision:

@@ -30,7 +30,7 @@ seen."""
 
 
 def bins_of(geometry: ScanGeometry) -> int:
-    """Return the bins per axis: the most that divide a line of pixels and keep the pitch below ``MOST_MM``."""
+    """Return the bins per axis: the most that divide a line of pixels, with a pitch below ``MOST_MM``."""
     pitch_mm = max(geometry.pixel_pitch_mm, geometry.line_pitch_mm)
     return next(n for n in range(max(int(MOST_MM / pitch_mm), 1), 0, -1) if geometry.pixels % n == 0)
 
@@ -67,7 +67,7 @@ def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
 
 @lru_cache(maxsize=16)
 def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: tuple[float, float]) -> SensorModel:
-    """Return a sensor whose pixel is the mean of bins x bins pixels; pitch_mm: pixel pitch across and along."""
+    """Return a sensor whose pixels are means of bins x bins; pitch_mm: pixel pitch across and along."""
     if bins == 1:
         return sensor
     offset, gain = (

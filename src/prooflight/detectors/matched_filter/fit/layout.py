@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class FitParts(NamedTuple):
     """Parameter vectors of the fit, or arrays whose last axis is such a vector, by kind of amount.
 
-    Views of them.
+    The parts are views.
     """
 
     white: NDArray[np.float64]

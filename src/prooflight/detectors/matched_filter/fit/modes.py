@@ -41,7 +41,7 @@ COVER_SCALE: Final = 4096.0
 class Modes:
     """Images (..., lines, pixels) of each cause's effect on the light of bare columns.
 
-    Inks in the order CMYK.
+    Inks are in the order CMYK.
     """
 
     images: NDArray[np.float32]
@@ -64,7 +64,7 @@ class Modes:
 
     @property
     def texture(self) -> NDArray[np.float32]:
-        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
+        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): halftone variance at contrast 1. [DN^2]"""
         return self.images[-INKS - self.sensors : -INKS]
 
     @property
@@ -86,7 +86,7 @@ class Modes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModeTables:
-    """Tables over CMYK of each cause's effect on one sensor, sign reversed where it darkens; see ``Modes``."""
+    """Tables over CMYK of each cause's effect on a sensor, sign reversed where it darkens; see ``Modes``."""
 
     gain: tuple[NDArray[np.float32], ...]
     """One table per ink, (33, 33, 33, 33)."""
@@ -219,7 +219,7 @@ class PixelMap:
     """(lines, pixels) whether that position is on the page, ``margin`` pixels or more from its edge."""
 
     def slant(self) -> NDArray[np.float64]:
-        """Return each line's displacement to the right of the middle line's, at mid-width: (lines,) [pixels]."""
+        """Return lines' displacement to the right of the middle line's, at mid-width: (lines,) [pixels]."""
         lines, pixels = self.inside.shape
         nodes = self.across[:, pixels // 2 // STRETCH]
         by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
@@ -255,7 +255,7 @@ def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margi
 
 
 def moved(images: NDArray[np.float32], seen: PixelMap, *, threads: int = 1) -> NDArray[np.float32]:
-    """Move images (channels, lines, pixels) to a placement, by bilinear interpolation; 0 outside the field."""
+    """Move images (channels, lines, pixels) to a placement, bilinearly; 0 outside the field."""
     out, which = unset(images.shape), np.arange(len(images))
     parts = [which[first::threads] for first in range(threads)]
     shared_out(

@@ -63,7 +63,7 @@ def take_moves(
     *,
     threads: int = 1,
 ) -> None:
-    """Remove displacements, as ``local_moves`` returns them, from the residuals, in place and to first order."""
+    """Remove displacements by ``local_moves`` from the residuals, in place and to first order."""
     lines, pixels = left.shape[1:]
     fields = [cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(lines, threads)]
@@ -81,7 +81,7 @@ def by_prediction(
     *,
     threads: int = 1,
 ) -> None:
-    """Replace the prediction (sensors, lines, pixels) that residuals refer to, in place; fitted amounts stay."""
+    """Change residuals to another prediction (sensors, lines, pixels), in place; fitted amounts stay."""
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(left.shape[1], threads)]
     shared_out(
         [partial(foretell_anew, left[i], weight[i], before_dn[i], after_dn[i], *part) for i, part in stripes],

@@ -44,7 +44,7 @@ BLOCK: Final = 8
 COLOURS: Final = SHAPES
 """Maximum number of a page's recipes between which tables are taken to err smoothly."""
 COLOUR_LENGTH: Final = 0.5
-"""Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
+"""Ink area over which a table's error varies: half of an ink's range (assumed, as in the press world)."""
 FOLLOWED: Final = 0.25
 """``Colours.unfollowed`` up to which a page is like those that trained the ranking, of 500 of which 0.23 is
 the most."""
@@ -178,7 +178,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualVariance:
-    """Variance of good prints beside the fit; the defaults are an office-class press's, assumed."""
+    """Variance of good prints in addition to the fit; the defaults are an office-class press's, assumed."""
 
     edge: float = 0.001
     """Variance per squared slope of the light. [pixels^2]"""
@@ -192,7 +192,7 @@ class ResidualVariance:
 
     @classmethod
     def none(cls) -> ResidualVariance:
-        """Return the variance of a press whose good prints are as predicted, except for the camera's noise."""
+        """Return the variance of a press whose good prints differ from their prediction by noise alone."""
         return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
 
     @property
@@ -223,7 +223,7 @@ class Colours:
     centres: NDArray[np.float32]
     """(n, 4) ink areas."""
     root: NDArray[np.float32]
-    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
+    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of their kernel."""
     unfollowed: float = 0.0
     """Error of a table that these functions do not represent: its rms over all that is printed, relative to
     that error's standard deviation."""
@@ -236,7 +236,7 @@ class Colours:
     def bells(self) -> NDArray[np.float32]:
         """Return the factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2).
 
-        0 beyond the centres.
+        They are 0 beyond the centres.
         """
         found = np.zeros((INKS, LEVELS, SHAPES), np.float32)
         levels = np.linspace(0, 1, LEVELS)[None, :, None]

@@ -138,7 +138,7 @@ def in_register(
 ) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
     """Shift a page's ink planes to where registration found them.
 
-    Return the remaining displacements (4, 2) [mm] as well.
+    The remaining displacements (4, 2) [mm] are returned as well.
 
     Planes are shifted by whole raster pixels, half of the camera's, and hardly further than planes of good
     prints are separated, each of which is off by ``good_mm`` at most: the remainder is small enough for the
@@ -159,7 +159,7 @@ def noise_factor(
     inside: NDArray[np.bool_],
     residual_variance: ResidualVariance,
 ) -> float:
-    """Return the true over the stated temporal variance, from second differences over squares of flat paper."""
+    """Return true over stated temporal variance, from second differences over squares of flat paper."""
     lines, pixels = left.shape
     found = unset((2, (lines // 2) * (pixels // 2)))
     count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, found)

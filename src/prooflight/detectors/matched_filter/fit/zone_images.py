@@ -42,7 +42,7 @@ class ZoneImages:
         return cls(images=images)
 
     def moved(self, where: PixelMap) -> NDArray[np.bool_]:
-        """Return the masks at the page's placement, (2, lines, pixels); careful areas exclude ignored ones."""
+        """Return the masks at a placement, (2, lines, pixels); careful areas exclude ignored ones."""
         out = np.zeros_like(self.images)
         move_smooth(self.images, np.flatnonzero(self.images.any(axis=(1, 2))), where.across, where.along, out)
         there = out >= 0.5

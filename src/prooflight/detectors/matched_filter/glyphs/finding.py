@@ -132,7 +132,7 @@ def _pieces(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return pieces and the runs that they are made of, as in ``kernels.statistics.pieces``.
 
-    No pieces of a texture.
+    A texture has no pieces.
     """
     runs, parents = np.empty((MOST_RUNS, RUN), np.int64), np.empty(MOST_RUNS, np.int64)
     count = max(joined_runs(np.ascontiguousarray(packed), colours, runs, parents), 0)
@@ -157,7 +157,7 @@ def _grounds(
 ) -> NDArray[np.int64]:
     """Return the colour at the corners about each piece, its own excluded, (n,).
 
-    -1 where these have several colours.
+    It is -1 where these have several colours.
     """
     x, y, width, height, _, colour = pieces.T
     own = colours[colour].astype(np.int64)

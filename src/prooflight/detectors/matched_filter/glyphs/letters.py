@@ -72,7 +72,7 @@ class Optics:
 
 
 def in_cells(mask: NDArray[np.bool_], raster_pixels: Sequence[float]) -> NDArray[np.float32]:
-    """Return the share of each cell that an outline covers; raster_pixels: size of a cell across and along."""
+    """Return the share of each cell that an outline covers; raster_pixels: a cell, across and along."""
     across, along = raster_pixels
     down, right = _covering(mask.shape[0], along), _covering(mask.shape[1], across)
     return np.asarray(down @ mask.astype(np.float32) @ right.T)
@@ -112,7 +112,7 @@ class Letters:
 
     @classmethod
     def of(cls, cells: Sequence[NDArray[np.float32]], often: NDArray[np.int64], optics: Optics) -> Letters:
-        """Group outlines, the most frequent of which represent letters; often: number of occurrences of each."""
+        """Group outlines, the most frequent of which represent letters; often: how often each occurs."""
         size = np.array([one.shape for one in cells], np.int64).reshape(-1, 2)
         centroid = np.array([_centroid(one) for one in cells]).reshape(-1, 2)
         seen, anyway = _as_seen(cells, size, centroid, optics)
@@ -148,7 +148,7 @@ class Letters:
     def apart(self, at: int, others: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the power of others' difference to an outline, over its own.
 
-        ``anyway`` and ink projected out.
+        ``anyway`` and ink are projected out.
         """
         basis = np.stack([self.seen[at], *self.anyway[at]]).astype(np.float64)
         own = basis @ basis.T + 1e-9 * np.eye(len(basis))

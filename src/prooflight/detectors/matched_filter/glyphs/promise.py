@@ -1,6 +1,6 @@
 """False-alarm rate of the glyph test, and its combination with the ranking's test in one decision.
 
-A page alarms if its ranking does or its glyphs do. The ranking has ``1 - SHARE`` of the promised rate, the
+A page alarms if its ranking does or its glyphs do. The ranking has ``1 - SHARE`` of the guaranteed rate, the
 glyphs have ``SHARE``; a good page alarms by one or the other with at most the sum (Boole's inequality),
 however the two depend on each other.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SHARE: Final = 0.1
-"""Share of the promised false-alarm rate that the glyph test has. A wrong digit deviates by some tens of
+"""Share of the guaranteed false-alarm rate that the glyph test has. A wrong digit deviates by some tens of
 standard deviations of good pages and needs no larger share; the ranking loses hardly any power."""
 
 
@@ -53,7 +53,7 @@ class GlyphPromise:
     def p_value(self, score: float) -> float:
         """Return a bound on the probability that a good page's S is so high.
 
-        1 where there is no evidence of a wrong glyph.
+        It is 1 where there is no evidence of a wrong glyph.
         """
         if score <= 0:
             return 1.0

@@ -59,7 +59,7 @@ def _is_of(place: Region, box_mm: NDArray[np.float64]) -> bool:
 def told_of_glyphs(
     glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region]
 ) -> dict[str, Any]:
-    """Return kind, places and reason of a verdict; wrong: the worst first; others: places of other evidence."""
+    """Return kind, places and reason; wrong: the worst first; others: places of other evidence."""
     kinds = [MISSING if one.missing else EXCHANGED for one in wrong]
     regions = [
         Region.rounded(tuple(glyphs.box_mm[one.glyph]), score=abs(one.deviation), kind=kind)

@@ -261,7 +261,7 @@ def usual_about(
 ) -> float:
     """Return the median energy per pixel of the ``NEAREST`` visible glyphs about one glyph.
 
-    0 if there are none.
+    It is 0 if there are none.
     """
     others = np.flatnonzero(pixels > 0)
     others = others[others != glyph]

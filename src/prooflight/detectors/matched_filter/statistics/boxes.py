@@ -130,7 +130,7 @@ class Ghosts:
     def through(self, ink: int) -> list[EchoBoxes]:
         """Return an ink's ghosts at all lags, in boxes of each of ``GHOST_BOXES_MM``.
 
-        Empty for an ink without detail.
+        The list is empty for an ink without detail.
         """
         if not self.present[ink]:
             return []

@@ -243,7 +243,7 @@ class Scatter:
 
     @classmethod
     def white(cls, prior: PrintPrior | None = None) -> Scatter:
-        """Return the scatter of noise alone; prior: of good prints; None: of those of an office-class press."""
+        """Return the scatter of noise alone; prior: of good prints; None: of an office-class press."""
         one = np.array([1.0, 1.0, 0.0])
         shapes = SCATTER_SHAPES.items()
         scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
@@ -286,7 +286,7 @@ def t_statistic(
 
 
 def flicker(sums: Sums) -> NDArray[np.float32]:
-    """Return the lamp's flicker from line to line, (tile rows,) [-], without what is smooth along the page."""
+    """Return the lamp's flicker from line to line, (tile rows,) [-], without its smooth part."""
     push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
     gain = push / (power + 1 / sums.prior.flicker**2)
     gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")

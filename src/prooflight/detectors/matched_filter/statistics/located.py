@@ -1,6 +1,6 @@
 """Statistics with a place: boxes, streaks, waves, ghosts and stray energy.
 
-On the whole page, and away from edges.
+They are of the whole page, and of places away from edges.
 """
 
 from __future__ import annotations

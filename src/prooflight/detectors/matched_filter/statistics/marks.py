@@ -286,7 +286,7 @@ def _floor(
     corner: tuple[float, float, float],
     threads: int,
 ) -> FloorFinding:
-    """Return the largest connected region of flat pixels of one sign that differ by more than ``share`` of white."""
+    """Return the largest region of flat pixels of one sign that differ by more than ``share`` of white."""
     flags = np.empty((2, *flat.shape), np.uint8)
     fixed = left, weight, white, flat, np.float32(share), np.float32(FLOOR_SIGMAS)
     counts = shared_out(

@@ -154,7 +154,7 @@ def swapped_planes(sums: Sums) -> list[float]:
 def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
     """Return the scatter of T on its own page.
 
-    1 if fewer than ``least`` values are nonzero. 0 means no information.
+    It is 1 if fewer than ``least`` values are nonzero; a value of 0 has no information.
     """
     known = np.abs(t[t != 0])
     return max(float(np.quantile(known, ONE_SIGMA)), LEAST_SCALE) if known.size >= least else 1.0

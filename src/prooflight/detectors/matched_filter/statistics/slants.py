@@ -107,7 +107,7 @@ def weighed(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return each tile's contribution to n and d, (rows, columns), from N', D' and the edges' part of D'.
 
-    Scatter (3,).
+    scatter (3,).
     """
     t, d = unset((2, *own.shape))
     tiles_known(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)

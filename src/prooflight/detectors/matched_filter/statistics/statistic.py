@@ -62,7 +62,7 @@ SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave", "slant")
 
 
 class Statistic(NamedTuple):
-    """Identity of a statistic: what is searched for, and the reference; what does not apply is empty or None."""
+    """Identity of a statistic: subject of the search, and reference; unused fields are empty or None."""
 
     family: str
     """box, streak, wave, ghost, spread, energy, swap, step, slant, moved, mark; of the page as a whole: fit,

@@ -1,1 +1,1 @@
-"""Measured against expected: is it a misprint, where, of what kind, and what costs least."""
+"""Detectors compare measured with expected lines: is it a misprint, where, of which kind, at what cost."""

@@ -1,7 +1,8 @@
-"""What a detector is: it prepares a page, and what it prepared inspects scans of that page.
+"""The detector interface: a detector prepares a page, and the prepared page inspects scans of that page.
 
-Whoever meets ``Detector`` and ``PreparedPage`` is used by `inspect`, `watch`, the journal and the studies like those
-that come with Prooflight. ``StationDetector`` and ``PreparedOnly`` leave ``prepare`` and ``inspect`` to write.
+Any class that meets ``Detector`` and ``PreparedPage`` is used by `inspect`, `watch`, the journal and the
+studies like those that come with Prooflight. ``StationDetector`` and ``PreparedOnly`` leave ``prepare`` and
+``inspect`` to write.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ if TYPE_CHECKING:
 Area = tuple[slice, slice]
 """Lines and columns of a scan."""
 LAMP_WAVES: Final = 6
-"""Of the lamp over the field: cosines of so many half waves."""
+"""Waves of the lamp over the field: number of cosines, the k-th of k half waves."""
 BLOCK_PIXELS: Final = 8
 """Side of the squares whose means pictures show."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Station:
-    """What a detector needs to know of the press that it looks at."""
+    """Properties of the press that a detector needs."""
 
     name: str
     sensors: tuple[SensorModel, ...]
@@ -51,68 +52,73 @@ class Station:
     fringes: bool = False
     """Whether planes that share edges are followed where their fringes show them."""
     floor_share: float = 0.0
-    """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0: none is."""
+    """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0:
+    none is."""
     threads: int | None = None
-    """That one page may take; None: one a core."""
+    """Number of threads that one page may use; None: one per core."""
 
     def predict(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:
-        """The lines that the camera must see of a page where it lies."""
+        """Predict the lines that the camera must see of a page at its placement."""
         sensors, geometry = self.sensors, self.geometry
         return predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=self.threads)
 
 
 class PlannedPage:
-    """A page as it is to enter the press."""
+    """A page that is to enter the press."""
 
     def __init__(self, page: Page, station: Station, zones: PageZones | None = None) -> None:
         self.page, self.station, self.zones = page, station, zones
 
     @cached_property
     def expected(self) -> Prediction:
-        """The lines that the camera must see of it in its place; made when first asked for."""
+        """The lines that the camera must see of it in its nominal place; computed at the first access."""
         return self.station.predict(self.page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrintState:
-    """What one print did as good ones do, for the run's control charts."""
+    """State of one good print, for the run's control charts."""
 
     amounts: Mapping[str, float] = field(default_factory=dict)
-    """By channel of ``line.monitor.channels``."""
+    """Amounts by channel of ``line.monitor.channels``."""
     excess: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))
-    """(parts, columns) light of narrow columns over what was expected, in parts of the page's height."""
+    """(parts, columns) light of narrow columns minus the expected light, in parts of the page's height."""
     light: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))
     """(parts, columns) light that was expected there."""
     pitch_mm: float = 1.0
-    """Of the columns."""
+    """Pitch of the columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inspection(Shown):
-    """A verdict and what it rests on; arrays cover the page's area of the scan."""
+    """A verdict and its basis; arrays cover the page's area of the scan."""
 
     verdict: Verdict
     placement: Placement
-    """Where the page lies."""
+    """Placement of the page."""
     area: Area
     """Lines and columns of the scan that were judged."""
     measured_dn: NDArray[np.uint16]
     """(sensors, lines, columns) [DN]"""
     block_z: NDArray[np.float32]
-    """(sensors or 1, block rows, block columns) how far squares of 8 x 8 pixels are lighter than they should be, in
-    standard deviations of good prints."""
+    """(sensors or 1, block rows, block columns) how far squares of 8 x 8 pixels are lighter than they should
+    be, in standard deviations of good prints."""
     expect: Callable[[], Prediction]
-    """Of the area of the page as it lies; made when asked for, where the detector itself did without."""
+    """Prediction of the area of the page at its placement; computed on demand, if the detector itself does
+    not need it."""
     kept: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """By which ``Detector.decided_again`` comes to the same decision."""
+    """Arrays from which ``Detector.decided_again`` repeats the decision."""
     state: Callable[[], PrintState] = PrintState
-    """What the run's control charts take from it."""
+    """State of the print, for the run's control charts."""
     summary: NDArray[np.float64] | None = None
-    """By which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector has no such test."""
+    """Summary by which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector
+    has no such test."""
     variation: Callable[[], NDArray[np.float32]] | None = None
-    """What the page tells of how good prints vary (``matched_filter.variation``); None: its detector does not say."""
+    """How good prints vary, as determined from the page (``matched_filter.variation``); None: its detector
+    does not measure it."""
     planned: PlannedPage | None = None
-    """The page as it entered the press; None: a detector was asked without an ``Inspector``, which puts it here."""
+    """The page as it entered the press; None: a detector was called without an ``Inspector``, which sets
+    it."""
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -120,75 +126,75 @@ class Inspection(Shown):
         return self.verdict.regions
 
     def picture(self) -> Image:
-        """What was expected, what the camera saw and where they differ, side by side, with the regions.
+        """Draw expected lines, measured lines and their difference side by side, with the regions.
 
-        RequestError: it is of no ``Inspector``, and nothing says where its pixels lie.
+        RequestError: no ``Inspector`` made it, so that the position of its pixels is unknown.
         """
         return Shown.renderer().picture(self)
 
 
 class PreparedPage(Protocol):
-    """A page, with all that its detector can know of it ahead of its scans."""
+    """A page, with everything that its detector can compute before its scans."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """Find the page in a scan, compare, decide.
 
-        The scan is of the press's camera and holds no more lines than its page's (``inspection.inspector``). seed: of
-        whatever is drawn at random. Called from several threads at once.
+        The scan is of the press's camera and has no more lines than its page (``inspection.inspector``).
+        seed: of anything that is drawn at random. Called from several threads at once.
         """
         ...
 
     def under(self, station: Station) -> PreparedPage | None:
-        """The same where only the light of the press has changed a little; None: it has to be prepared again."""
+        """Return the page under a slightly changed light of the press; None: it has to be prepared again."""
         ...
 
 
 class Detector(Protocol):
-    """Says of pages whether they are misprints; small and picklable."""
+    """Decides of pages whether they are misprints; small and picklable."""
 
     @property
     def name(self) -> str:
-        """By which users ask for it."""
+        """Name by which users select it."""
         ...
 
     @property
     def promise(self) -> str:
-        """How rarely a good page alarms, and on what that rests, in words."""
+        """False-alarm rate that is guaranteed, and its basis, in words."""
         ...
 
     @property
     def station(self) -> Station:
-        """The press that it looks at."""
+        """The press that it is for."""
         ...
 
     def prepare(self, planned: PlannedPage) -> PreparedPage:
-        """All that needs no scan."""
+        """Compute everything that needs no scan."""
         ...
 
     def at(self, station: Station) -> Self:
-        """The same detector where the press, or the number of threads, has changed a little."""
+        """Return the detector for a slightly changed press, or another number of threads."""
         ...
 
     def decided_again(self, kept: KeptArrays) -> Decision:
-        """The decision that ``Inspection.kept`` led to; RequestError: it is none of this detector's."""
+        """Repeat the decision from ``Inspection.kept``; RequestError: it is not of this detector."""
         ...
 
 
 class RunTest(Protocol):
-    """Whether the pages of one run are like those that the detector's promise rests on."""
+    """Test whether the pages of one run are like those that the detector's guarantee rests on."""
 
     def add(self, summary: NDArray[np.float64]) -> None:
-        """The next page of the run, ``Inspection.summary``."""
+        """Add the next page of the run by its ``Inspection.summary``."""
         ...
 
     @property
     def suspended(self) -> bool:
-        """Whether the pages were ever too unlike for the promise to hold."""
+        """Whether the pages were ever too different for the guarantee to hold."""
         ...
 
     @property
     def strangest(self) -> str:
-        """In what they are most unlike, in words."""
+        """Property in which they differ most, in words."""
         ...
 
     @property
@@ -199,32 +205,32 @@ class RunTest(Protocol):
 
 @runtime_checkable
 class ChecksRuns(Protocol):
-    """A detector that knows the good pages of its press, and says when a run's are not like them."""
+    """A detector that stores the good pages of its press, and detects when a run's are not like them."""
 
     def run_test(self, *, seed: int) -> RunTest | None:
-        """Before a run's first page; seed: of what is drawn at random."""
+        """Start the test of a run; seed: of what is drawn at random."""
         ...
 
 
 @runtime_checkable
 class MadeReadyInTwo(Protocol):
-    """A prepared page of which some is made when first needed, or before where many scans of it will come."""
+    """A prepared page of which a part is computed when first needed, or earlier for many scans."""
 
     def complete(self) -> None:
-        """Make the rest."""
+        """Compute the rest."""
         ...
 
 
 @runtime_checkable
 class LeavesLostLinesOut(Protocol):
-    """A prepared page that asks nothing of lines that nobody saw (``Scan.unseen``).
+    """A prepared page that does not use missing lines (``Scan.unseen``).
 
     Any other is given a scan with its page's own prediction in their place (``inspection.lost_lines``).
     """
 
     @property
     def leaves_lost_lines_out(self) -> bool:
-        """Whether it does."""
+        """Whether it does not use them."""
         ...
 
 
@@ -238,7 +244,7 @@ class PreparedOnly:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationDetector:
-    """What detectors have in common that know their press by its station alone."""
+    """Common part of detectors that know their press by its station alone."""
 
     station: Station
 
@@ -247,13 +253,13 @@ class StationDetector:
         return replace(self, station=station)
 
     def decided_again(self, kept: KeptArrays) -> Decision:
-        """See ``Detector``; a detector that keeps nothing decides nothing again."""
+        """See ``Detector``; a detector that stores no evidence cannot repeat a decision."""
         raise kept.refusal("holds nothing to decide by")
 
 
 @dataclass(frozen=True, slots=True)
 class KeptArrays:
-    """Kept evidence, of which every array is checked before a detector sees it."""
+    """Stored evidence, of which every array is checked before a detector uses it."""
 
     kept: Mapping[str, NDArray[Any]]
     detector: str
@@ -266,7 +272,10 @@ class KeptArrays:
     def array(
         self, name: str, kinds: str, shape: tuple[int | None, ...], *, finite: bool = False
     ) -> NDArray[Any]:
-        """One array; kinds of its numbers, its shape, None where any size above 0 will do. RequestError."""
+        """Return one array; kinds of its numbers; shape: None for any size above 0.
+
+        RequestError: it does not fit.
+        """
         if name not in self.kept:
             raise self.refusal(f"does not hold {name!r}")
         array = np.asarray(self.kept[name])
@@ -279,6 +288,6 @@ class KeptArrays:
         return array
 
     def refusal(self, what: str) -> RequestError:
-        """Says why the evidence cannot be judged."""
+        """Return an error that states why the evidence cannot be judged."""
         what = f"{what}, which {self.detector} looks at"
         return RequestError("evidence", what, remedy="only what the run kept can be replayed")

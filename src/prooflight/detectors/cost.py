@@ -1,4 +1,4 @@
-"""What errors of decision cost (paper, section 5, equations 6 and 7)."""
+"""Cost of decision errors (paper, section 5, equations 6 and 7)."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 FLOOR_SHARE: Final = 0.1
-"""Difference from the expected light of a flat place, as a share of paper white, that is always a misprint. (assumed:
-what a person sees at once over 0.1 mm2)"""
+"""Difference from the expected light of a flat place, as a share of paper white, that is always a misprint.
+(assumed: a person sees it at once over 0.1 mm2)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningCosts:
-    """The press owner's three numbers."""
+    """The three numbers of the press owner."""
 
     misprint_rate: float = 0.01
     """Share of pages that are misprints, r (paper, section 5.2). [-]"""
@@ -37,26 +37,26 @@ class RunningCosts:
         return rate * self.missed_misprint_cents / ((1 - rate) * self.false_alarm_cents)
 
     def normalised(self, *, false_alarms: float, misses: float) -> float:
-        """C = F + alpha M (paper, equation 7), from the rates of false alarms and of misses. [-]"""
+        """Return c = F + alpha M (paper, equation 7), from the rates of false alarms and of misses. [-]"""
         return false_alarms + self.alpha * misses
 
     def cents_per_page(self, normalised: float) -> float:
-        """C = (1 - r) c_f c, the expected cost of a page (paper, equation 6). [cent]"""
+        """Return C = (1 - r) c_f c, the expected cost of a page (paper, equation 6). [cent]"""
         return (1 - self.misprint_rate) * self.false_alarm_cents * normalised
 
     @property
     def stopping_probability(self) -> float:
-        """Of a misprint, from which stopping costs less than letting pass: c_f / (c_f + c_m). [-]"""
+        """Probability of a misprint from which stopping pays: c_f / (c_f + c_m). [-]"""
         return self.false_alarm_cents / (self.false_alarm_cents + self.missed_misprint_cents)
 
     def expected_cents(self, probability: float) -> dict[str, float]:
-        """What letting pass and what stopping is expected to cost, at this probability of a misprint. [cent]"""
+        """Return the expected cost of letting pass and of stopping, at a probability of a misprint. [cent]"""
         return {
             "accept": probability * self.missed_misprint_cents,
             "stop": (1 - probability) * self.false_alarm_cents,
         }
 
     def stopping_pays(self, probability: float) -> bool:
-        """Whether stopping costs less than letting pass, at this probability of a misprint."""
+        """Return whether stopping costs less than letting pass, at this probability of a misprint."""
         cents = self.expected_cents(probability)
         return cents["stop"] < cents["accept"]

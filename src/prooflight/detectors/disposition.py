@@ -1,8 +1,8 @@
-"""Dispositions: a verdict says what is known of a sheet, a disposition what is done with it.
+"""Dispositions: a verdict states what is known of a sheet, a disposition what is done with it.
 
-A gate decides by the policy of its press file. Where there is no gate, a good sheet is accepted, a misprint stops the
-press, and a sheet for which nobody can vouch is held until a person has seen it. A misprint is accepted only where the
-costs of the press file say that stopping costs more.
+A gate decides by the policy of its press file. Without a gate, a good sheet is accepted, a misprint stops the
+press, and a sheet whose quality is unknown is held until a person has seen it. A misprint is accepted only
+where the costs of the press file state that stopping costs more.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from prooflight.detectors.verdict import Verdict
 
 Disposition = Literal["accept", "hold", "divert", "stop"]
-"""accept: it goes to the good sheets. hold: it is released to nobody before a person has seen it. divert: it goes out
-of the good sheets. stop: so it does, and the press is stopped."""
+"""accept: it joins the good sheets. hold: it is not released before a person has seen it. divert: it is
+removed from the good sheets. stop: it is removed, and the press is stopped."""
 DecidedBy = Literal["default", "costs", "gate"]
 """default: the rule above. costs: the costs of the press file, for a misprint. gate: the gate's policy."""
 LEAST_FIRST: Final[tuple[Disposition, ...]] = ("accept", "hold", "divert", "stop")
 NOT_WHOLE: Final = frozenset({"lost-lines", "extra-lines", "splice"})
-"""Faults of a sheet of which not all was seen as it should be; two sheets that overlap have too many lines."""
+"""Faults of a sheet that was not measured completely; two sheets that overlap have too many lines."""
 NOT_ITS_PLACE: Final = frozenset({"repeated", "out-of-order"})
-"""Faults of a sheet that may be well printed and does not belong where it came."""
+"""Faults of a sheet that may be well printed but does not belong where it came."""
 
 
 def without_gate(verdict: Verdict, faults: Collection[str] = ()) -> tuple[Disposition, DecidedBy]:
-    """Return what becomes of a sheet where no gate decides, and by what rule.
+    """Return the disposition of a sheet without a gate, and the rule that gives it.
 
     Parameters
     ----------
@@ -44,5 +44,5 @@ def without_gate(verdict: Verdict, faults: Collection[str] = ()) -> tuple[Dispos
 
 
 def gravest(dispositions: Iterable[Disposition]) -> Disposition:
-    """Return the one that counts among several, ``accept`` if there is none."""
+    """Return the most severe of several dispositions, ``accept`` if there is none."""
     return max(dispositions, key=LEAST_FIRST.index, default="accept")

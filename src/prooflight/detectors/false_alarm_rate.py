@@ -1,4 +1,4 @@
-"""How rarely a good page may alarm, and on what that rests: a count of good designs, or their tail drawn on."""
+"""False-alarm rate of a threshold, by a count of good designs or by extrapolation of their scores' tail."""
 
 from __future__ import annotations
 
@@ -12,33 +12,35 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TAIL_SHARE: Final = 0.2
-"""Of the designs, whose scores beyond the others make the tail."""
+"""Share of the designs whose scores make the tail."""
 LEAST_IN_TAIL: Final = 5
 FURTHEST: Final = 10.0
-"""A tail is drawn on to no rarer than a tenth of what the designs promise by count; whoever asks for less gets that."""
+"""Limit of extrapolation: a tail supports no rate below a tenth of what the designs guarantee by count, and a
+request for less gets that."""
 ALONE: Final = 5.0
-"""Of a press's own good pages beyond a threshold, so that it is known to a factor of 1.6 (a standard deviation)."""
+"""Number of a press's own good pages beyond a threshold from which these decide alone: it is then known to a
+factor of 1.6 (a standard deviation)."""
 BEYOND: Final = (0.2, 0.1, 0.05)
 LIKE_OTHERS: Final = 4.0
-"""As if so many pages of a press had shown that it is like others. (assumed)"""
+"""Number of a press's pages that are assumed, a priori, to be like others'. (assumed)"""
 LEAST_RATIO: Final = 0.8
 UNSURE: Final = 1.28
-"""Standard deviations by which a tail's mean excess is taken too large: its upper 90 % bound."""
+"""Standard deviations by which a tail's mean excess is overestimated: its upper 90 % bound."""
 
 
 def least_false_alarm_rate(designs: int) -> float:
-    """Least false-alarm rate that so many exchangeable good designs can promise without a model: 1 / (n + 1). [-]"""
+    """Return the least false-alarm rate that n exchangeable good designs can guarantee: 1 / (n + 1). [-]"""
     return 1 / (designs + 1)
 
 
 def conformal_threshold(
     score: NDArray[np.float64], design: NDArray[np.int64], *, false_alarm_rate: float
 ) -> float:
-    """Threshold that a new design's good page exceeds with at most this probability (split conformal over designs).
+    """Return the threshold that a new design's good page exceeds with at most this probability.
 
-    score, design (pages,) of good pages. Each design counts once, with the worst of its copies; the threshold is the
-    ceil((n + 1)(1 - rate))-th smallest of these (Vovk et al. 2005, chapter 4). ValueError if n designs cannot promise
-    that rate.
+    It is split conformal over designs. score, design (pages,) of good pages. Each design counts once, with
+    the worst of its copies; the threshold is the ceil((n + 1)(1 - rate))-th smallest of these (Vovk et al.
+    2005, chapter 4). ValueError: n designs cannot guarantee that rate.
     """
     worst = GoodScores.of(score, design).worst
     rank = int(np.ceil((len(worst) + 1) * (1 - false_alarm_rate) - 1e-9))
@@ -50,22 +52,22 @@ def conformal_threshold(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """What a threshold promises."""
+    """False-alarm rate that a threshold guarantees, and its basis."""
 
     rate: float
     """One good page in 1 / rate alarms. [-]"""
     simulated: int
-    """Simulated good designs of this press that it was set by."""
+    """Number of simulated good designs of this press that set it."""
     real: int = 0
-    """Real good pages of this press that it was set by."""
+    """Number of real good pages of this press that set it."""
     reference: int = 0
-    """Good designs of other presses that it was set by as well."""
+    """Number of good designs of other presses that set it as well."""
     conformal: bool = True
-    """False: fewer designs than such a rate needs; their scores' tail is taken to go on as it began."""
+    """False: there are too few designs for such a rate; the tail of their scores is extrapolated."""
     asked: float = 0.0
-    """What was asked for; 0: the same. [-]"""
+    """Requested rate; 0: the same. [-]"""
     told: str = ""
-    """What people told of the press's sheets, by which it was set; empty: it was set without."""
+    """Description of the labelled sheets of the press that set it; empty: there were none."""
 
     def __str__(self) -> str:
         odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
@@ -86,14 +88,14 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoodScores:
-    """Scores of good pages of designs that taught nothing, the worst of each design, rising."""
+    """Scores of good pages of designs outside of the training set, the worst of each design, rising."""
 
     worst: NDArray[np.float64]
     """(designs,)"""
 
     @classmethod
     def of(cls, score: NDArray[np.float64], design: NDArray[np.int64]) -> GoodScores:
-        """Of pages (pages,) with their designs; each design counts once."""
+        """Reduce scores of pages (pages,) to the worst of each design; each design counts once."""
         designs, place = np.unique(design, return_inverse=True)
         worst = np.full(designs.size, -np.inf)
         np.maximum.at(worst, place, score)
@@ -101,14 +103,16 @@ class GoodScores:
 
     @property
     def least_rate(self) -> float:
-        """Rarest rate that these designs allow to speak of, by drawing on their tail. [-]"""
+        """Least rate for which these designs give a threshold, by extrapolation of their tail. [-]"""
         return least_false_alarm_rate(self.worst.size) / FURTHEST
 
     def threshold(self, false_alarm_rate: float) -> tuple[float, bool]:
-        """Which score a new design's good page exceeds at most so often, and whether that is by count (conformal).
+        """Return the threshold for a rate, and whether it is by count (conformal).
 
-        Where these are too few for such a rate: the tail's beginning plus its mean excess, taken at its upper bound,
-        times ln(share in the tail / rate), and no less than the greatest score seen.
+        A new design's good page exceeds it at most at that rate.
+
+        If these are too few for such a rate it is the tail's beginning plus its mean excess, at its upper
+        bound, times ln(share in the tail / rate), and no less than the greatest score.
         """
         count = self.worst.size
         if false_alarm_rate >= least_false_alarm_rate(count):
@@ -118,7 +122,10 @@ class GoodScores:
         return max(begin + excess * float(np.log(share / false_alarm_rate)), float(self.worst[-1])), False
 
     def p_value(self, score: float) -> float:
-        """Share of good designs that score so high: by count, one more counted, or less if the tail says so."""
+        """Return the share of good designs that score so high.
+
+        It is by count, with one more counted, or less by the tail.
+        """
         count = self.worst.size
         above = count - int(np.searchsorted(self.worst, score, side="left"))
         begin, excess, share = self._tail
@@ -137,33 +144,35 @@ class GoodScores:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReferenceScores:
-    """Scores of good pages of designs that taught nothing, by detectors that few or many pages made fit for a press.
+    """Scores of good pages of designs outside of the training set, by detectors adapted by few or many pages.
 
-    The fewer those pages, the more widely a press is taken to scatter, and the shorter is the tail of the scores.
+    The fewer those pages, the more widely a press is taken to scatter, and the shorter is the tail of the
+    scores.
     """
 
     pages: NDArray[np.int64]
-    """(sizes,) how many made them fit, rising."""
+    """(sizes,) number of pages that a detector was adapted by, rising."""
     worst: NDArray[np.float64]
-    """(sizes, designs) rising along the designs."""
+    """(sizes, designs) scores, rising along the designs."""
 
     @classmethod
     def alone(cls, scores: GoodScores) -> ReferenceScores:
-        """The same however many pages make a detector fit."""
+        """Return scores that do not depend on the number of pages."""
         return cls(pages=np.array([1]), worst=scores.worst[None])
 
     def by(self, pages: int) -> GoodScores:
-        """Those of the size next above ``pages``: their tail is the longer one."""
+        """Return the scores of the size next above ``pages``: their tail is the longer one."""
         at = min(int(np.searchsorted(self.pages, pages)), self.pages.size - 1)
         return GoodScores(worst=self.worst[at])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressScores:
-    """Scores of a press's own good pages beside those of the many that taught the ranking.
+    """Scores of a press's own good pages, combined with those of many pages of other presses.
 
-    A press's pages are few, and those many are of other presses: so the many say how scores' tail goes on, and the few
-    how often this press's pages reach into it. Where its own pages are many (``ALONE``), they decide by themselves.
+    A press's own pages are few, and the many are of other presses: so the many determine the tail of the
+    scores, and the few how often this press's pages reach into it. If its own pages are many (``ALONE``),
+    they decide by themselves.
     """
 
     reference: GoodScores
@@ -171,19 +180,22 @@ class PressScores:
 
     @property
     def least_rate(self) -> float:
-        """Rarest rate that the reference's tail, so many times rarer, or this press's own pages alone speak of. [-]"""
+        """Least rate that the reference's tail, scaled by ``ratio``, or this press's own pages alone support.
+
+        [-]
+        """
         return min(self.reference.least_rate * self.ratio, ALONE / self.own.worst.size)
 
     def alone(self, false_alarm_rate: float) -> bool:
-        """Whether so many of a press's own pages are beyond such a threshold that no others are needed."""
+        """Return whether enough of a press's own pages are beyond the threshold of a rate to decide alone."""
         return self.own.worst.size * false_alarm_rate >= ALONE * (1 - 1e-9)
 
     @property
     def ratio(self) -> float:
-        """How many times as often as the reference the press's own pages are beyond the reference's quantiles.
+        """Ratio of the press's own pages to the reference's beyond the reference's quantiles.
 
-        Counts beyond each of ``BEYOND``, drawn to 1 by ``LIKE_OTHERS`` pages, in the mean; no less than
-        ``LEAST_RATIO``.
+        It is the mean of the ratios beyond each of ``BEYOND``, shrunk to 1 by ``LIKE_OTHERS`` pages, and no
+        less than ``LEAST_RATIO``.
         """
         beyond = np.array(BEYOND)
         from_here = np.quantile(self.reference.worst, 1 - beyond)
@@ -198,14 +210,14 @@ class PressScores:
         return self.reference.threshold(false_alarm_rate / self.ratio)
 
     def p_value(self, score: float, false_alarm_rate: float) -> float:
-        """See ``GoodScores``; false_alarm_rate: what is promised, which says whose scores decide."""
+        """See ``GoodScores``; false_alarm_rate: the guaranteed one, which determines whose scores decide."""
         if self.alone(false_alarm_rate):
             return self.own.p_value(score)
         return min(self.reference.p_value(score) * self.ratio, 1.0)
 
 
 def posterior_bound(p_value: float, misprint_rate: float) -> float:
-    """Greatest probability of a misprint that a p-value can support, given the rate of misprints.
+    """Return the greatest probability of a misprint that a p-value can support, given the rate of misprints.
 
     Odds are multiplied by at most 1 / (-e p ln p) for p < 1/e (Sellke, Bayarri, Berger 2001, equation 3).
     """

@@ -1,4 +1,4 @@
-"""What it means where a page lies: which part of its scan is judged, and whether it is another page."""
+"""Consequences of a page's placement: the part of its scan that is judged, and whether it is another page."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
 WRONG_PAGE_KIND: Final = "wrong-page"
 EDGE_PIXELS: Final = 1.0
-"""What is left out inside the edges of a page that was moved: sheet and print do not move as one. [camera pixels]"""
+"""Margin inside the edges of a page that was moved: sheet and print do not move together. [camera pixels]"""
 
 
 def inside(page: Page, geometry: ScanGeometry, placement: Placement, *, lines: int) -> Area:
-    """Of so many lines, those whose pixels all lie on the page as it lies, one away from its edges; and columns.
+    """Return the lines (of ``lines``) and columns whose pixels are all on the page at its placement.
 
-    Where fewer are left than a block has, those of the page in its place.
+    A margin of ``EDGE_PIXELS`` along the page's edges is left out. If fewer pixels are left than a block has,
+    the area is that of the page in its nominal place.
     """
     across_mm = geometry.centres_x_mm(page.width_mm)
     down_mm = geometry.centres_y_mm(lines)
@@ -43,18 +44,18 @@ def inside(page: Page, geometry: ScanGeometry, placement: Placement, *, lines: i
 
 
 def shift_of(found: Registration) -> tuple[float, float] | None:
-    """Where a page lies minus where it should, x and y [mm]; None: it could not be found."""
+    """Return the page's position minus the nominal one, x and y [mm]; None: it could not be found."""
     x, y = found.placement.shift_mm
     return (round(x, 4), round(y, 4)) if found.found else None
 
 
 def shows_another(found: Registration) -> bool:
-    """Whether a scan shows another page, or its own where no good print lies."""
+    """Return whether a scan shows another page, or its own where no good print is."""
     return found.off_place or found.foreign
 
 
 def place_reason(found: Registration) -> str:
-    """Why a scan shows another page, or its own where no good print lies."""
+    """Return why a scan shows another page, or its own where no good print is."""
     if found.turned:
         return "the page is turned by 180 degrees"
     if found.foreign:

@@ -1,17 +1,18 @@
-"""A threshold from pages that were drawn with known probabilities: weighted split-conformal, and what a sample says.
+"""Weighted split-conformal thresholds from pages drawn with known probabilities, and estimates from a sample.
 
-Theorem (Tibshirani, Barber, Candes, Ramdas 2019, "Conformal prediction under covariate shift", corollary 1): let scores
-S_1 .. S_n be drawn independently from a law Q, and S from a law P with dP/dQ = w known up to a factor. Then
+Theorem (Tibshirani, Barber, Candes, Ramdas 2019, "Conformal prediction under covariate shift", corollary 1):
+let scores S_1 .. S_n be drawn independently from a law Q, and S from a law P with dP/dQ = w known up to a
+factor. Then
 
     p = (w(S) + sum of w(S_i) over S_i >= S) / (w(S) + sum of all w(S_i))
 
-is at most a with probability at most a. Here P is what good sheets of the press score, and Q what those score about
-which people were asked: with probability pi, so that w = 1 / pi (Horvitz and Thompson 1952). p falls as S rises, so
-that to alarm where p <= a is to alarm above a threshold.
+is at most a with probability at most a. Here P is the law of the scores of the press's good sheets, and Q
+that of the good sheets that people were asked about: with probability pi, so that w = 1 / pi (Horvitz and
+Thompson 1952). p decreases as S increases, so that an alarm where p <= a is an alarm above a threshold.
 
-Where the press drifts, pages count less the older they are: by weights that do not look at scores, the probability is
-at most a plus the weighted mean of how far each page's law is from the new one's, in total variation (Barber, Candes,
-Ramdas, Tibshirani 2023, "Conformal prediction beyond exchangeability", theorem 2).
+If the press drifts, older pages have less weight: with weights that do not depend on scores, the probability
+is at most a plus the weighted mean of the distance of each page's law from the new one's, in total variation
+(Barber, Candes, Ramdas, Tibshirani 2023, "Conformal prediction beyond exchangeability", theorem 2).
 """
 
 from __future__ import annotations
@@ -32,40 +33,42 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CONFIDENCE: Final = 0.95
-"""Of intervals."""
+"""Confidence level of intervals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToldPages:
-    """Good pages of a press, as people told, by which its threshold is set anew."""
+    """Good pages of a press, as labelled by people, from which its threshold is set."""
 
     score: NDArray[np.float64]
     """(pages,)"""
     weight: NDArray[np.float64]
-    """(pages,) for how many sheets of its kind each stands: over 1 / probability where some were not answered, less
-    where the page is old."""
+    """(pages,) number of similar sheets that each represents: more than 1 / probability if some were not
+    answered, less if the page is old."""
     run: NDArray[np.int64]
-    """(pages,) in the journal ..."""
+    """(pages,) number of the run in the journal ..."""
     sheet: NDArray[np.int64]
-    """... and in the run."""
+    """... and of the sheet in the run."""
     passed: NDArray[np.bool_]
-    """(pages,) of the random sample of those that passed; the others are alarms."""
+    """(pages,) whether a page is of the random sample of those that passed; the others are alarms."""
     rate: float
-    """Promised. [-]"""
+    """Promised rate. [-]"""
     passed_weight: float
-    """Of a new page that scores no more than ``alarms_from``: 1 / the least probability with which such were drawn."""
+    """Weight of a new page that scores no more than ``alarms_from``: 1 / the least probability with which
+    such were drawn."""
     alarms_from: float
-    """Above it every page was asked about: the greatest threshold in force then."""
+    """Score above which every page was asked about: the greatest threshold in force then."""
     replaces: str
-    """Digest of the press artefact whose threshold this one takes the place of."""
+    """Digest of the press artefact whose threshold this one replaces."""
     journals: tuple[str, ...] = ()
-    """Names of the files that held them."""
+    """Names of the journal files that contained them."""
     half_life_days: float | None = None
-    """After which a page counts half; None: all count alike."""
+    """Age at which a page counts half; None: all count equally."""
     design: NDArray[np.int64] | None = None
-    """(pages,) pages of one design have one number; None: nobody knows, and each is of its own."""
+    """(pages,) number of each page's design; None: it is unknown, and each page has one of its own."""
     zones: tuple[str, ...] = ()
-    """Digests of the zones that were in force, without their price, and "" for none; empty: none ever were."""
+    """Digests of the zones that were in force, without their price, and "" for none; empty: none ever
+    were."""
 
     def __post_init__(self) -> None:
         order = np.lexsort((self.sheet, self.run, self.score))
@@ -75,17 +78,17 @@ class ToldPages:
 
     @property
     def sample(self) -> float:
-        """How many pages of the random sample these are worth (Kish 1965: (sum w)^2 / sum w^2)."""
+        """Effective size of the random sample (Kish 1965: (sum w)^2 / sum w^2)."""
         weight = self.weight[self.passed]
         return float(weight.sum() ** 2 / (weight**2).sum()) if weight.size else 0.0
 
     @property
     def missing(self) -> int:
-        """How many more pages of the random sample the promise needs: 1 / rate - 1 by count; 0: there are enough."""
+        """Number of further sampled pages that ``rate`` needs: 1 / rate - 1 by count; 0: enough."""
         return max(math.ceil(1 / self.rate - 1 - self.sample - 1e-9), 0)
 
     def p_value(self, score: float) -> float:
-        """Bound on the probability with which a good page scores so high. [-]"""
+        """Return a bound on the probability that a good page scores so high. [-]"""
         of_alarms = float(self.weight[~self.passed].max(initial=1.0))
         own = self.passed_weight if score <= self.alarms_from else of_alarms
         above = float(self.weight[np.searchsorted(self.score, score, side="left") :].sum())
@@ -93,7 +96,7 @@ class ToldPages:
 
     @property
     def threshold(self) -> float:
-        """The least score above which a page's ``p_value`` is at most ``rate``; RequestError: there is none."""
+        """The least score above which ``p_value`` is at most ``rate``; RequestError: there is none."""
         # p falls in steps: behind each score of a page, and where the weight of a new page changes.
         steps = np.unique(np.append(self.score, self.alarms_from))
         if not self.missing:
@@ -103,7 +106,10 @@ class ToldPages:
         raise self.too_few()
 
     def alike(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Scores as if so many designs had been drawn alike, one page of each: see ``exchangeability``."""
+        """Return scores as if designs had been drawn with equal probability, one page of each.
+
+        See ``exchangeability``.
+        """
         if not self.score.size:
             return self.score
         kept = np.flatnonzero(rng.random(self.score.size) * self.weight.max() < self.weight)
@@ -113,11 +119,14 @@ class ToldPages:
         return np.asarray(self.score[kept])
 
     def rests_on(self, zones: str) -> bool:
-        """Whether pages were told with these zones in force, by their digest without a price; "": with none."""
+        """Return whether pages were labelled with these zones in force, by their digest without a price.
+
+        "" means without zones.
+        """
         return zones in (self.zones or ("",))
 
     def too_few(self) -> RequestError:
-        """That these cannot support the promise, and how many more are needed."""
+        """Return an error: these cannot support the guarantee, and how many more are needed."""
         odds = f"one false alarm in {1 / self.rate:,.0f} good pages"
         what = f"{self.sample:.0f} pages of the random sample were told good, too few to promise {odds}"
         more = max(self.missing, 1)
@@ -134,12 +143,12 @@ class ToldPages:
     # --- in a press artefact ---
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What an artefact keeps as tensors."""
+        """Return what an artefact stores as tensors."""
         held = {name: getattr(self, name) for name in TABLE}
         return {name: array.astype(TABLE[name].dtype) for name, array in held.items() if array is not None}
 
     def facts(self) -> dict[str, Any]:
-        """The rest: what JSON can hold."""
+        """Return the rest: what JSON can hold."""
         facts: dict[str, Any] = {
             "rate": self.rate,
             "passed_weight": self.passed_weight,
@@ -152,7 +161,7 @@ class ToldPages:
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str) -> None:
-        """Misfit unless ``from_parts`` makes of them pages that support their promise."""
+        """Raise Misfit unless ``from_parts`` makes of them pages that support their guarantee."""
         told = checked(ToldFacts, facts, under=under)
         check_arrays(arrays, TABLE, {}, under=under)
         if not 0 < told.rate < 1:
@@ -168,7 +177,7 @@ class ToldPages:
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
-        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
+        """Build pages from ``arrays`` and ``facts`` that ``check`` has passed."""
         held: dict[str, Any] = {name: arrays[name] for name in TABLE if name in arrays}
         held |= {**facts, "passed": arrays["passed"].astype(bool)}
         held |= {name: tuple(facts.get(name, ())) for name in ("journals", "zones")}
@@ -176,7 +185,7 @@ class ToldPages:
 
 
 class ToldFacts(Block):
-    """``ToldPages.facts``."""
+    """Schema of ``ToldPages.facts``."""
 
     rate: float
     passed_weight: float
@@ -199,7 +208,7 @@ TABLE: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A figure with its interval."""
+    """An estimate with its interval."""
 
     value: float
     low: float
@@ -208,33 +217,34 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SampleCounts:
-    """What was asked and told of some sheets: alarms, all of which are asked about, and a sample of those that passed.
+    """Counts of labelled sheets: alarms, all of which are asked about, and a sample of those that passed.
 
-    ``unknown`` is no answer; answers are taken to be missing at random within alarms and within the sample.
+    Sheets without an answer are ``unknown``; answers are taken to be missing at random within alarms and
+    within the sample.
     """
 
     alarms: int
     alarms_good: int
-    """Of those that were told."""
+    """Number of labelled alarms that were good."""
     alarms_misprints: int
     passed: int
     passed_good: int
-    """Of the sample, of those that were told."""
+    """Number of labelled sheets of the sample that were good."""
     passed_misprints: int
 
     @property
     def alarms_told(self) -> int:
-        """Alarms of which people said what they were."""
+        """Number of labelled alarms."""
         return self.alarms_good + self.alarms_misprints
 
     @property
     def passed_told(self) -> int:
-        """Sheets of the sample of which people said what they were."""
+        """Number of labelled sheets of the sample."""
         return self.passed_good + self.passed_misprints
 
     @property
     def missed(self) -> Estimate | None:
-        """Misprints among the sheets that passed; None: nothing was told of any. Clopper and Pearson (1934)."""
+        """Misprints among the sheets that passed; None: none is labelled. Clopper and Pearson (1934)."""
         if not self.passed_told:
             return None
         share = self.passed_misprints / self.passed_told
@@ -246,10 +256,10 @@ class SampleCounts:
 
     @property
     def false_alarms(self) -> Estimate | None:
-        """Of good sheets, the share that alarms; None: nothing was told of alarms, or nothing of the sample.
+        """Share of good sheets that alarms; None: no alarm is labelled, or no sheet of the sample.
 
-        False alarms among those told, over good sheets in proportion; Clopper and Pearson's interval, as if sheets of
-        a day did not hang together and the number of good sheets were known.
+        It is the number of labelled false alarms over good sheets in proportion, with Clopper and Pearson's
+        interval, as if sheets of a day were independent and the number of good sheets were known.
         """
         if (self.alarms and not self.alarms_told) or (self.passed and not self.passed_told):
             return None
@@ -263,7 +273,7 @@ class SampleCounts:
 
 
 def exact_interval(hits: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Clopper and Pearson's (1934) interval of a share; trials may be no whole number."""
+    """Return Clopper and Pearson's (1934) interval of a share; trials need not be a whole number."""
     tail = (1 - confidence) / 2
     # Not scipy.stats, which takes longer to import than a page to judge.
     low = float(special.betaincinv(hits, trials - hits + 1, tail)) if hits > 0 else 0.0

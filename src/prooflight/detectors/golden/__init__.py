@@ -1,1 +1,1 @@
-"""A scan against one that was taken for good."""
+"""Comparison of scans with a golden scan, one that a person took for good."""

@@ -1,4 +1,4 @@
-"""The golden detector: scans against one that was taken for good, where no raster says what was to be printed."""
+"""The golden detector: scans are compared with a good one, where no raster states what was to be printed."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 NAME: Final = "golden"
 MOST_REGIONS: Final = 12
 MARGIN_PIXELS: Final = 2
-"""Around a region: as far as edges may lie off, so much of it may be hidden."""
+"""Margin around a region: edges may be displaced so far, so that this much of it may be hidden."""
 CROPPED: Final = 0.05
-"""A scan may be longer or shorter than its golden by this share; what both show is compared."""
+"""Share by which a scan may be longer or shorter than its golden; their common part is compared."""
 STREAK_WIDTH_MM: Final = 5.0
 STREAK_RATIO: Final = 4.0
 SPOT_MM: Final = 6.0
-"""The greatest spot of worlds.toml."""
+"""Diameter of the greatest spot of worlds.toml."""
 WRONG_SHIFT_MM: Final = 1.8
-"""worlds.toml: a page this far off is a misprint; two good prints lie at most 1.6 mm apart."""
+"""worlds.toml: a page displaced so far is a misprint; two good prints are at most 1.6 mm apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoldenDetector(StationDetector):
-    """Knows a good scan of each page, or one of all."""
+    """Detector with a good scan of each page, or one of all."""
 
     goldens: Mapping[str, Scan]
-    """By the page's name; under the empty name: of every page that has none of its own."""
+    """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
     promise: str = (
         "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
@@ -80,27 +80,28 @@ class GoldenDetector(StationDetector):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoldenSheet(PreparedOnly):
-    """The golden scan of one page, and where on the page its pixels lie."""
+    """The golden scan of one page, and the position of its pixels on the page."""
 
     page: str
     golden: str
-    """Its name, for errors."""
+    """Name of the golden scan, for errors."""
     light: NDArray[np.float32]
-    """(channels, lines, pixels) columns evened out where a press knows them."""
+    """(channels, lines, pixels) light, corrected for columns' gains if the press states them."""
     pitch_mm: tuple[float, float]
-    """Of pixels, across and along."""
+    """Pitch of pixels, across and along."""
     left_mm: float = 0.0
-    """From the scan's left end to the page's left edge."""
+    """Distance from the scan's left end to the page's left edge."""
     lead_in_mm: float = 0.0
-    """From the scan's first line to the page's upper edge."""
+    """Distance from the scan's first line to the page's upper edge."""
     sensors: Sequence[SensorModel] = field(default=())
-    """Of the press whose raw numbers scans are; empty: scans are pictures, even as they are."""
+    """Sensors of the press whose raw numbers scans are; empty: scans are pictures, which need no
+    correction."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
-        """See ``PreparedPage``; ScanError: the scan is none of the golden's kind.
+        """See ``PreparedPage``; ScanError: the scan is not of the golden's kind.
 
-        A scan that shows what the golden shows but is out of shape is not inspected: what differs is how it was scanned
-        or laid down, which no place on it says anything of.
+        A scan with the golden's content but out of shape is not inspected: it differs by how it was scanned
+        or placed, which is no property of any place on it.
         """
         measured = evened(scan.dn.astype(np.float32), self.sensors)
         expected, seen = _alike(scan.name, self.light, measured)
@@ -135,7 +136,7 @@ class GoldenSheet(PreparedOnly):
         )
 
     def _misfit(self, difference: GoldenDifference) -> str:
-        """Why the scan cannot be compared: what its place is, in words."""
+        """Return why the scan cannot be compared: a description of its placement."""
         where = difference.place
         across, along = (
             shift * pitch for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
@@ -182,7 +183,7 @@ class GoldenSheet(PreparedOnly):
 
 
 def decision_of(volume: float, *, another: bool) -> Decision:
-    """What the greatest place that differs comes to; volume: 0 where none does."""
+    """Return the decision for the greatest region that differs; volume: 0 if there is none."""
     return Decision(
         misprint=another or volume > 0,
         score=round(volume, 1),
@@ -193,7 +194,7 @@ def decision_of(volume: float, *, another: bool) -> Decision:
 
 
 def evened(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
-    """Columns' offsets and gains taken out of (sensors, lines, pixels); no sensors: as it is."""
+    """Remove columns' offsets and gains from (sensors, lines, pixels), unless there are no sensors."""
     if not sensors:
         return light
     return np.stack(
@@ -202,7 +203,7 @@ def evened(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArra
 
 
 def _uneven(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
-    """What ``evened`` took out put back: numbers as the camera gives them."""
+    """Invert ``evened``: return numbers as the camera gives them."""
     if not sensors:
         return light
     return np.stack(
@@ -213,7 +214,10 @@ def _uneven(light: NDArray[np.float32], sensors: Sequence[SensorModel]) -> NDArr
 def _alike(
     name: str, golden: NDArray[np.float32], seen: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Both cut to what both show, grey if either is; ScanError if their sizes are too different, or too small."""
+    """Crop both to their common part, grey if either is.
+
+    ScanError: their sizes differ too much, or are too small.
+    """
     if len(golden) != len(seen):
         golden, seen = (image.mean(axis=0, keepdims=True) for image in (golden, seen))
     sizes = np.array([golden.shape[1:], seen.shape[1:]])
@@ -232,7 +236,7 @@ def _alike(
 
 
 def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
-    """What one place looks like."""
+    """Name the kind of one region."""
     if width_mm <= STREAK_WIDTH_MM and height_mm > max(STREAK_RATIO * width_mm, SPOT_MM):
         return "streak"
     if max(width_mm, height_mm) <= SPOT_MM:

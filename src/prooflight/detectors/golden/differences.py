@@ -1,4 +1,4 @@
-"""A scan against a golden one, where no raster says what was printed: what edges and levels do not excuse."""
+"""Differences of a scan from a golden one, beyond displaced edges and changed levels; no raster is needed."""
 
 from __future__ import annotations
 
@@ -17,66 +17,67 @@ if TYPE_CHECKING:
 __all__ = ["GoldenDifference", "GoldenPlace", "Tolerance", "compare", "in_contrasts"]
 
 LEAST_CONTRAST: Final = 0.1
-"""Of a channel, as a share of its lightest: a golden page of bare paper has none of its own."""
+"""Minimum contrast of a channel, as a share of its lightest value: a golden page of bare paper has none of
+its own."""
 EXTREMES_PERCENT: Final = (0.1, 99.9)
 FLAT: Final = 0.1
-"""A golden that varies by no more within the edge tolerance is flat there. [contrast]"""
+"""Variation within the edge tolerance up to which a golden is flat. [contrast]"""
 EDGE_SIGMAS: Final = 4.0
-"""Less variation than this within the edge tolerance is noise, which excuses nothing."""
+"""Variation within the edge tolerance below which it is noise and raises no tolerance. [noise standard
+deviations]"""
 NOISE_SIGMAS: Final = 6.0
-"""A difference must stand out so far from those of the whole page at its scale."""
+"""Threshold of a difference relative to those of the whole page at its scale. [standard deviations]"""
 LEAST_SD: Final = 0.002
-"""Of a pixel: rounding of both scans to 8 bits (sqrt(2 / 12) / 255). [contrast]"""
+"""Minimum standard deviation of a pixel: rounding of both scans to 8 bits (sqrt(2 / 12) / 255). [contrast]"""
 MAD_TO_SD: Final = 1.4826
 LEVELS: Final = 8
-"""Steps of lightness at which noise is measured."""
+"""Number of steps of lightness at which noise is measured."""
 LEAST_SAMPLES: Final = 200
 EDGE: Final = 0.5
-"""Where a golden varies by more within the edge tolerance, it shows an edge. [contrast]"""
+"""Variation within the edge tolerance above which a golden has an edge. [contrast]"""
 WIDE_PIXELS: Final = 8
-"""An edge that lies off by less than this is the same edge, off its place; beyond, it is missing or too much."""
+"""Displacement below which an edge is the same edge, displaced; beyond, it is missing or additional."""
 EDGES_OFF: Final = 0.1
-"""Share of a tile's edges off their places above which the tile is."""
+"""Share of displaced edges above which a tile is displaced."""
 MOST_MISFIT: Final = 0.4
-"""Share of tiles with edges that are off their places, above which two scans do not fit: one large defect on a board
-with few edges must not make it so. Pairs of the tuning half have at most 0.11; most of them 0.49 or more if they are
-put 3 pixels off. [-]"""
+"""Share of displaced tiles, of those with edges, above which two scans do not fit: one large defect on a
+board with few edges must not reach it. Pairs of the tuning half have at most 0.11; most of them 0.49 or more
+if they are displaced by 3 pixels. [-]"""
 LEAST_EDGES: Final = 32
-"""Of a tile that counts. [pixels]"""
+"""Minimum number of edge pixels of a tile that counts. [pixels]"""
 MOSTLY: Final = 0.8
-"""Of what differs, the least share that is edges off their places where two scans do not fit; of another page's
-differences, half at most lie near an edge by chance. [-]"""
+"""Minimum share of displaced edges in all differences for two scans not to fit; of another page's
+differences, half at most are near an edge by chance. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """What a good print may do beside the golden one; tuned on half of a set of real pairs (docs/results/golden.md)."""
+    """Variation of a good print relative to the golden.
+
+    It was tuned on half of a set of real pairs (docs/results/golden.md).
+    """
 
     edge_pixels: float = 2.0
-    """An edge may lie so far from where the golden has it, once the page as a whole is in place."""
+    """Displacement that an edge may have relative to the golden, once the page as a whole is aligned."""
     least: tuple[tuple[int, float], ...] = ((1, 0.4), (5, 0.2), (17, 0.08))
-    """Side of a window [pixels, odd] and the least mean difference in it that counts [contrast].
-
-    The last two: a good print differs from another by 2.7 % of an ink (worlds.toml: sqrt(2) times the root of 1.2 and
-    1.5 % squared and added), and three times that make 0.08.
-    """
+    """Side of a window [pixels, odd] and the minimum mean difference in it that counts [contrast]. The last
+    two: a good print differs from another by 2.7 % of an ink (worlds.toml: sqrt(2) times the root of 1.2 and
+    1.5 % squared and added), and three times that make 0.08."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoldenDifference:
-    """What a scan shows that its golden does not explain."""
+    """Content of a scan that its golden does not explain."""
 
     excess: NDArray[np.float32]
-    """(lines, pixels) difference beyond what edges may move by, of the channel where it is greatest; above 0: lighter
-    than the golden. [contrast]"""
+    """(lines, pixels) difference beyond what edges may move by, in the channel where it is greatest; above 0:
+    lighter than the golden. [contrast]"""
     weight: NDArray[np.float32]
-    """(lines, pixels) how much of it counts, 0 where it is noise or too faint. [contrast]"""
+    """(lines, pixels) part of it that counts, 0 where it is noise or too faint. [contrast]"""
     place: GoldenPlace
     misfit: float = 0.0
-    """Share of tiles with edges where these lie too far off, but within ``WIDE_PIXELS``.
-
-    0 if few edges differ, or if much else differs: that is another page, or a spoilt one. [-]
-    """
+    """Share of tiles with edges where these are displaced too far, but within ``WIDE_PIXELS``. It is 0 if few
+    edges differ, or if much else differs: that is another page, or a corrupted one. [-]"""
 
     @property
     def fits(self) -> bool:
@@ -87,7 +88,7 @@ class GoldenDifference:
 def in_contrasts(
     golden: NDArray[np.floating], *scans: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], ...]:
-    """``golden`` and scans (channels, lines, pixels), 0 the golden's darkest and 1 its lightest, by channel."""
+    """Scale images (channels, lines, pixels) to 0..1 from the golden's darkest to its lightest value."""
     scaled = [np.empty(image.shape, np.float32) for image in (golden, *scans)]
     for channel, sheet in enumerate(golden):
         dark, light = (float(np.percentile(sheet[::2, ::2], percent)) for percent in EXTREMES_PERCENT)
@@ -104,10 +105,10 @@ def compare(
     tolerance: Tolerance | None = None,
     where: GoldenPlace | None = None,
 ) -> GoldenDifference:
-    """Difference of two scans of one page, both (channels, lines, pixels) in any one unit of light.
+    """Compare two scans of one page, both (channels, lines, pixels) in any one unit of light.
 
-    The golden is moved to where the scan shows it (``where``, if that is known), evened to the scan's levels, and not
-    smoothed; its noise counts as the scan's does.
+    The golden is moved to where the scan shows it (``where``, if that is known), adapted to the scan's
+    levels, and not smoothed; its noise counts as the scan's does.
     """
     allowed = tolerance or Tolerance()
     golden, scan = in_contrasts(golden, scan)
@@ -128,7 +129,7 @@ def compare(
 def _of_channel(
     moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance, loose: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
-    """Excess, weight and misfit of one channel."""
+    """Return excess, weight and misfit of one channel."""
     known = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels)
     moved = np.where(known, moved, scan)
     disc = _disc(allowed.edge_pixels)
@@ -181,7 +182,7 @@ def _misfit(
 
 
 def _tile_counts(image: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Pixels that are set in every tile (rows, columns)."""
+    """Return the number of set pixels in every tile, (rows, columns)."""
     lines, pixels = (-extent % TILE_PIXELS for extent in image.shape)
     whole = np.pad(image, ((0, lines), (0, pixels)))
     rows, columns = whole.shape[0] // TILE_PIXELS, whole.shape[1] // TILE_PIXELS
@@ -189,7 +190,7 @@ def _tile_counts(image: NDArray[np.bool_]) -> NDArray[np.int_]:
 
 
 def _inner(shape: tuple[int, ...], edge_pixels: float) -> NDArray[np.bool_]:
-    """Where an edge may lie off either way and still be within the scan."""
+    """Return where an edge may be displaced in any direction and still be within the scan."""
     border = int(np.ceil(edge_pixels))
     inner = np.zeros(shape, np.bool_)
     inner[border : shape[0] - border, border : shape[1] - border] = True
@@ -202,10 +203,10 @@ def _excess(
     disc: NDArray[np.uint8],
     noise: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Scan minus golden, less what either image shows within the edge tolerance of a pixel.
+    """Return scan minus golden, less what either image shows within the edge tolerance of a pixel.
 
-    Each image must lie within the other's local range: a line that is missing lies within the golden's range but not
-    within the scan's. Where either varies by less than ``noise`` its range excuses nothing.
+    Each image must be within the other's local range: a line that is missing is within the golden's range but
+    not within the scan's. Where either varies by less than ``noise``, its range raises no tolerance.
     """
     difference = scan - golden
     greatest = np.zeros_like(difference)
@@ -237,7 +238,10 @@ def _sd(values: NDArray[np.float32]) -> float:
 def _noise_sd(
     golden: NDArray[np.float32], difference: NDArray[np.float32], flat: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
-    """Standard deviation of the difference of both scans at each pixel's lightness (lines, pixels). [contrast]"""
+    """Return the standard deviation of both scans' difference at each pixel's lightness (lines, pixels).
+
+    [contrast]
+    """
     level, off = golden[flat][::7], difference[flat][::7]
     step = np.clip((level * LEVELS).astype(np.intp), 0, LEVELS - 1)
     found = [_sd(off[step == at]) if (step == at).sum() > LEAST_SAMPLES else np.nan for at in range(LEVELS)]

@@ -1,4 +1,4 @@
-"""How a scan's levels differ from a golden's all over the page: lamp, paper, tone; little, and robustly found."""
+"""Page-wide difference of a scan's levels from a golden's (lamp, paper, tone): a small, robust correction."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ if TYPE_CHECKING:
 
 BLOCK_PIXELS: Final = 16
 PRIOR_SD: Final = 0.03
-"""Of each term's coefficient: two good prints differ by 1 to 2 % of ink and lamp (worlds.toml). [contrast]"""
+"""Prior standard deviation of each term's coefficient: two good prints differ by 1 to 2 % of ink and lamp
+(worlds.toml). [contrast]"""
 BLOCK_SD: Final = 0.01
-"""Of a block's mean about the smooth difference (cloudiness of paper, halftone). [contrast]"""
+"""Standard deviation of a block's mean about the smooth difference (cloudiness of paper, halftone).
+[contrast]"""
 MOST: Final = 0.05
-"""No more is put right: a page whose density is 7 % off is a misprint (worlds.toml). [contrast]"""
+"""Limit of the correction: a page whose density is 7 % off is a misprint (worlds.toml). [contrast]"""
 WAVES: Final = 4
-"""Cosines across the page for the lamp."""
+"""Number of cosines across the page, for the lamp."""
 BUSY: Final = 0.1
-"""A block whose pixels vary so much within the edge tolerance counts half. [contrast]"""
+"""Variation within the edge tolerance at which a block has half the weight. [contrast]"""
 TONES: Final = 8
-"""Steps of lightness that count alike, however little of the page shows them."""
+"""Number of steps of lightness that have equal weight, however little of the page has them."""
 LEAST_BLOCKS: Final = 30
 MOST_BLOCKS: Final = 4000
 
@@ -30,10 +32,12 @@ MOST_BLOCKS: Final = 4000
 def level_difference(
     golden: NDArray[np.float32], scan: NDArray[np.float32], varying: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """What to add to ``golden`` (lines, pixels) [contrast]; ``varying``: by how much it varies around each pixel.
+    """Return the correction of ``golden`` (lines, pixels) [contrast].
 
-    A robust least-squares fit (Cauchy weights) to blocks of 16 x 16 pixels: a plane, waves across the page, tone, and
-    tone by place; at most 5 %.
+    varying: its variation around each pixel.
+
+    It is a robust least-squares fit (Cauchy weights) to blocks of 16 x 16 pixels: a plane, waves across the
+    page, tone, and tone by place; at most 5 %.
     """
     lines, pixels = golden.shape
     rows, columns = lines // BLOCK_PIXELS, pixels // BLOCK_PIXELS
@@ -63,7 +67,7 @@ def level_difference(
 
 
 def _blocks(image: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.float64]:
-    """Means (rows * columns,) of blocks."""
+    """Return means of blocks, (rows * columns,)."""
     whole = image[: rows * BLOCK_PIXELS, : columns * BLOCK_PIXELS]
     return cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA).ravel().astype(np.float64)
 
@@ -71,7 +75,7 @@ def _blocks(image: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.f
 def _terms(
     across: NDArray[np.floating], along: NDArray[np.floating], tone: NDArray[np.floating]
 ) -> list[NDArray[np.floating]]:
-    """Terms of the fit at places (0..1 of the page) and tones (0 dark, 1 light)."""
+    """Return the terms of the fit at places (0..1 of the page) and tones (0 dark, 1 light)."""
     ink = 1 - tone
     waves = [np.cos(np.pi * wave * across) for wave in range(1, WAVES + 1)]
     tones = [ink, ink**2, ink**3]

@@ -1,4 +1,4 @@
-"""Where a scan lies on a golden scan: one displacement field, stiff against bending, from tiles with edges."""
+"""Registration of a scan to a golden scan: a displacement field, stiff in bending, from tiles with edges."""
 
 from __future__ import annotations
 
@@ -16,80 +16,86 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TILE_PIXELS: Final = 32
-"""Least side of a tile; larger ones on large scans, of which ``MOST_TILES`` lie along the longer side."""
+"""Minimum side of a tile; large scans have larger ones, ``MOST_TILES`` along the longer side."""
 MOST_TILES: Final = 48
 COARSE_PIXELS: Final = 512
-"""The first shift is looked for with the longer side shrunk to at most this."""
+"""Maximum length of the longer side of the shrunk images in which the first shift is searched for."""
 CANDIDATES: Final = 6
-"""First shifts that are tried at most: an array of pads looks alike a whole pitch off."""
+"""Maximum number of first shifts that are tried: an array of pads looks the same if shifted by its pitch."""
 NEARLY: Final = 0.8
-"""A shift whose edges are so much like the best one's is tried as well."""
+"""Share of the best shift's likeness from which another shift is tried as well."""
 FAR: Final = 0.02
-"""What a shift as great as ``REACH`` costs: of shifts that fit alike, the shorter one is meant. [likeness]"""
+"""Penalty of a shift as great as ``REACH``: of shifts that fit equally, the shorter one is preferred.
+[likeness]"""
 REACH: Final = 0.06
-"""Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints lie off (worlds.toml)."""
+"""Greatest first shift, as a share of the longer side: 12 mm of A4, as far as misprints are displaced
+(worlds.toml)."""
 STARTS: Final = (
     ((8, 0.05, 0.02), (8, 0.05, 0.02), (4, 0.1, 0.02), (4, 0.2, 0.02)),
     ((4, 0.1, 0.02), (4, 0.2, 0.02)),
 )
-"""How the field is measured first; the better one is kept: the first reaches further, but a fine array misleads it.
-
-Each step: how many times smaller; the standard deviation of the field's second difference between tiles [pixels of the
-full scan]; and that of its slope [-]. A step is linear and leaves about a tenth."""
+"""First stages of the field's measurement; the better one is used: the first reaches further, but a fine
+array misleads it. Each step: the shrink factor; the standard deviation of the field's second difference
+between tiles [pixels of the full scan]; and that of its slope [-]. A step is linear and leaves about a
+tenth."""
 STEPS: Final = ((2, 0.4, 0.03), (2, 0.4, 0.03), (1, 1.0, 0.1), (1, 1.0, 0.1), (1, 1.0, 0.1))
-"""Then. Stiff first, while a tile may still mistake one track for the next; soft at last, so that a board that is bent
-or set off within a few tiles is followed. Chosen on the tuning half of docs/results/golden.md and known transforms."""
+"""Further stages. They are stiff at first, while a tile may still mistake one track for the next, and soft at
+last, so that a board that is bent or displaced within a few tiles is followed. Chosen on the tuning half of
+docs/results/golden.md and known transforms."""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
 TILE_SD_PIXELS: Final = 0.3
-"""Of a tile's displacement beyond its noise: edges that moved by themselves (widths that vary)."""
+"""Standard deviation of a tile's displacement beyond its noise: edges that moved independently (widths that
+vary)."""
 EDGE_SD: Final = 0.1
-"""Of a pixel's residual while the field is fitted, as a share of the scan's contrast."""
+"""Standard deviation of a pixel's residual while the field is fitted, as a share of the scan's contrast."""
 LEAST_INFORMATION: Final = 1e-6
-"""Of a tile, so that one without edges has a place: its own. [1/pixel^2]"""
+"""Minimum information of a tile, so that one without edges has a place: its own. [1/pixel^2]"""
 WEAK: Final = 1e-6
-"""How a tile is held where it is, whatever tells. [1/pixel^2]"""
+"""Information by which a tile is held at its place in any case. [1/pixel^2]"""
 BANDS: Final = 2
-"""Rows of tiles that a second difference reaches."""
+"""Number of rows of tiles that a second difference reaches."""
 MOST_STEP: Final = 2.0
-"""Of a tile in one step, in pixels of the resolution at hand: a linear step reaches no further."""
+"""Maximum displacement of a tile in one step, in pixels of the current resolution: a linear step reaches no
+further."""
 MARGIN_PIXELS: Final = 4
-"""Of a golden, which are not judged: how far its border moves is told by half a tile only."""
+"""Margin of a golden that is not judged: the displacement of its border is measured by half a tile only."""
 LEAST_EDGE: Final = 0.02
-"""Of gradients [contrast/pixel]: a golden scan without any such edge has no place."""
+"""Minimum gradient of an edge [contrast/pixel]: a golden scan without any has no place."""
 LIKE: Final = 0.5
-"""Least correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
+"""Minimum correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
 LIKE_BENT: Final = 0.9
-"""Least correlation where the field is bent: another page may be bent to look a little alike. [-]"""
+"""Minimum correlation if the field is bent: another page may be bent to look similar. [-]"""
 MOST_BENT: Final = 0.03
-"""Of the longer side, by which displacements may differ: a stretch of 3 % or a turn of 1.7 degrees."""
+"""Maximum difference of displacements, as a share of the longer side: a stretch of 3 % or a turn of 1.7
+degrees."""
 MOST_LOOSE: Final = 4
-"""By how much the edge tolerance grows at most where the field bends. [pixels]"""
+"""Maximum increase of the edge tolerance where the field bends. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoldenPlace:
-    """How far each place of the golden scan lies too far right and down in a scan."""
+    """Displacement of each place of the golden scan in a scan, to the right and down."""
 
     nodes: NDArray[np.float32]
     """(2, rows, columns) displacement across and along at the centres of tiles. [pixels]"""
     tile_pixels: int
     likeness: float
-    """Correlation of the edges of both, the golden moved. [-]"""
+    """Correlation of the edges of both, with the golden moved. [-]"""
 
     @classmethod
     def same(cls, shape: tuple[int, ...]) -> Self:
-        """Of a scan (..., lines, pixels) that lies just as the golden does."""
+        """Return the place of a scan (..., lines, pixels) that is aligned with the golden."""
         return cls(nodes=np.zeros((2, 1, 1), np.float32), tile_pixels=max(shape[-2:]), likeness=1.0)
 
     @property
     def found(self) -> bool:
-        """Whether the scan shows what the golden shows."""
+        """Whether the scan has the golden's content."""
         return self.likeness >= (LIKE_BENT if self.bent else LIKE)
 
     @property
     def bent(self) -> bool:
-        """Whether the scan is too far out of shape for its field to be trusted."""
+        """Whether the scan is too far out of shape for its field to be reliable."""
         most = max(float(np.ptp(node)) for node in self.nodes)
         return most > MOST_BENT * self.tile_pixels * max(self.nodes.shape[1:])
 
@@ -100,16 +106,16 @@ class GoldenPlace:
 
     @property
     def slopes(self) -> NDArray[np.float64]:
-        """(2, 2) displacement across and along, for each pixel across and along, in the mean. [-]"""
+        """(2, 2) mean displacement across and along, per pixel across and along. [-]"""
         _, rows, columns = self.nodes.shape
         along, across = np.mgrid[:rows, :columns] * float(self.tile_pixels)
         places = np.stack([across - across.mean(), along - along.mean()]).reshape(2, -1)
         return np.asarray(self.nodes.reshape(2, -1) @ np.linalg.pinv(places), np.float64)
 
     def loose_pixels(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """By how many pixels more than elsewhere edges may lie off (lines, pixels): whole ones of the field's bend.
+        """Return the increase of the edge tolerance, (lines, pixels): the field's bend in whole pixels.
 
-        Between tiles the field is linear. Where a part of a board is set off, it is wrong by up to its bend.
+        Between tiles the field is linear. Where a part of a board is displaced, its error is up to its bend.
         """
         bend = np.zeros(self.nodes.shape[1:], np.float32)
         for axis in (1, 2):
@@ -122,9 +128,9 @@ class GoldenPlace:
         return cv2.resize(loose, size, interpolation=cv2.INTER_NEAREST)[: shape[-2], : shape[-1]]
 
     def moved(self, image: NDArray[np.float32], *, shrink: int = 1) -> NDArray[np.float32]:
-        """``image`` (lines, pixels) of the golden, ``shrink`` times smaller, where this scan shows it.
+        """Move the golden's ``image`` (lines, pixels), ``shrink`` times smaller, to where this scan shows it.
 
-        NaN within ``MARGIN_PIXELS`` of the golden's border and beyond.
+        It is NaN within ``MARGIN_PIXELS`` of the golden's border and beyond.
         """
         lines, pixels = image.shape
         across, along = (
@@ -141,9 +147,9 @@ class GoldenPlace:
 def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace:
     """Find where ``scan`` shows ``golden``, both (lines, pixels) of one shape, contrast about 1.
 
-    Shifts by correlation of edges, of which the best is kept, then a field of displacements from coarse to fine: at
-    each tile one linear step of least squares (Lucas and Kanade), all tiles together under a penalty on first and
-    second differences, tiles that do not fit left out step by step.
+    The best of several shifts by correlation of edges is the start of a field of displacements, from coarse
+    to fine: one linear least-squares step at each tile (Lucas and Kanade), all tiles together under a penalty
+    on first and second differences, and tiles that do not fit omitted step by step.
     """
     tile = max(TILE_PIXELS, 8 * int(np.ceil(max(golden.shape) / MOST_TILES / 8)))
     rows, columns = (int(np.ceil(extent / tile)) for extent in golden.shape)
@@ -172,7 +178,7 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
-    """Padded to whole tiles, area means over shrink x shrink pixels, blurred."""
+    """Pad an image to whole tiles, average over shrink x shrink pixels, and blur."""
     lines, pixels = (-extent % tile for extent in image.shape)
     padded = cv2.copyMakeBorder(image, 0, lines, 0, pixels, cv2.BORDER_REPLICATE)
     if shrink > 1:
@@ -194,10 +200,12 @@ def _edges(image: NDArray[np.float32]) -> NDArray[np.complex64]:
 
 
 def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """Shifts across and along at which the edges are most alike, to a coarse pixel, the likeliest first. [pixels]
+    """Return shifts across and along with the greatest similarity of edges, to a coarse pixel, best first.
 
-    Alike is twice the correlation over the energy of both where they overlap: otherwise an array of pads is found too
-    close by, where more of it overlaps.
+    [pixels]
+
+    Similarity is twice the correlation over the energy of both where they overlap: otherwise the shift of an
+    array of pads would be underestimated, because a smaller shift has more overlap.
     """
     shrink = max(1, int(np.ceil(max(golden.shape) / COARSE_PIXELS)))
     size = (golden.shape[1] // shrink, golden.shape[0] // shrink)
@@ -216,9 +224,10 @@ def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> lis
 
 
 def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArray[np.float64]:
-    """Sum of ``energy`` (lines, pixels) where another of its shape, shifted against it, has a partner.
+    """Return the sum of ``energy`` (lines, pixels) that overlaps an image of its shape, shifted against it.
 
-    (shifts, shifts), along and across; above 0: what lies too far down or right, so that the first lines have none.
+    (shifts, shifts), along and across; a positive shift is down or right, so that the first lines do not
+    overlap.
     """
     lines, pixels = energy.shape
     total = cv2.integral(energy, sdepth=cv2.CV_64F)
@@ -230,7 +239,7 @@ def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArr
 
 
 def _likeness(moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
-    """Correlation of the scan's edges with those of the golden, moved, where both show something."""
+    """Return the correlation of the scan's edges with those of the moved golden, where both are defined."""
     known = np.isfinite(moved)
     one, two = _edges(np.where(known, moved, scan))[known], _edges(scan)[known]
     if np.abs(one).max(initial=0) < LEAST_EDGE:
@@ -246,7 +255,7 @@ def _step(
     shrink: int,
     stiff: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """The field after one linear step at one resolution."""
+    """Return the field after one linear step at one resolution."""
     own, precision = _tile_moves(now, golden, scan, shrink)
     start = now.nodes.reshape(2, -1).T.astype(np.float64)
     goal = start + own
@@ -263,7 +272,7 @@ def _step(
 def _tile_moves(
     now: GoldenPlace, golden: NDArray[np.float32], scan: NDArray[np.float32], shrink: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far each tile wants to move by itself (tiles, 2) [pixels], and how surely (tiles, 2, 2) [1/pixel^2]."""
+    """Return tiles' own displacements (tiles, 2) [pixels] and their precision (tiles, 2, 2) [1/pixel^2]."""
     moved = now.moved(golden, shrink=shrink)
     known = np.isfinite(moved)
     moved = np.where(known, moved, scan)
@@ -291,9 +300,10 @@ def _tile_sums(image: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
 
 
 def _stiffness(rows: int, columns: int, order: int) -> NDArray[np.float64]:
-    """Sum of squared first or second differences of a grid (rows x columns) of displacements, as a quadratic form.
+    """Return the sum of squared first or second differences of a grid of displacements, as a quadratic form.
 
-    Upper bands as ``solveh_banded`` takes them; unknowns by tile, across and along in turn.
+    The grid is (rows x columns). The result has upper bands, as for ``solveh_banded``; unknowns are by tile,
+    across and along in turn.
     """
 
     def difference(count: int, order: int) -> sparse.csr_matrix:
@@ -323,7 +333,10 @@ def _stiffness(rows: int, columns: int, order: int) -> NDArray[np.float64]:
 def _solved(
     precision: NDArray[np.float64], goal: NDArray[np.float64], stiff: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Field (tiles, 2) that weighs the tiles' own goals against stiffness; weakly held where nothing tells."""
+    """Return the field (tiles, 2) that balances the tiles' own goals and stiffness.
+
+    Tiles without information are held weakly.
+    """
     held = precision + np.eye(2) * WEAK
     bands = stiff.copy()
     bands[-1] += np.einsum("naa->na", held).ravel()

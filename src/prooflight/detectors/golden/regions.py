@@ -1,4 +1,4 @@
-"""From differences to a golden scan to places: joined where they lie close, weighed, boxed."""
+"""Regions from differences to a golden scan: joined where they are close, weighted, and enclosed in boxes."""
 
 from __future__ import annotations
 
@@ -14,38 +14,41 @@ if TYPE_CHECKING:
     from prooflight.detectors.golden.differences import GoldenDifference
 
 JOINING_PIXELS: Final = 8
-"""Differences within twice this of each other are one; tuned with the next on one half of docs/results/golden.md."""
+"""Half of the distance within which differences are joined; tuned with the next on one half of
+docs/results/golden.md."""
 LEAST_VOLUME: Final = 5.0
-"""Of a region that is reported. [contrast pixels]"""
+"""Minimum volume of a region that is reported. [contrast pixels]"""
 AROUND: Final = 3
-"""Side of the neighbourhood that a pixel's difference is weighed by. [pixels]"""
+"""Side of the neighbourhood by which a pixel's difference is weighted. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """One place where a scan differs from its golden; sides in pixels, the last ones not included."""
+    """One region where a scan differs from its golden; sides in pixels, the last ones exclusive."""
 
     left: int
     top: int
     right: int
     bottom: int
     volume: float
-    """Sum of the difference, each pixel's by the share of its 3 x 3 neighbourhood that differs as well: the edge strips
-    that a tolerance leaves count little. A region of n pixels from dark to light has nearly n. [contrast pixels]"""
+    """Sum of the difference, each pixel's weighted by the share of its 3 x 3 neighbourhood that differs as
+    well: the edge strips that a tolerance leaves count little. A region of n pixels from dark to light has
+    nearly n. [contrast pixels]"""
     lighter: bool
-    """Than the golden."""
+    """Whether the region is lighter than the golden."""
 
     def grown(self, margin: int) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom with a margin all around. [pixels]"""
+        """Return left, top, right and bottom with a margin all around. [pixels]"""
         return self.left - margin, self.top - margin, self.right + margin, self.bottom + margin
 
 
 def marks(
     difference: GoldenDifference, *, joining_pixels: int = JOINING_PIXELS, least_volume: float = LEAST_VOLUME
 ) -> tuple[Mark, ...]:
-    """Places that differ by at least ``least_volume``, the greatest first.
+    """Return regions that differ by at least ``least_volume``, the greatest first.
 
-    Only what is lighter is joined with lighter, and darker with darker: what is missing is not what is too much.
+    Lighter differences are joined only with lighter ones, and darker with darker: missing content is not
+    additional content.
     """
     found = []
     for lighter in (True, False):

@@ -1,6 +1,6 @@
-"""Our detector's analysis of a scan: what good prints of a press do is taken out, and what is left is summed up.
+"""Analysis of a scan: the variation of a press's good prints is removed, and the residuals are summed up.
 
-``families`` makes statistics of that, and ``model`` decides by them.
+``families`` computes statistics from the sums, and ``model`` decides by them.
 """
 
 from __future__ import annotations
@@ -74,47 +74,51 @@ if TYPE_CHECKING:
 
 
 PREDICTED_ANEW: Final = 2
-"""Times, at most, that a page is predicted where its residuals say that it lies ..."""
+"""Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
-"""... and how far off some part of it must lie for the second; not one ..."""
+"""... minimum displacement of some part of it that requires another prediction ..."""
 STILL_ASKED: Final = 0.75
-"""... that asks for so much of what it did before: what a page's edge and uneven light ask for stays as it is."""
+"""... unless that displacement is at least this share of the previous one: displacements caused by a page's
+edge and by uneven light do not decrease."""
 ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PreparedPage:
-    """A design ready for its scans."""
+    """A design prepared for its scans."""
 
     page: Page
     landmarks: Landmarks
     overlaps: Overlaps | None = None
-    """Where planes share edges, if prediction is to follow their fringes; None: it follows registration alone."""
+    """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
+    alone."""
     images: NDArray[np.float32]
-    """``Modes.images`` of the page in its place, in binned pixels."""
+    """``Modes.images`` of the page in its nominal place, in binned pixels."""
     added: AddedInks
     colours: Colours
     page_features: NDArray[np.float64]
     prior: PrintPrior
-    """What good prints do."""
+    """Prior of good prints."""
     zones: ZoneImages | None
-    """What is ignored, and what is judged by itself as well; None: nothing."""
+    """Ignored areas, and areas that are also judged separately; None: there are none."""
     binned_geometry: ScanGeometry
     binned_sensors: tuple[SensorModel, ...]
     glyphs: PageGlyphs | None = None
-    """None: they are not weighed."""
+    """None: glyphs are not tested."""
 
     def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
-        """The same of sensors of which only the columns' gains are others; modes are of bare columns, and stay.
+        """Return the page for sensors of which only the columns' gains differ.
 
-        Landmarks stay too: other gains would hardly choose others.
+        Modes are of bare columns, and stay.
+
+        Landmarks stay as well: other gains would hardly change their choice.
         """
         landmarks = replace(self.landmarks, sensors=tuple(sensors))
         return replace(self, landmarks=landmarks, binned_sensors=_binned(sensors, landmarks.geometry))
 
 
 def _binned(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
-    """What ``bins_of`` pixels of each see together."""
+    """Return the sensors in pixels binned by ``bins_of``."""
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
@@ -130,11 +134,10 @@ def prepare_page(
     zones: PageZones | None = None,
     glyphs: bool = False,
 ) -> PreparedPage:
-    """All that is known of a design ahead of its scans; expected: its prediction in its place.
+    """Prepare a design for its scans; expected: its prediction in its nominal place.
 
-    fringes: where planes share edges, prediction follows their fringes (``register_by_fringes``). prior: what good
-    prints do, by default those of the press world. glyphs: whether its glyphs
-    are to be weighed.
+    fringes: whether prediction follows the fringes of planes that share edges (``register_by_fringes``).
+    prior: of good prints, by default the press world's. glyphs: whether its glyphs are tested.
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
@@ -170,23 +173,23 @@ def prepare_page(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScanAnalysis:
-    """What one scan says, before anything is decided."""
+    """Result of one scan, before any decision."""
 
     found: Registration
     fit: Fit
     sums: Sums
     marks: Marks
     noise: NDArray[np.float64]
-    """(sensors,) true temporal variance over the prediction's. [-]"""
+    """(sensors,) true temporal variance over the predicted one. [-]"""
     careful: NDArray[np.bool_] | None
     """(lines, pixels) binned pixels of careful areas; None: the page has no zones."""
     summed: Callable[[tuple[str, ...]], Sums]
-    """Sums of those of ``MODES`` that are named."""
+    """Function that returns the sums of given modes of ``MODES``."""
     glyphs: WeighedPage = NOTHING
-    """What it says of the page's glyphs."""
+    """Result of the glyph tests."""
 
     def of_every_mode(self) -> ScanAnalysis:
-        """The same with the sums of all ``MODES``."""
+        """Return the analysis with the sums of all ``MODES``."""
         return self if self.sums.modes == MODES else replace(self, sums=self.summed(MODES))
 
 
@@ -200,13 +203,13 @@ def analyse(
     floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
-    """Find the page in a scan (sensors, lines, pixels), take out what good prints do, sum up what is left.
+    """Find the page in a scan (sensors, lines, pixels), remove good prints' variation, sum up the residuals.
 
-    A scan may have fewer lines than its geometry says, and no more: what it lacks is unknown, as what is off the page,
-    and so are lines that were ``lost`` (sensors, lines).
-    Where good prints are exact (``ResidualVariance.exact``) that is nothing: what registration and fit find is evidence
-    alone. looked_at: those of ``MODES`` that are summed up at once, light the first. floor_share: as of
-    ``measure_marks``. threads: that share its parts out.
+    A scan may have fewer lines than its geometry states, and no more: missing lines are unknown, like what is
+    off the page, and so are ``lost`` lines (sensors, lines). Where good prints are exact
+    (``ResidualVariance.exact``) nothing is removed: the results of registration and fit are evidence alone.
+    looked_at: modes that are summed up at once, of ``MODES``, light the first. floor_share: as in
+    ``measure_marks``. threads: number of threads that share the work.
     """
     return analyse_found(
         prepared,
@@ -231,7 +234,7 @@ def analyse_found(
     floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
-    """``analyse`` of a scan in which the page was found."""
+    """Analyse a scan whose page is registered already; see ``analyse``."""
     page, prior, at = prepared.page, prepared.prior, prepared.binned_geometry
     geometry = prepared.landmarks.geometry
     bins = bins_of(geometry)
@@ -328,10 +331,11 @@ def _take_moves(
     *,
     threads: int,
 ) -> None:
-    """Take out of the residuals, in place, that parts of the page lie a little off ``placement``.
+    """Remove the local displacements of the page relative to ``placement`` from the residuals, in place.
 
-    One linear step leaves a good deal of edges that are sharper than a pixel: they are predicted anew where they seem
-    to lie, and once more if that was the way to go and some lie elsewhere still. What is left then is small.
+    One linear step leaves a considerable part at edges that are sharper than a pixel. These are predicted
+    again at their estimated position, and once more if that reduced the displacement and some remain
+    displaced. The remainder is small.
     """
     before, width_mm = seen.expected_dn, prepared.page.width_mm
     moves = local_moves(left, weight, light, threads=threads)
@@ -349,11 +353,11 @@ def _take_moves(
 def _predicted(
     prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool, threads: int
 ) -> Prediction:
-    """What binned pixels must show.
+    """Predict binned pixels.
 
-    Predicted as such, in half the time, they are within a third of their noise of what the camera's own pixels show
-    together, at edges, where a column's own gain is taken with its neighbours' light. Only where good prints are exact
-    is that more than they scatter by.
+    A prediction in binned pixels takes half the time. At edges, where a column's own gain is applied to its
+    neighbours' light as well, it is within a third of the noise of the binned prediction in camera pixels.
+    That is more than prints scatter by only if good prints are exact.
     """
     if not exact:
         sensors, geometry = prepared.binned_sensors, prepared.binned_geometry
@@ -368,7 +372,7 @@ def _predicted(
 
 
 def with_added(placed: PlacedScan, added: AddedInks, *, threads: int = 1) -> PlacedScan:
-    """With the images of inks printed where they are not, moved to where the page lies."""
+    """Return the scan with the images of inks printed where they are not, moved to the page's placement."""
     images = moved(added.images, placed.where, threads=threads)
     shape = (placed.modes.sensors, -1, *images.shape[1:])
     return replace(placed, modes=replace(placed.modes, add=images.reshape(shape)))
@@ -381,7 +385,7 @@ def _followed(
     lost: NDArray[np.bool_] | None,
     threads: int,
 ) -> tuple[Placement, NDArray[np.float64]]:
-    """The placement and the planes (4, 2) [mm] that prediction follows."""
+    """Return the placement and the planes (4, 2) [mm] that prediction follows."""
     if prepared.overlaps is None or not found.found:
         return found.placement, found.planes_mm
     fringes = register_by_fringes(

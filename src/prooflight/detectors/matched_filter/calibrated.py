@@ -1,4 +1,4 @@
-"""Our detector with its promise: ``DetectorModel`` and the good pages by which its threshold was set."""
+"""The calibrated detector: ``DetectorModel``, its false-alarm rate, and the good pages of its threshold."""
 
 from __future__ import annotations
 
@@ -38,34 +38,34 @@ if TYPE_CHECKING:
 PAGES: Final = ("values", "page_features", "glyphs", "variation")
 """Arrays of ``GoodPages``."""
 LEAST_SCORES: Final = 2
-"""Of which one begins a tail."""
+"""Minimum number of scores, of which one is needed to begin a tail."""
 MOST_TOLD: Final = 1000
-"""Times that one press may be calibrated anew before it is built again."""
+"""Maximum number of times that one press may be recalibrated before it is built again."""
 FLOOR_SHARE_OF_RATE: Final = 0.1
-"""Share of the promised rate that the floor has: of the good pages by which the ranking is judged, fewer reach it
-(docs/results/ranking.md)."""
+"""Share of the guaranteed rate that the floor has: fewer of the good pages by which the ranking is evaluated
+reach it (docs/results/ranking.md)."""
 WRONG_PAGE: Final = 1000.0
-"""Score of a scan that shows another page, or its own where no good print lies: above that of any evidence."""
+"""Score of a scan that shows another page, or its own where no good print is: above that of any evidence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoodPages:
-    """What scans of a press's own good pages said: by it the model was adapted to the press."""
+    """Data from scans of a press's own good pages, by which the model was adapted to the press."""
 
     values: NDArray[np.float32]
     """(pages, statistics)"""
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
     glyphs: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(pages,) ``WeighedPage.score`` of each; empty: they were learned from before glyphs were weighed.
-    """
+    """(pages,) ``WeighedPage.score`` of each; empty: the pages were learned from before glyphs were
+    tested."""
     variation: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(AMOUNTS), 2), np.float32))
-    """(real pages that tell it, AMOUNTS, 2) ``page_variation``."""
+    """(real pages that determine it, AMOUNTS, 2) ``page_variation``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScannedPage:
-    """What one page of a job said to our detector."""
+    """Data from the scan of one page of a job."""
 
     name: str
     score: float
@@ -76,7 +76,7 @@ class ScannedPage:
     another: bool
     """Whether the scan shows another page."""
     digest: str
-    """Of its scan."""
+    """Digest of the scan."""
     variation: NDArray[np.float32]
     """(AMOUNTS, 2) ``page_variation``."""
     glyphs: float = NONE
@@ -87,28 +87,29 @@ class ScannedPage:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibratedDetector:
-    """A ranking made fit for one press: what its good prints do, and how rarely they alarm."""
+    """A ranking adapted to one press: the variation of its good prints, and their false-alarm rate."""
 
     model: DetectorModel
     own: GoodScores
-    """Scores of its own good pages, each by what the others of them made fit."""
+    """Scores of its own good pages, each by a model adapted to the others."""
     references: ReferenceScores
     """Scores of good pages of other presses."""
     pages: GoodPages
-    """The press's own, whose scores are ``own``."""
+    """The press's own pages, whose scores are ``own``."""
     real: int
-    """How many of them are real pages; 0: they are simulated."""
+    """Number of them that are real pages; 0: they are simulated."""
     promise: Promise
     threshold: float
     asked_when_taught: float
-    """The rate of false alarms that was asked for when it was taught. [-]"""
+    """False-alarm rate that was requested in training. [-]"""
     taught_rate: float
-    """That which was promised then. [-]"""
+    """False-alarm rate that was guaranteed then. [-]"""
     taught_threshold: float
     misprint_rate: float
-    """Of the press, before a page is seen. [-]"""
+    """Rate of misprints of the press, before a page is seen. [-]"""
     told: tuple[ToldPages, ...] = ()
-    """By what people told it was calibrated anew, the last of which counts; empty: it never was."""
+    """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
+    recalibrated."""
     name: str = "ours"
 
     @classmethod
@@ -123,10 +124,10 @@ class CalibratedDetector:
         misprint_rate: float,
         real: int = 0,
     ) -> Self:
-        """The detector with the threshold that keeps ``false_alarm_rate``, or what comes nearest, on these good pages.
+        """Return the detector with a threshold for ``false_alarm_rate``, or the nearest rate with support.
 
-        own: of the press's pages; references: of other presses. real: how many of its own are real; the others are
-        simulated.
+        own: of the press's pages; references: of other presses. real: number of its own that are real; the
+        others are simulated.
         """
         count = own.worst.size
         scores = PressScores(reference=references.by(count), own=own)
@@ -157,7 +158,7 @@ class CalibratedDetector:
         )
 
     def recalibrated(self, told: ToldPages) -> Self:
-        """The same with the threshold that pages support which people told; RequestError: they are too few."""
+        """Return the detector with the threshold of labelled pages; RequestError: they are too few."""
         return replace(
             self,
             threshold=told.threshold,
@@ -168,7 +169,7 @@ class CalibratedDetector:
         )
 
     def before_told(self) -> Self | None:
-        """The detector that ``recalibrated`` made this one of; None: none did."""
+        """Return the detector that ``recalibrated`` was applied to; None: it never was."""
         if not self.told:
             return None
         found = self.calibrated(
@@ -186,18 +187,21 @@ class CalibratedDetector:
 
     @property
     def scores(self) -> PressScores:
-        """Of good pages, by which the threshold was set."""
+        """Scores of good pages that set the threshold."""
         return PressScores(reference=self.references.by(self.own.worst.size), own=self.own)
 
     @property
     def glyphs(self) -> GlyphPromise | None:
-        """By which glyphs alarm; None: this press learned before glyphs were weighed."""
+        """Test of glyphs; None: this press was trained before glyphs were tested."""
         if not self.pages.glyphs.size:
             return None
         return GlyphPromise(own=self.pages.glyphs, rate=SHARE * self.taught_rate)
 
     def wrong_glyphs(self, page: WeighedPage) -> tuple[WeighedGlyph, ...]:
-        """Those that speak for themselves, the worst first; none where the page does not alarm by its glyphs."""
+        """Return the glyphs that alarm by themselves, the worst first.
+
+        There are none if the page does not alarm by its glyphs.
+        """
         if self.glyphs is None:
             return ()
         threshold = self.glyphs.threshold + max(self.raised, 0.0)
@@ -207,12 +211,12 @@ class CalibratedDetector:
 
     @property
     def ranking_rate(self) -> float:
-        """What of the rate that was taught the ranking may use; the rest is the floor's and the glyphs'."""
+        """Share of ``taught_rate`` that the ranking has; the floor and the glyphs have the rest."""
         return _of_ranking(self.pages) * self.taught_rate
 
     @property
     def raised(self) -> float:
-        """By how much people's words raised the threshold; below 0: lowered it."""
+        """Increase of the threshold by labelled pages; negative: a decrease."""
         return self.threshold - self.taught_threshold
 
     def decide(self, score: float, glyphs: float = NONE, floor_mm2: float = 0.0) -> Decision:
@@ -223,12 +227,12 @@ class CalibratedDetector:
         return self.decided(of_ranking, glyphs, floor_mm2)
 
     def decided(self, taught: Decision, glyphs: float, floor_mm2: float = 0.0) -> Decision:
-        """A decision at ``taught_threshold`` that has used ``ranking_rate``, with what glyphs and floor say beside it.
+        """Combine a decision at ``taught_threshold``, which has used ``ranking_rate``, with glyphs and floor.
 
-        Where people told what pages were, the score of all tests together counts, as the press was taught to make it:
-        by how much the page lies above its threshold by whichever test has it furthest above. No word changes that
-        score, so that weighted split-conformal (``weighted_conformal``) gives all tests together the rate that was
-        told, however they share it. No word lifts the floor: what reaches it is a misprint.
+        With labelled pages the combined score of all tests decides, as the press was trained to compute it:
+        the greatest excess of any test over its threshold. Labels do not change that score, so that weighted
+        split-conformal prediction (``weighted_conformal``) gives all tests together the labelled pages' rate,
+        however they share it. Labels do not raise the floor: what reaches it is a misprint.
         """
         all_tests = self._with_floor(self._of_all_tests(taught, glyphs), floor_mm2)
         if not self.told:
@@ -247,7 +251,10 @@ class CalibratedDetector:
         return self.decision(score, decision.threshold, min(p_value, 1.0))
 
     def _with_floor(self, decision: Decision, floor_mm2: float) -> Decision:
-        """Return the decision above its threshold where the floor is reached, by more for a larger area."""
+        """Return the decision.
+
+        If the floor is reached, its score is raised above its threshold, more for a larger area.
+        """
         if floor_mm2 < FLOOR_AREA_MM2 or not np.isfinite(decision.score):
             return decision
         least = decision.threshold + 1 + float(np.log(floor_mm2 / FLOOR_AREA_MM2))
@@ -255,7 +262,7 @@ class CalibratedDetector:
         return self.decision(max(decision.score, least), decision.threshold, min(p_value, self.promise.rate))
 
     def decision(self, score: float, threshold: float, p_value: float) -> Decision:
-        """Of a score, that alarms above a threshold."""
+        """Return the decision by a score, which alarms above a threshold."""
         return Decision(
             misprint=bool(score > threshold),
             score=float(score),
@@ -265,7 +272,7 @@ class CalibratedDetector:
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What an artefact keeps as tensors."""
+        """Return what an artefact stores as tensors."""
         scores: dict[str, NDArray[Any]] = {
             "reference": self.references.worst,
             "reference_pages": self.references.pages,
@@ -281,7 +288,7 @@ class CalibratedDetector:
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
-        """The rest: what JSON can hold."""
+        """Return the rest: what JSON can hold."""
         model = self.model.facts()
         if not np.isfinite(model["threshold"]):  # JSON knows no infinity; ours stands beside it
             model["threshold"] = None
@@ -297,7 +304,10 @@ class CalibratedDetector:
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
-        """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
+        """Check parts for ``from_parts``.
+
+        Misfit: this version cannot judge by them. under: prefix of their names.
+        """
         told = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
         DetectorModel.check(part_of(arrays, mark), told.tolerance, under=under + mark)
@@ -315,7 +325,7 @@ class CalibratedDetector:
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
-        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
+        """Build a detector from ``arrays`` and ``facts`` that ``check`` has passed."""
         told = dict(facts["tolerance"])
         told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
         found = cls.calibrated(
@@ -333,12 +343,12 @@ class CalibratedDetector:
 
 
 def _of_ranking(pages: GoodPages) -> float:
-    """Return the share of the promised rate that the ranking has beside floor and glyphs."""
+    """Return the share of the guaranteed rate that the ranking has, next to floor and glyphs."""
     return 1 - FLOOR_SHARE_OF_RATE - (SHARE if pages.glyphs.size else 0)
 
 
 class CalibratedFacts(Block):
-    """``CalibratedDetector.facts``."""
+    """Schema of ``CalibratedDetector.facts``."""
 
     false_alarm_rate: Chance
     misprint_rate: Chance
@@ -361,8 +371,9 @@ TABLE: Final = {
 def looked_up(
     model: DetectorModel, statistics: Sequence[Observed], page_features: NDArray[np.floating]
 ) -> NDArray[np.float32]:
-    """``DetectorModel.laid_out``; PressError if a detector was taught by a version that looked at other statistics, or
-    at pages otherwise.
+    """Return ``DetectorModel.laid_out``.
+
+    PressError: the detector was trained by a version with other statistics or other page features.
     """
     if page_features.size == model.centre.shape[1]:
         with suppress(ValueError):
@@ -378,9 +389,9 @@ def score_of(
     *,
     another: bool,
 ) -> float:
-    """Evidence for a misprint of one page, from its statistics (n,); NaN if one that is needed is no finite number.
+    """Return one page's evidence for a misprint, from its statistics (n,); NaN if a needed one is not finite.
 
-    another: the scan shows another page.
+    another: whether the scan shows another page.
     """
     if not np.isfinite(page_features).all():
         return np.nan

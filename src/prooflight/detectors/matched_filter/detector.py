@@ -1,5 +1,6 @@
-"""The matched-filter detector on a press: what good prints do taken out of a scan, the rest decided on and
-explained.
+"""The matched-filter detector: it removes the variation of good prints and decides by the residuals.
+
+It also explains its decisions.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
 PICTURED_TILES: Final = 2
 """Side of the boxes that pictures show, 1 mm. [tiles]"""
 STRONGEST: Final = 4
-"""Families that are asked for kind and place."""
+"""Number of families from which kind and place are taken."""
 ROWS_AT_ONCE: Final = 64
 UNPLACED: Final = "lines were lost, and the rest does not tell where the page lies"
 PARTS: Final = "parts of the page do not look as designed"
@@ -69,11 +70,12 @@ PARTS: Final = "parts of the page do not look as designed"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatchedFilterDetector(StationDetector):
-    """Copes with presses that drift and jitter; trained on what this press's good prints do."""
+    """Detector for presses that drift and jitter, trained on the variation of this press's good prints."""
 
     calibrated: CalibratedDetector
     in_full: bool = False
-    """Whether every page is looked at for all statistics, so that it can be learned from; verdicts are the same."""
+    """Whether all statistics of every page are computed, so that it can be learned from; verdicts are the
+    same."""
 
     @property
     def name(self) -> str:
@@ -141,15 +143,15 @@ class MatchedFilterPage:
     inks: str
     """Letters of CMYK that the page has."""
     model: DetectorModel
-    """By which this page is judged ..."""
+    """Model by which this page is judged ..."""
     widening: float
-    """... so many times as widely as others."""
+    """... with tolerances that are wider than others' by this factor."""
     zones: PageZones | None = None
     judge: ZonedJudge | None = None
-    """By what it is decided where it has zones; None: it has none, or they are not calibrated."""
+    """Decision rule for pages with zones; None: the page has none, or they are not calibrated."""
 
     def under(self, station: Station) -> MatchedFilterPage:
-        """See ``PreparedPage``; next to no work."""
+        """See ``PreparedPage``; cheap."""
         return replace(self, detector=self.detector.at(station), known=self.known.under(station.sensors))
 
     @property
@@ -158,7 +160,7 @@ class MatchedFilterPage:
         return True
 
     def complete(self) -> None:
-        """See ``MadeReadyInTwo``: what only the explanation of a misprint needs."""
+        """See ``MadeReadyInTwo``: compute what only the explanation of a misprint needs."""
         _ = self.known.added.images
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
@@ -229,20 +231,26 @@ class MatchedFilterPage:
     def _summary(
         self, values: NDArray[np.float32], score: float, decision: Decision
     ) -> NDArray[np.float64] | None:
-        """What the run's test ranks the page by: where people told of pages, the score that they told of alone."""
+        """Return what the run's test ranks the page by.
+
+        With labelled pages it is only the score that their threshold is for.
+        """
         if self.detector.calibrated.told:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
         return summary_of(self.model, values, self.known.page_features, score=score)
 
     def whole_score(self, inspection: Inspection) -> float:
-        """Score of the page as a whole in one of its inspections, without what careful areas say."""
+        """Return the score of the page as a whole in one of its inspections, without careful areas."""
         kept = KeptArrays(inspection.kept, self.detector.name)
         values = kept.array("values", "fiu", (len(self.model.statistics),))
         score = score_of(self.model, values, self.known.page_features, another=kept.wrong_page)
         return score if np.isfinite(score) else WRONG_PAGE
 
     def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
-        """Return the analysis of a scan, its statistics and its score; all statistics only of a page that alarms."""
+        """Return the analysis of a scan, its statistics and its score.
+
+        All statistics are computed only for a page that alarms.
+        """
         ours, model = self.detector.calibrated, self.model
         threads = self.detector.station.threads or os.cpu_count() or 1
         looks_first = model.screen is not None and not self.detector.in_full
@@ -279,7 +287,7 @@ class MatchedFilterPage:
         return analysis, *scored(every)
 
     def _careful(self, analysis: ScanAnalysis) -> list[Observed]:
-        """What the careful areas of the page say; empty: it has none."""
+        """Return the statistics of the page's careful areas; empty: it has none."""
         if analysis.careful is None or self.zones is None or "careful" not in self.zones.kinds:
             return []
         return careful_statistics(analysis.sums, self.detector.calibrated.model.scatter, analysis.careful)
@@ -291,7 +299,7 @@ class MatchedFilterPage:
         values: NDArray[np.float32],
         careful: list[Observed],
     ) -> dict[str, Any]:
-        """Kind, places and reason of a misprint."""
+        """Return kind, places and reason of a misprint."""
         page, model = self.known.page, self.model
         another = shows_another(analysis.found)
         alarmed = self.judge is not None and self.judge.careful_alarms(
@@ -314,7 +322,10 @@ class MatchedFilterPage:
         return {"kind": kind, "regions": regions, "reason": reason}
 
     def _in_careful(self, analysis: ScanAnalysis, telling: Observed) -> dict[str, Any]:
-        """The same of one that a careful area says; telling: which of its statistics."""
+        """Return kind, places and reason of a misprint in a careful area.
+
+        telling: the area's greatest statistic.
+        """
         kind, strongest = kind_of(telling.statistic), [(telling.statistic.cause, telling)]
         regions = _regions(strongest, kind, analysis, self.known.page)
         inks, place = inks_found(analysis, self.inks), regions[0] if regions else None
@@ -328,7 +339,7 @@ class MatchedFilterPage:
         return {"kind": kind, "regions": regions, "reason": f"{reason}, in the careful zone{name}"}
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
-        """Where the print is lighter (above 0) or darker than it should be, in standard deviations of good prints."""
+        """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
         sums, light = analysis.sums, MODES.index("light")
         push, power, edges = (
             cv2.blur(one, (PICTURED_TILES, PICTURED_TILES), borderType=cv2.BORDER_REPLICATE)
@@ -343,7 +354,7 @@ class MatchedFilterPage:
 def _regions(
     strongest: list[tuple[str, Observed]], kind: str, analysis: ScanAnalysis, page: Page
 ) -> tuple[Region, ...]:
-    """Places, those of the verdict's kind first; a wrong page is wrong as a whole."""
+    """Return places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
     shift_mm = analysis.found.placement.shift_mm if analysis.found.found else (0.0, 0.0)
     if kind == WRONG_PAGE_KIND:  # no place says more than another
@@ -356,7 +367,7 @@ def _regions(
 
 
 def _widening_of(kept: KeptArrays) -> float:
-    """Kept evidence of before there was any has none."""
+    """Return the stored widening; 1 for evidence from before there was any."""
     if "widening" not in kept.kept:
         return 1.0
     return max(float(kept.array("widening", "f", (), finite=True)), 1.0)
@@ -369,7 +380,10 @@ def summary_of(
     *,
     score: float,
 ) -> NDArray[np.float64] | None:
-    """One page's ``summaries``, from its statistics (n,) and their score; None: one of them is no finite number."""
+    """Return one page's ``summaries``, from its statistics (n,) and their score.
+
+    It is None if one of them is not finite.
+    """
     known = np.isfinite(values[of_every_page(model)]).all()
     if not (known and np.isfinite(page_features).all() and np.isfinite(score)):
         return None
@@ -377,7 +391,7 @@ def summary_of(
 
 
 def present_inks(page: Page) -> str:
-    """Letters of CMYK that a page has."""
+    """Return the letters of CMYK that a page has."""
     packed = np.ascontiguousarray(page.cmyk).view(np.uint32)
     any_of = np.uint32(0)
     for first in range(0, len(packed), ROWS_AT_ONCE):
@@ -391,7 +405,7 @@ def present_inks(page: Page) -> str:
 def block_means(
     values: NDArray[np.floating], side: int, area: tuple[slice, slice], *, block: int
 ) -> NDArray[np.float32]:
-    """Values of a scan's tiles of side x side pixels (tile rows, tile columns), at the middles of an area's blocks."""
+    """Sample tiles (tile rows, tile columns), ``side`` pixels wide, at the middles of an area's blocks."""
     places = []
     for extent, tiles in zip(area, values.shape, strict=True):
         count = (extent.stop - extent.start) // block

@@ -1,25 +1,28 @@
-"""Whether a run's pages are like those that the promise rests on: conformal test martingales.
+"""Conformal test martingales: whether a run's pages are exchangeable with those that the guarantee rests on.
 
-Each page is ranked, by several summaries of what its scan said, among the press's own good pages and the run's pages
-before it. Where all of these are exchangeable, the ranks by one summary are independent and uniform (Vovk, Gammerman,
-Shafer 2005, theorem 8.1), and a gambler who bets on small ones gains a factor of 1 / a or more, ever, with a
-probability of a at most (Ville 1939). Wealth beyond that says that they are not: the press does what its good pages did
-not show.
+Each page is ranked, by several summaries of its scan, among the press's own good pages and the run's pages
+before it. If all of these are exchangeable, the ranks by one summary are independent and uniform (Vovk,
+Gammerman, Shafer 2005, theorem 8.1), and a gambler who bets on small ones ever gains a factor of 1 / a or
+more with a probability of at most a (Ville 1939). Greater wealth shows that they are not exchangeable: the
+press does what its good pages did not show.
 
-Each summary has a gambler of its own, and a share of ``FALSELY``. It is the greatest of their wealths that counts, each
-times its share, and not their sum: what one summary said before tells of the next page's rank by another, so that all
-gamblers together play no fair game. That none of them wins falsely is the union bound.
+Each summary has a gambler of its own, and a share of ``FALSELY``. The test uses the greatest of their
+wealths, each times its share, and not their sum: earlier values of one summary inform on the next page's rank
+by another, so that all gamblers together do not play a fair game. The union bound limits the probability that
+any of them wins falsely.
 
-In a long run pages are forgotten, so that no more are kept than ``REMEMBERED``. Which one is drawn without regard to
-its age, the newest among them, and that leaves the theorem as it is: given all pages that were kept, the newest was any
-of them alike, and what is kept for later says nothing of which. Were the oldest forgotten, later ranks would tell.
+In a long run pages are forgotten, so that no more than ``REMEMBERED`` are stored. The one to forget is drawn
+regardless of its age, the newest among them, which leaves the theorem valid: given all stored pages, the
+newest was equally likely any of them, and what is stored for later does not depend on which. Forgetting the
+oldest would make later ranks informative.
 
-Of a press whose threshold people's words set, the promise rests on the pages that they told, and these were not drawn
-alike: every alarm, and few of those that passed. Each is kept with a probability in proportion to its weight, 1 over
-that with which it was drawn. So every good sheet of those runs is kept with one and the same probability, whatever it
-scored, and those that were kept are independent draws of the law that the promise is of (rejection; von Neumann 1951).
-Of each design one is kept. A run's pages are ranked among these by the one score that the threshold is of, and all of
-the above holds with one gambler. He has all of ``FALSELY``.
+If labelled pages set a press's threshold, the guarantee rests on these, and they were not drawn with equal
+probability: every alarm, and few of the pages that passed. Each is retained with a probability in proportion
+to its weight, which is the inverse of the probability with which it was drawn. So every good sheet of those
+runs is retained with one and the same probability, whatever its score, and the retained ones are independent
+draws from the law that the guarantee refers to (rejection; von Neumann 1951). One page of each design is
+retained. A run's pages are ranked among these by the one score that the threshold applies to, and all of the
+above holds with one gambler, who has all of ``FALSELY``.
 """
 
 from __future__ import annotations
@@ -37,29 +40,33 @@ if TYPE_CHECKING:
     from prooflight.detectors.weighted_conformal import ToldPages
 
 FALSELY: Final = 0.001
-"""Of runs whose pages are exchangeable with the press's own, how many are ever called otherwise, at most."""
+"""Maximum share of runs with exchangeable pages that are ever called otherwise."""
 STAKES: Final = np.array([0.1, 0.35, 0.7])
-"""Exponents e of the bets e p^(e - 1), each of which has the mean 1; a gambler's wealth is the mean of all."""
+"""Exponents e of the bets e p^(e - 1), each of which has the mean 1; a gambler's wealth is the mean of
+all."""
 MISPRINTS: Final = 0.05
-"""Share of a run's pages that may be misprints: no rank is taken to be smaller. (assumed: presses stop before)"""
+"""Share of a run's pages that may be misprints: no smaller rank is used. (assumed: presses stop before)"""
 REMEMBERED: Final = 2000
-"""Pages of a run that are kept beside as many as the press has of its own: a page then ranks to 1 in 2000."""
+"""Maximum number of a run's pages that are stored in addition to the press's own: a page then ranks to 1 in
+2000."""
 SCORE: Final = "score"
-"""The summary that is no group of statistics: false alarms come of it."""
+"""Name of the summary that is no group of statistics: false alarms depend on it."""
 OF_SCORE: Final = 0.5
-"""Its share of ``FALSELY``; first words of statistics share the rest."""
+"""Share of ``FALSELY`` that the score has; first words of statistics share the rest."""
 
 
 def groups_of(model: DetectorModel) -> tuple[str, ...]:
-    """Names of the summaries: ``SCORE``, and first words of those statistics that every page is looked at for."""
+    """Return the names of the summaries: ``SCORE``, and first words of the statistics that every page has."""
     return (SCORE, *dict.fromkeys(model.statistics[index].word for index in of_every_page(model)))
 
 
 def summaries(
     model: DetectorModel, deviations: NDArray[np.floating], score: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """What pages are ranked by: their scores (pages,), and the mean of their deviations (pages, statistics) in each
-    group of one first word; (pages, ``groups_of``).
+    """Return the summaries by which pages are ranked, (pages, ``groups_of``).
+
+    They are the scores (pages,), and the mean of the deviations (pages, statistics) in each group of one
+    first word.
     """
     looked_at = of_every_page(model)
     words = [model.statistics[index].word for index in looked_at]
@@ -70,14 +77,14 @@ def summaries(
 
 
 def of_every_page(model: DetectorModel) -> NDArray[np.int32]:
-    """Which statistics every page is looked at for."""
+    """Return the indices of the statistics that every page has."""
     return (
         np.arange(len(model.statistics), dtype=np.int32) if model.screen is None else model.screen.statistic
     )
 
 
 def shares(groups: int) -> NDArray[np.float64]:
-    """Of ``FALSELY``, (groups,), which add up to 1; the first is the score."""
+    """Return each group's share of ``FALSELY``, (groups,), which add up to 1; the first is the score's."""
     if groups == 1:
         return np.ones(1)
     return np.array([OF_SCORE, *[(1 - OF_SCORE) / (groups - 1)] * (groups - 1)])
@@ -85,12 +92,12 @@ def shares(groups: int) -> NDArray[np.float64]:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class ExchangeabilityTest:
-    """One run's wealth, page by page."""
+    """Wealth of one run's gamblers, updated page by page."""
 
     known: list[NDArray[np.float64]]
-    """Summaries of pages by which the next are ranked; no group looks at another's."""
+    """Summaries of pages among which the next are ranked; each group uses its own column."""
     room: int
-    """For so many of them."""
+    """Maximum number of these."""
     names: tuple[str, ...]
     log_wealth: NDArray[np.float64]
     """(groups, stakes)"""
@@ -99,9 +106,9 @@ class ExchangeabilityTest:
 
     @classmethod
     def of(cls, ours: CalibratedDetector) -> ExchangeabilityTest:
-        """Before a run's first page.
+        """Start the test of a run.
 
-        A page's own score is one that the other pages of the press made fit, as a new page's is.
+        A page's own score is by a model adapted to the other pages of the press, as a new page's is.
         """
         names = groups_of(ours.model)
         deviations = ours.model.deviations(ours.pages.values, ours.pages.page_features)
@@ -110,7 +117,7 @@ class ExchangeabilityTest:
 
     @classmethod
     def of_told(cls, told: ToldPages, rng: np.random.Generator) -> ExchangeabilityTest:
-        """Before a run's first page, by what people told; rng: which of these pages are kept."""
+        """Start the test of a run from labelled pages; rng: draws which of these are retained."""
         return cls._before([np.array([score]) for score in told.alike(rng)], (SCORE,))
 
     @classmethod
@@ -123,7 +130,7 @@ class ExchangeabilityTest:
         )
 
     def add(self, summary: NDArray[np.float64], rng: np.random.Generator) -> None:
-        """One more page of the run, (groups,); rng: breaks ties, and forgets."""
+        """Add a page of the run, (groups,); rng: breaks ties, and draws the page that is forgotten."""
         before = np.stack(self.known)
         above = (before > summary).sum(axis=0)
         alike = (before == summary).sum(axis=0) + 1
@@ -139,25 +146,25 @@ class ExchangeabilityTest:
 
     @property
     def gained(self) -> NDArray[np.float64]:
-        """(groups,) logarithm of each one's wealth, the mean of its stakes, times its share."""
+        """(groups,) logarithm of each group's wealth, the mean of its stakes, times its share."""
         wealth = np.logaddexp.reduce(self.log_wealth, axis=1) - np.log(STAKES.size)
         return np.asarray(wealth + np.log(shares(len(self.names))))
 
     @property
     def suspended(self) -> bool:
-        """Whether the run's pages were ever too unlike the press's own for its promise to hold."""
+        """Whether the run's pages ever differed too much from the press's own for its guarantee to hold."""
         return self.most >= -np.log(FALSELY)
 
     @property
     def strangest(self) -> str:
-        """The first word of those statistics that gained most; ``SCORE`` where there are none."""
+        """First word of the statistics whose wealth is greatest; ``SCORE`` if there are none."""
         if len(self.names) == 1:
             return SCORE
         return self.names[1 + int(self.gained[1:].argmax())]
 
 
 def _bet(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Factors (groups, stakes) of ranks (groups,) in MISPRINTS..1, of mean 1 where ranks are uniform there."""
+    """Return factors (groups, stakes) of ranks (groups,) in MISPRINTS..1, of mean 1 for uniform ranks."""
     low = MISPRINTS
     mean = (1 - low**STAKES) / (1 - low)
     return STAKES * p[:, None] ** (STAKES - 1) / mean

@@ -1,4 +1,4 @@
-"""What our detector found, in the words of the press room: why, where, and what each ink does."""
+"""Explanations of a misprint in the terms of a press room: reason, place, and the state of each ink."""
 
 from __future__ import annotations
 
@@ -25,22 +25,24 @@ LIGHTENING: Final = ("light", "void")
 """Modes of which more makes a place lighter."""
 MOST_OF_PLANE: Final = 0.5
 DISTINCT_DEGREES: Final = 10.0
-"""assumed: a spot of 10 standard deviations has a direction that its noise turns by 6 degrees."""
+"""assumed: noise turns the direction of a spot of 10 standard deviations by 6 degrees."""
 GONE_PERCENT: Final = -60.0
-"""An ink of which less than 40 % is there is called missing, not weak."""
+"""Gain below which an ink is called missing, not weak: less than 40 % is there."""
 LEAST_TOLD_MM: Final = 0.05
-"""A plane less far out of register is said without an amount: 0.0 mm would be read as nothing."""
+"""Minimum displacement of a plane that is reported with its amount: 0.0 mm would be read as none."""
 TIE_MM: Final = 0.05
-"""A point this far outside a region counts as inside. Boxes of one size overlap by half, so the middle of one lies on
-its neighbour's edge, and the last bits of a float would decide on which side. Tiles are ten times as large."""
+"""Tolerance of the test whether a point is inside a region. Boxes of one size overlap by half, so that the
+middle of one is on its neighbour's edge, and rounding would decide on which side. Tiles are ten times as
+large."""
 
 
 def distinct_inks(sensors: Sequence[SensorModel]) -> frozenset[str]:
-    """Return the letters of the inks that the sensors can tell from every other ink.
+    """Return the letters of the inks that the sensors can distinguish from every other ink.
 
-    Each ink darkens the sensors in proportions of its own, whatever its amount: the optical densities of the solid ink,
-    one a sensor, are a direction. An ink is distinct where its direction is more than ``DISTINCT_DEGREES`` away from
-    that of every other ink. A single sensor knows one direction, and so no distinct ink.
+    Each ink darkens the sensors in proportions of its own, whatever its amount: the optical densities of the
+    solid ink, one per sensor, are a direction. An ink is distinct if its direction differs by more than
+    ``DISTINCT_DEGREES`` from that of every other ink. A single sensor measures one direction, and so no
+    distinct ink.
 
     Parameters
     ----------
@@ -70,9 +72,10 @@ def distinct_inks(sensors: Sequence[SensorModel]) -> frozenset[str]:
 
 
 def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
-    """What a print does with the inks of ``present``, letters of CMYK.
+    """Return the state of the inks of ``present``, letters of CMYK, in a print.
 
-    A plane of which most lies further off than registration follows is that far out of register.
+    A plane of which most is displaced further than registration follows is out of register by that
+    displacement.
     """
     fit, found = analysis.fit, analysis.found
     far = analysis.sums.shifts[:, 1] > MOST_OF_PLANE
@@ -95,10 +98,10 @@ def regions_of(
     shift_mm: tuple[float, float],
     size_mm: tuple[float, float],
 ) -> tuple[Region, ...]:
-    """Places on the page, most telling first: statistics' boxes, the print's shift taken off, cut to the page.
+    """Return places, the strongest first: statistics' boxes, less the print's shift, clipped to the page.
 
-    A box whose middle lies in a region before it, or within ``TIE_MM`` of one, gives no region of its own. No box at
-    all: the page as a whole.
+    A box whose middle is in an earlier region, or within ``TIE_MM`` of one, gives no region of its own.
+    Without any box the region is the page as a whole.
     """
     found: list[Region] = []
     for (_, statistic), kind in zip(strongest, kinds, strict=True):
@@ -122,7 +125,7 @@ def regions_of(
 
 
 def told_of_floor(floor: FloorFinding, found: Registration) -> dict[str, Any]:
-    """Return kind, place and reason of a page that is a misprint because its light differs beyond the floor."""
+    """Return kind, place and reason of a misprint whose light differs by more than the floor."""
     shift_mm = found.placement.shift_mm if found.found else (0.0, 0.0)
     x, y, width, height = floor.box
     box_mm = max(x - shift_mm[0], 0.0), max(y - shift_mm[1], 0.0), width, height
@@ -133,7 +136,7 @@ def told_of_floor(floor: FloorFinding, found: Registration) -> dict[str, Any]:
 
 
 def whole_page(size_mm: tuple[float, float], statistic: Observed, kind: str) -> Region:
-    """The page as a whole, where no place says more than another."""
+    """Return the page as a region, for evidence without a place."""
     return Region.rounded((0.0, 0.0, *size_mm), score=abs(statistic.value), kind=kind)
 
 
@@ -151,10 +154,10 @@ def reason_for(
     *,
     distinct: Collection[str],
 ) -> str:
-    """One line: what is wrong, with which ink, how much and where.
+    """Return one line: what is wrong, with which ink, by how much and where.
 
-    statistic: the statistic that says most; region: the first place, None if there is none. distinct: letters of the
-    inks that the sensors tell from others; no other ink is named, but the one of a page that has a single ink, where
+    statistic: the strongest one; region: the first place, None if there is none. distinct: letters of the
+    inks that the sensors distinguish from others. No other ink is named, except the only ink of a page where
     the print of that ink as a whole is off.
     """
     ink = _ink_of(statistic)
@@ -216,7 +219,7 @@ def _of_gain(
 
 
 def _is_local(statistic: Statistic) -> bool:
-    """Whether its place is where ink is off; flat areas may lie all about it."""
+    """Return whether a statistic's place is where ink is off; flat areas may be all around it."""
     return statistic.family in ("box", "spread") and statistic.reference is not FLAT_AREAS
 
 
@@ -225,20 +228,20 @@ def _amount(percent: float) -> str:
 
 
 def _ink_of(statistic: Observed | None) -> str:
-    """Letter of the ink that a statistic speaks of; empty: of none by itself."""
+    """Return the letter of a statistic's ink; empty: it has no single ink."""
     ink = statistic.statistic.ink if statistic else ""
     return ink if ink in NAME_OF_INK else ""
 
 
 def _darker(statistic: Observed | None) -> bool:
-    """Whether a statistic says that a place is darker; of light and of voids, more is lighter."""
+    """Return whether a statistic means that a place is darker; for light and voids, more is lighter."""
     if statistic is None:
         return False
     return statistic.statistic.sign == ("-" if statistic.statistic.mode in LIGHTENING else "+")
 
 
 def _named(ink: str, inks: dict[str, Ink], distinct: Collection[str]) -> str:
-    """The name of a plane's ink, where the sensors or the page leave no other."""
+    """Return the name of a plane's ink, if the sensors or the page leave no other."""
     return NAME_OF_INK[ink] if ink in distinct or len(inks) == 1 else "an ink"
 
 

@@ -1,8 +1,8 @@
-"""What one press's good prints taught our detector, and what misprints did: from statistics to one score.
+"""Model of one press's good prints and of misprints, which turns a page's statistics into one score.
 
-A page's statistics are compared with what good pages of such content give on this press, each family of them is
-calibrated by itself, and forests that misprints taught rank pages by all of it; or, where none were seen, how far the
-most telling families are out.
+A page's statistics are compared with those of good pages of such content on this press, and each family of
+them is calibrated by itself. Forests trained on misprints rank pages by all of it; without such training the
+score is how far the strongest families deviate.
 """
 
 from __future__ import annotations
@@ -53,21 +53,22 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
 MOST: Final = 8
-"""Families that say most, of which the score is made that no misprint taught; the k-th counts 1 / k."""
+"""Number of the strongest families that make up the score without training on misprints; the k-th counts 1 /
+k."""
 AGAINST_GOOD: Final = 0.5
-"""Share of what tells a kind from good pages, beside what tells it from other kinds, in its name. Of 344 misprints of
-seed 31 that had not taught, 75.0 % are named right with it, 73.5 % without and 73.5 % with all of it (a ranking of 581
-pages); by the shipped ranking 68, 65 and 68 of 76 of seed 7."""
+"""Weight of a kind's odds against good pages, relative to its odds against other kinds, in naming it. Of 344
+misprints of seed 31 that were not trained on, 75.0 % are named correctly with it, 73.5 % without and 73.5 %
+with a weight of 1 (a ranking of 581 pages); by the shipped ranking 68, 65 and 68 of 76 of seed 7."""
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
-"""What the fit states in standard deviations of what good prints do, whatever the page is like."""
+"""Amounts that the fit states in standard deviations of good prints, whatever the page's content."""
 ARRAYS: Final = ("family", "centre", "baseline", "sd", "shift", "scale", "quantiles", "tail")
 MOST_SHAPE: Final = 0.5
-"""Of a tail: beyond, its variance would be infinite."""
+"""Limit of a tail's shape: beyond, its variance would be infinite."""
 STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
 
 
 def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Statistics of any size -> numbers of about 1: sign(v) log(1 + 3 |v|)."""
+    """Compress statistics of any size to numbers of about 1: sign(v) log(1 + 3 |v|)."""
     known = _known(values)
     return np.asarray(np.sign(known) * np.log1p(3 * np.abs(known)))
 
@@ -77,59 +78,68 @@ def _known(values: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def in_deviations(statistics: Sequence[Statistic]) -> NDArray[np.bool_]:
-    """Which statistics need no comparison with pages of such content: their scale is what presses do."""
+    """Return which statistics need no comparison with pages of such content.
+
+    Presses' variation is their scale.
+    """
     return np.array([one.family == "fit" and one.mode in IN_DEVIATIONS for one in statistics])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DetectorModel:
-    """What one press's good prints taught, and what misprints did; all arrays, so that a press artefact can hold it."""
+    """Parameters learned from one press's good prints and from misprints.
+
+    They are arrays, so that an artefact can store them.
+    """
 
     statistics: tuple[Statistic, ...]
-    """In the order of ``families.all_statistics``."""
+    """Statistics in the order of ``families.all_statistics``."""
     families: tuple[str, ...]
-    """Their causes, sorted."""
+    """Causes of the statistics, sorted."""
     family: NDArray[np.int32]
-    """(statistics,) which family each is of."""
+    """(statistics,) index of each one's family."""
     scatter: Scatter
     residual_variance: ResidualVariance
     prior: PrintPrior
-    """What its good prints were taken to do before one was looked at."""
+    """Prior of its good prints."""
     centre: NDArray[np.float64]
-    """(2, PAGE_FEATURES) mean and standard deviation of learning pages' features."""
+    """(2, PAGE_FEATURES) mean and standard deviation of training pages' features."""
     baseline: NDArray[np.float64]
-    """(1 + PAGE_FEATURES, statistics) what a good page of such content gives: linear in its features."""
+    """(1 + PAGE_FEATURES, statistics) values on a good page of such content: linear in its features."""
     sd: NDArray[np.float64]
-    """(statistics,) of good pages about it."""
+    """(statistics,) standard deviation of good pages about the baseline."""
     shift: NDArray[np.float64]
-    """(statistics,) how much further out this press's good pages are than those of the baseline, in their ``sd`` ..."""
+    """(statistics,) offset of this press's good pages from those of the baseline, in their ``sd`` ..."""
     scale: NDArray[np.float64]
-    """... and how many times as widely they scatter; ``commissioning.training.adapting``."""
+    """... and the ratio of their scatter to it; ``commissioning.training.adapting``."""
     quantiles: NDArray[np.float64]
-    """(families, n) of the family's greatest deviation on good pages, at probabilities 0 to ``tail_from``, evenly."""
+    """(families, n) quantiles of the family's greatest deviation on good pages, at equidistant probabilities
+    0 to ``tail_from``."""
     tail: NDArray[np.float64]
-    """(families, 3) where the tail begins, and scale and shape of a generalised Pareto distribution beyond."""
+    """(families, 3) beginning of the tail, and scale and shape of a generalised Pareto distribution
+    beyond."""
     tail_from: float
     forest: Forest | None
-    """Of ``every_column`` of all statistics: log odds of misprints against good pages; None: they decide nothing."""
+    """Forest on ``every_column`` of all statistics: log odds of misprints against good pages; None: they do
+    not decide."""
     kinds: tuple[str, ...]
-    """Kinds of misprints that were seen in learning."""
+    """Kinds of misprints in the training data."""
     kind_forests: tuple[Forest, ...]
-    """For each: log odds against good pages, from ``every_column``; by them kinds are named."""
+    """Forest of each kind on ``every_column``: log odds against good pages; kinds are named by it."""
     name_forests: tuple[Forest, ...]
-    """For each: log odds against all other kinds, from ``family_columns``."""
+    """Forest of each kind on ``family_columns``: log odds against all other kinds."""
     threshold: float
-    """Of ``score``; infinite until set."""
+    """Threshold of ``score``; infinite until set."""
     good_designs: int
-    """By which the threshold was calibrated; a rate below 1 / (n + 1) is an extrapolation."""
+    """Number of good designs that calibrated the threshold; a rate below 1 / (n + 1) is an extrapolation."""
     screen: Screen | None = None
-    """The ranking of the statistics that every page is analysed for, which alone decides; the others explain what it
-    calls a misprint. None: all statistics decide."""
+    """Ranking by the statistics that are computed for every page, which alone decides; the others explain
+    what it calls a misprint. None: all statistics decide."""
 
     def deviations(
         self, values: NDArray[np.floating], page_features: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Statistics (pages, n) over what this press's good pages of such content give, in standard deviations."""
+        """Return deviations of statistics (pages, n) from this press's good pages of such content. [sd]"""
         mean, sd = self.centre
         x = np.column_stack([np.ones(len(page_features)), ((page_features - mean) / sd).clip(-3, 3)])
         compared = (compressed(values) - x @ self.baseline) / self.sd
@@ -149,23 +159,23 @@ class DetectorModel:
         )
 
     def widened(self, times: float) -> DetectorModel:
-        """That takes good pages to deviate so many times as widely."""
+        """Return the model with a factor by which good pages are taken to deviate more widely."""
         return self if times == 1 else replace(self, scale=self.scale * times)
 
     def family_evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
-        """-log10 p of every family, (pages, families), from deviations (pages, statistics)."""
+        """Return -log10 p of every family, (pages, families), from deviations (pages, statistics)."""
         return evidence_of(deviations, self.family, self.quantiles, self.tail, self.tail_from)
 
     def guard(self, evidence: NDArray[np.floating]) -> NDArray[np.float64]:
-        """The score that no misprint taught: (pages,)."""
+        """Return the score without training on misprints, (pages,)."""
         most = -np.sort(-evidence, axis=1)[:, :MOST]
         return np.asarray(most @ (1 / np.arange(1, most.shape[1] + 1)))
 
     def score(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the evidence for a misprint, higher is worse: (pages,).
 
-        Where there is a screen no statistics but its own need be known: others may be NaN. NaN where one that is needed
-        is no finite number.
+        With a screen only its own statistics are needed: others may be NaN. NaN if a needed one is not
+        finite.
         """
         deviations = self.deviations(values, page_features)
         needed = values if self.screen is None else values[:, self.screen.statistic]
@@ -192,13 +202,14 @@ class DetectorModel:
         return ranked(self.forest.score(every), self.of_kinds(every), evidence, marks_of(self.families))
 
     def of_kinds(self, every: NDArray[np.floating]) -> NDArray[np.float64]:
-        """How much rows of ``every_column`` look like each kind rather than a good page: (pages, kinds) log odds."""
+        """Return each kind's log odds against good pages, (pages, kinds), from rows of ``every_column``."""
         return scores_of(self.kind_forests, every)
 
     def kinds_of(self, values: NDArray[np.floating], page_features: NDArray[np.floating]) -> list[str]:
-        """The kind of misprint that each page looks like most; empty where none was seen in learning.
+        """Return the kind of misprint that is most likely for each page; empty if there was none in training.
 
-        By what tells each kind from all others, and by ``AGAINST_GOOD`` of what tells it from good pages.
+        It has the greatest sum of log odds against all other kinds and ``AGAINST_GOOD`` times those against
+        good pages.
         """
         if not self.name_forests:
             return [""] * len(values)
@@ -209,7 +220,7 @@ class DetectorModel:
         return [self.kinds[index] for index in told.argmax(axis=1)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What an artefact keeps as tensors."""
+        """Return what an artefact stores as tensors."""
         found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
         found |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
         forests = {} if self.forest is None else {"forest": self.forest}
@@ -225,7 +236,7 @@ class DetectorModel:
         return found
 
     def facts(self) -> dict[str, Any]:
-        """The rest: what JSON can hold."""
+        """Return the rest: what JSON can hold."""
         # A press that is as others is what it was before there was this.
         prior = {} if self.prior == PrintPrior() else {"prior": asdict(self.prior)}
         return prior | {
@@ -242,7 +253,10 @@ class DetectorModel:
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
-        """Misfit unless ``from_parts`` makes of them what this version can judge by. under: where they stand."""
+        """Check parts for ``from_parts``.
+
+        Misfit: this version cannot judge by them. under: prefix of their names.
+        """
         told = checked(ModelFacts, facts, under=under)
         told.check(under)
         forests = dict(_forests_of(told))
@@ -262,7 +276,7 @@ class DetectorModel:
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
-        """``arrays`` and ``facts`` put together again, which ``check`` has passed."""
+        """Build a model from ``arrays`` and ``facts`` that ``check`` has passed."""
 
         def forest(which: str) -> Forest:
             return Forest(**{name: arrays[f"{which}.{name}"] for name in FOREST})
@@ -297,7 +311,7 @@ class DetectorModel:
     def strongest(
         self, statistics: Sequence[Observed], page_features: NDArray[np.floating], *, most: int = 3
     ) -> list[tuple[str, Observed]]:
-        """The families that say most of one page, each with its most telling statistic and where that is.
+        """Return the strongest families of one page, each with its strongest statistic and where that is.
 
         statistics: all of the model's, or those of its screen alone.
         """
@@ -315,7 +329,7 @@ class DetectorModel:
         return found
 
     def laid_out(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
-        """Values (n,) of all the model's statistics, NaN of those that were not looked at.
+        """Return values (n,) of all the model's statistics, with NaN for those that were not computed.
 
         statistics: all of them, or those of its screen alone. ValueError: they are others.
         """
@@ -330,7 +344,7 @@ class DetectorModel:
 
 
 class ResidualVarianceFacts(Block):
-    """``ResidualVariance``; what an older press does not state is as it was then."""
+    """Schema of ``ResidualVariance``; an omitted field of an older press has the value that applied then."""
 
     edge: NotNegative = 0
     contrast: NotNegative = 0
@@ -342,7 +356,7 @@ Deviation = Annotated[float, Field(strict=True, ge=1e-9, le=1e3, allow_inf_nan=F
 
 
 class PriorFacts(Block):
-    """``PrintPrior``, likewise."""
+    """Schema of ``PrintPrior``."""
 
     white: Deviation = 1
     common: Deviation = 1
@@ -365,7 +379,7 @@ class PriorFacts(Block):
 
 
 class ModelFacts(Block):
-    """``DetectorModel.facts``."""
+    """Schema of ``DetectorModel.facts``."""
 
     names: Annotated[
         tuple[Annotated[str, Field(max_length=64, pattern=STATISTIC)], ...],
@@ -381,11 +395,11 @@ class ModelFacts(Block):
     """Whether there is a screen, which decides."""
     kinds: Annotated[tuple[Name, ...], Field(max_length=100)]
     threshold: Number | None
-    """None: infinite, not set; JSON knows no infinity."""
+    """Null if infinite, that is not set, because JSON has no infinity."""
     good_designs: Count
 
     def check(self, under: str) -> None:
-        """Misfit unless its parts fit each other."""
+        """Raise Misfit unless its parts are consistent."""
         if len(set(self.names)) < len(self.names):
             raise Misfit(f"{under}names", "must differ from each other")
         if list(self.families) != sorted({one.cause for one in self.statistics}):
@@ -397,11 +411,11 @@ class ModelFacts(Block):
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
-        """By their names."""
+        """Statistics that ``names`` identify."""
         return tuple(map(Statistic.parse, self.names))
 
     def sizes(self) -> dict[str, int]:
-        """Extents of arrays, and columns of what rankings look at: as this version counts them."""
+        """Return extents of arrays, and numbers of columns of the rankings, in this version."""
         nothing = np.zeros((1, len(self.families)))
         page_features, deviations = np.zeros((1, PAGE_FEATURES)), np.zeros((1, len(self.names)))
         which, families, _ = screened(self.statistics)
@@ -418,7 +432,7 @@ class ModelFacts(Block):
 
 
 def _forests_of(facts: ModelFacts) -> Iterator[tuple[str, Literal["every", "of families", "of first"]]]:
-    """Names of the forests, and which columns each looks at."""
+    """Yield the names of the forests, and which columns each one uses."""
     if facts.ranked:
         yield "forest", "every"
     for index in range(len(facts.kinds)):

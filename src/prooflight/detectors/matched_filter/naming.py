@@ -1,4 +1,4 @@
-"""From the families of evidence that say most to the kind of misprint, in the words of ``worlds.toml``."""
+"""Kind of a misprint, as named in ``worlds.toml``, from the strongest families of evidence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from prooflight.registration.register import Registration
 
 SMALL_TILES: Final = 8
-"""Boxes of at most so many tiles, 4 mm, are a spot's or a void's."""
+"""Maximum size of boxes that indicate a spot or a void: 4 mm. [tiles]"""
 UNKNOWN: Final = "unknown"
 KIND_OF_FAMILY: Final = {
     "streak": "streak",
@@ -23,11 +23,12 @@ KIND_OF_FAMILY: Final = {
     "moved": "plane-register",
     "step": "density",
 }
-"""Kinds of families that speak of one alone."""
+"""Kinds of families that indicate one kind alone."""
 DENSITY: Final = ("gain", "gain-all", "gain-rms", "dot", "tilt", "shape", "shape-most")
-"""Amounts of the fit that say how much ink there is."""
+"""Amounts of the fit that state how much ink there is."""
 OTHER_CONTENT: Final = ("unlike", "foreign")
-"""Amounts of placing that say what the page shows; the others say where it lies, or that nobody knows."""
+"""Amounts of placement that depend on the page's content; the others state its place, or that this is
+unknown."""
 FAMILIES: Final = {
     "box": "places that are lighter or darker than good prints vary",
     "apart": "places that stand out from the rest of the page",
@@ -48,11 +49,11 @@ FAMILIES: Final = {
     "energy": "differences of any kind",
     "glyph": "letters and digits that are not the page's",
 }
-"""By the first words of statistics, for people."""
+"""Descriptions of the first words of statistics."""
 
 
 def family_in_words(word: str) -> str | None:
-    """What statistics of this first word look at; None: nobody has said it in words.
+    """Return a description of the statistics with this first word; None: there is none.
 
     >>> family_in_words("streak")
     'lines along the travel'
@@ -61,7 +62,7 @@ def family_in_words(word: str) -> str | None:
 
 
 def kind_of(statistic: Statistic) -> str:
-    """What kind of misprint a statistic speaks of.
+    """Return the kind of misprint that a statistic indicates.
 
     >>> from prooflight.detectors.matched_filter.statistics.statistic import Statistic
     >>> [kind_of(Statistic.parse(key)) for key in ("box/add-C+/4", "streak/light/2/full")]
@@ -84,9 +85,9 @@ def kind_of(statistic: Statistic) -> str:
 
 
 def named(strongest: Sequence[tuple[str, Observed]]) -> str:
-    """What the evidence speaks of, where no misprint taught kinds; most telling first.
+    """Return the kind that the evidence indicates, the strongest first, without training on kinds.
 
-    That tiles do not look as designed says least of what is wrong with them.
+    Tiles that do not look as designed are the least specific indication.
     """
     kinds = [kind_of(statistic.statistic) for _, statistic in strongest]
     known = [kind for kind in kinds if kind != UNKNOWN]
@@ -94,7 +95,10 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> str:
 
 
 def supported(kind: str, found: Registration) -> str:
-    """A kind, unless it is ``wrong-page`` and the page's place is lost: then all of a page looks like another's."""
+    """Return a kind.
+
+    It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
+    """
     return UNKNOWN if kind == WRONG_PAGE_KIND and not found.found else kind
 
 

@@ -1,4 +1,4 @@
-"""What a print did as good ones do, from the fit: lamp, paper, inks and register; and the light of its columns."""
+"""Print state from the fit: lamp, paper, inks and register, and the light of the columns of a good print."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 LEAST_KNOWN: Final = 0.4
-"""Share of an ink's amount that a page must tell, instead of the prior, to count at all."""
+"""Minimum share of an ink's amount that the page determines, instead of the prior, for it to count."""
 
 
 def print_state(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> PrintState:
-    """Of one scan."""
+    """Return the print state of one scan."""
     excess, light = analysis.sums.columns[:2, 0]
     amounts = fitted_amounts(analysis, sensors)
     return PrintState(amounts=amounts, excess=excess, light=light, pitch_mm=analysis.sums.pixel_mm)
 
 
 def fitted_amounts(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> dict[str, float]:
-    """What our detector's fit says of lamp, paper, inks and register, by channel."""
+    """Return the fitted amounts of lamp, paper, inks and register, by channel."""
     fit, values = analysis.fit, {}
     for sensor, white in zip(sensors, fit.white, strict=True):
         values[f"light-{sensor.name}"] = float(white)
@@ -46,9 +46,9 @@ def fitted_amounts(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> di
 
 
 def known_shares(fit: Fit) -> NDArray[np.float64]:
-    """How much of each ink's amount (4,) is the page's own word and not the prior's: 1 - posterior variance over prior.
+    """Return the share of each ink's amount (4,) that the page determines: 1 - posterior over prior variance.
 
-    ``Fit.pulls`` is amount over the standard deviation it has on good prints, which is that share's root.
+    ``Fit.pulls`` is the amount over its standard deviation on good prints, which is the root of that share.
     """
     pulls = fit.surprises.gain[:, 0]
     amount = fit.gain[:, 0] / fit.prior.gain

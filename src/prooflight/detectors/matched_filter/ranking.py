@@ -1,4 +1,4 @@
-"""What misprints taught: the columns that forests look at, and the forests."""
+"""Ranking of pages by forests that were trained on misprints, and the columns that these use."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ LEAST_CHANCE: Final = 0.01
 MARK: Final = "mark/"
 """First word of the families of small windows by class of place (``statistics.marks``)."""
 BESIDE_FROM, BESIDE_SLOPE = 2.0, 2.0
-"""The evidence e of the strongest family, -log10 p after Bonferroni (``strongest_alone``), adds ``BESIDE_SLOPE`` x (e -
-``BESIDE_FROM``) to what forests say ..."""
+"""The evidence e of the strongest family, -log10 p after Bonferroni (``strongest_alone``), adds
+``BESIDE_SLOPE`` x (e - ``BESIDE_FROM``) to the forests' log odds ..."""
 ALONE_FROM, ALONE_SLOPE = 3.0, 6.0
-"""... and a page scores at least ``ALONE_SLOPE`` x (e - ``ALONE_FROM``), whatever forests say. (both chosen on the
-ranking's own folds, seed 31)"""
+"""... and a page scores at least ``ALONE_SLOPE`` x (e - ``ALONE_FROM``), whatever the forests' log odds.
+(both chosen on the ranking's own folds, seed 31)"""
 RANKS: Final = (0, 2, 5, 10, 20, 40)
-"""Of the families by what they say, beside the families themselves in what the forest looks at."""
+"""Ranks of the sorted evidence of families that the forest uses in addition to each family's."""
 
 
 def evidence_of(
@@ -35,9 +35,9 @@ def evidence_of(
     tail: NDArray[np.floating],
     tail_from: float,
 ) -> NDArray[np.float64]:
-    """-log10 p of every family, (pages, families), by its greatest deviation, from deviations (pages, statistics).
+    """Return -log10 p of each family's greatest deviation, (pages, families); deviations (pages, statistics).
 
-    family (statistics,); quantiles, tail, tail_from: as ``DetectorModel`` has them.
+    family (statistics,); quantiles, tail, tail_from: as in ``DetectorModel``.
     """
     evidence = np.empty((len(deviations), len(quantiles)))
     steps = np.linspace(0, tail_from, quantiles.shape[1])
@@ -54,9 +54,9 @@ def evidence_of(
 def deviation_at(
     evidence: float, quantiles: NDArray[np.floating], tail: NDArray[np.floating], tail_from: float
 ) -> NDArray[np.float64]:
-    """Return the greatest deviation of each family, (families,), at which it says ``evidence``.
+    """Return the greatest deviation of each family, (families,), at which its evidence is ``evidence``.
 
-    The inverse of ``evidence_of``; quantiles, tail, tail_from: as ``DetectorModel`` has them.
+    This inverts ``evidence_of``; quantiles, tail, tail_from: as in ``DetectorModel``.
     """
     share = 1 - 10.0**-evidence
     steps = np.linspace(0, tail_from, quantiles.shape[1])
@@ -67,15 +67,15 @@ def deviation_at(
 
 
 def alarming_evidence(threshold: float, families: int) -> float:
-    """Return -log10 p of one of so many families of a group, from which a page alarms by it, whatever forests say."""
+    """Return -log10 p of one of ``families`` families of a group from which a page alarms by it alone."""
     return threshold / ALONE_SLOPE + ALONE_FROM + float(np.log10(families))
 
 
 def strongest_alone(evidence: NDArray[np.floating], marks: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return -log10 of each page's p-value by its strongest family alone, (pages,).
 
-    Families of marks and all others are two groups; within a group the strongest counts after Bonferroni. evidence
-    (pages, families); marks (families,): which are of marks.
+    Families of marks and all others are two groups; within a group the strongest counts after Bonferroni.
+    evidence (pages, families); marks (families,): which are of marks.
     """
     found = np.full(len(evidence), -np.inf)
     for group in (marks, ~marks):
@@ -90,7 +90,7 @@ def marks_of(families: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
-    """What every family says, and how much the first, third, ... of them, whichever it is."""
+    """Return the evidence of every family, and the first, third, ... greatest of them."""
     ranks = [rank for rank in RANKS if rank < evidence.shape[1]]
     return np.hstack([evidence, -np.sort(-evidence, axis=1)[:, ranks]])
 
@@ -98,15 +98,15 @@ def family_columns(evidence: NDArray[np.floating]) -> NDArray[np.float64]:
 def every_column(
     evidence: NDArray[np.floating], page_features: NDArray[np.floating], deviations: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Return ``family_columns``, what the page is like, and how far every statistic is above and below good pages'."""
+    """Return ``family_columns``, page features, and each statistic's excess above and below good pages."""
     above, below = np.maximum(deviations, 0), np.maximum(-deviations, 0)
     return np.hstack([family_columns(evidence), page_features, above, below])
 
 
 def rising_columns(columns: int, *, features: int, statistics: int) -> NDArray[np.bool_]:
-    """Return which of so many ``every_column`` speak for a misprint the more, the larger they are.
+    """Return which columns of ``every_column``, of a given number, increase the evidence of a misprint.
 
-    All do but what the page is like.
+    All do except the page features.
     """
     rising = np.ones(columns, bool)
     rising[columns - 2 * statistics - features : columns - 2 * statistics] = False
@@ -115,25 +115,25 @@ def rising_columns(columns: int, *, features: int, statistics: int) -> NDArray[n
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Forest:
-    """The mean of many deep decision trees, their nodes one after the other."""
+    """Mean of many deep decision trees, whose nodes are concatenated."""
 
     column: NDArray[np.int32]
-    """(nodes,) what a node looks at; -1: it is an end."""
+    """(nodes,) column that a node compares; -1: it is a leaf."""
     cut: NDArray[np.float32]
-    """(nodes,) above it goes right."""
+    """(nodes,) threshold above which the right branch is taken."""
     left: NDArray[np.int32]
-    """(nodes,) where it goes else; right is beside it in ``right``."""
+    """(nodes,) index of the left node; that of the right one is in ``right``."""
     right: NDArray[np.int32]
     share: NDArray[np.float32]
-    """(nodes,) of misprints among what ended there in learning."""
+    """(nodes,) share of misprints among the training pages of the leaf."""
     root: NDArray[np.int32]
-    """(trees,) first nodes."""
+    """(trees,) root nodes."""
 
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], columns: int, *, under: str) -> None:
-        """Misfit unless ``arrays`` are a forest of rows of so many columns, in which every way down comes to an end.
+        """Raise Misfit unless ``arrays`` are a forest on ``columns`` columns in which every path ends.
 
-        Compiled loops follow its indices without looking.
+        Compiled loops follow the indices without checks.
         """
         check_arrays(arrays, FOREST, {}, under=under)
         column, nodes = arrays["column"], arrays["column"].size
@@ -148,7 +148,10 @@ class Forest:
                 raise Misfit(f"{under}{side}", f"must lead from each node to one behind it, of {nodes}")
 
     def score(self, columns: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Log odds of rows (pages, columns): (pages,); bounded, for no forest has seen more than so many pages."""
+        """Return log odds of rows (pages, columns): (pages,).
+
+        They are bounded, because a forest has seen a limited number of pages.
+        """
         narrow, chance = np.ascontiguousarray(columns, np.float32), np.empty(len(columns))
         shares_of(narrow, self.column, self.cut, self.left, self.right, self.share, self.root, chance)
         return np.log((chance + LEAST_CHANCE) / (1 + LEAST_CHANCE - chance))
@@ -165,7 +168,7 @@ FOREST: Final = {
 
 
 def scores_of(forests: Sequence[Forest], columns: NDArray[np.floating]) -> NDArray[np.float64]:
-    """What each forest says of rows (pages, columns): (pages, forests), none of which there may be."""
+    """Return log odds of rows (pages, columns) by each forest: (pages, forests), possibly none."""
     return np.array([forest.score(columns) for forest in forests]).reshape(-1, len(columns)).T
 
 
@@ -175,12 +178,15 @@ def ranked(
     evidence: NDArray[np.floating],
     marks: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """What forests say, made one score a page: log odds against good pages of all misprints together, (pages,), and of
-    the kind that a page looks like most, of (pages, kinds); and the family that says most, of evidence (pages,
-    families), of which ``marks`` (families,) are of marks.
+    """Combine the forests' log odds in one score per page, (pages,).
 
-    Together they rank kinds that taught neither better than what each kind was weighed by (`study ranking`). What only
-    one family sees, as no misprint did that taught, is seen by it alone: forests only add.
+    of_all (pages,): log odds of all misprints against good pages; of_kinds (pages, kinds): of each kind, of
+    which the greatest counts. evidence (pages, families): the strongest family's is added; marks (families,):
+    which are of marks.
+
+    The sum ranks kinds that were not trained on better than the log odds of either forest alone (`study
+    ranking`). Evidence in a single family, as in no misprint of the training data, is used by itself, so that
+    forests can only add to it.
     """
     most = of_kinds.max(axis=1) if of_kinds.shape[1] else 0.0
     alone = strongest_alone(evidence, marks)

@@ -1,4 +1,4 @@
-"""Our detector's ``RunTest``: ``ExchangeabilityTest`` of one run, with its random numbers and its words."""
+"""``RunTest`` of the matched-filter detector: ``ExchangeabilityTest`` with random numbers and wording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 PAGES_TO_LEARN: Final = 40
-"""Good pages that a person is asked to look at. (assumed: what a person looks through at one sitting)"""
+"""Number of good pages that a person is asked to inspect. (assumed: what a person inspects in one session)"""
 TAUGHT_REMEDY: Final = (
     f"look at {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
 )
@@ -28,7 +28,7 @@ TOLD_REMEDY: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressRunTest:
-    """Of one run of a press; see ``RunTest``."""
+    """Test of one run of a press; see ``RunTest``."""
 
     test: ExchangeabilityTest
     rng: np.random.Generator
@@ -37,7 +37,7 @@ class PressRunTest:
 
     @classmethod
     def of(cls, ours: CalibratedDetector, *, seed: int) -> Self:
-        """Before the run's first page."""
+        """Start the test of a run."""
         rng = stream(seed, "exchangeability-ties")
         if ours.told:
             return cls(test=ExchangeabilityTest.of_told(ours.told[-1], rng), rng=rng, remedy=TOLD_REMEDY)

@@ -1,7 +1,7 @@
-"""The statistics that every page is analysed for, and the ranking of pages by them, which alone decides.
+"""Screening: statistics that are computed for every page, and the ranking by them, which alone decides.
 
-All other statistics, four times as many, were seen to decide no better beside them (docs/results/ranking.md), and cost
-more than all the rest. They say what is wrong with a page that is called a misprint, and no page that is good needs
+All other statistics, four times as many, did not improve decisions (docs/results/ranking.md), and cost more
+than all the rest. They explain what is wrong with a page that is called a misprint; good pages do not need
 them.
 """
 
@@ -35,16 +35,16 @@ ARRAYS: Final = ("statistic", "family", "quantiles", "tail")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screen:
-    """A ranking of pages by some of a model's statistics; it takes their deviations from ``DetectorModel``."""
+    """Ranking of pages by some of a model's statistics, from the deviations of ``DetectorModel``."""
 
     statistic: NDArray[np.int32]
-    """(n,) which of the model's statistics they are, rising."""
+    """(n,) indices of its statistics in the model's, rising."""
     families: tuple[str, ...]
-    """Their causes, sorted."""
+    """Causes of these statistics, sorted."""
     family: NDArray[np.int32]
-    """(n,) which family each is of."""
+    """(n,) index of each one's family."""
     quantiles: NDArray[np.float64]
-    """(families, steps) as ``DetectorModel.quantiles``; of these statistics alone."""
+    """(families, steps) as ``DetectorModel.quantiles``, for these statistics alone."""
     tail: NDArray[np.float64]
     """(families, 3)"""
     tail_from: float
@@ -52,14 +52,17 @@ class Screen:
     kind_forests: tuple[Forest, ...]
 
     def evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(pages, families) from deviations of all the model's statistics, of which others than its own may be NaN."""
+        """Return evidence (pages, families) from deviations of all the model's statistics.
+
+        Those of other statistics may be NaN.
+        """
         own = deviations[:, self.statistic]
         return evidence_of(own, self.family, self.quantiles, self.tail, self.tail_from)
 
     def score(
         self, deviations: NDArray[np.floating], page_features: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return the evidence of pages for a misprint, (pages,), from the same; higher is worse."""
+        """Return the evidence of pages for a misprint, (pages,), from these deviations; higher is worse."""
         evidence = self.evidence(deviations)
         every = every_column(evidence, page_features, deviations[:, self.statistic])
         return ranked(
@@ -68,7 +71,7 @@ class Screen:
 
 
 def screened(statistics: Sequence[Statistic]) -> tuple[NDArray[np.int32], tuple[str, ...], NDArray[np.int32]]:
-    """``Screen.statistic``, ``families`` and ``family`` of a model of these statistics."""
+    """Return ``Screen.statistic``, ``families`` and ``family`` of a model of these statistics."""
     which = [index for index, one in enumerate(statistics) if in_screen(one)]
     causes = [statistics[index].cause for index in which]
     families = tuple(sorted(set(causes)))
@@ -77,7 +80,7 @@ def screened(statistics: Sequence[Statistic]) -> tuple[NDArray[np.int32], tuple[
 
 
 def check(arrays: Mapping[str, NDArray[Any]], statistics: Sequence[Statistic], *, under: str) -> None:
-    """Misfit unless a screen's arrays say of which statistics it is, and of which family each."""
+    """Raise Misfit unless a screen's arrays state its statistics, and the family of each."""
     which, _, family = screened(statistics)
     for name, asked in (("statistic", which), ("family", family)):
         if not np.array_equal(arrays[name], asked):

@@ -1,6 +1,6 @@
-"""The ranking that comes with Prooflight: learned once, on simulated presses of other cameras than a user's.
+"""The ranking that is shipped with Prooflight, trained on simulated presses with other cameras than a user's.
 
-Its units are standard deviations of what good pages do, so that a press only has to say what its own good pages do.
+Its units are standard deviations of good pages, so that a press only has to measure its own good pages.
 `prooflight study ranking` makes the file.
 """
 
@@ -31,20 +31,20 @@ KIND: Final = "prooflight ranking"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShippedRanking:
-    """A model that no press has adapted yet, and what it said of pages that had not taught it."""
+    """A model that is not adapted to any press, and its scores of pages that it was not trained on."""
 
     model: DetectorModel
     references: ReferenceScores
-    """Of good pages."""
+    """Scores of good pages."""
     misprints: NDArray[np.float64]
-    """(pages,) scores of misprints, rising, where as many pages made it fit as `press build` prints."""
+    """(pages,) scores of misprints, rising, by models adapted to as many pages as `press build` prints."""
 
     def caught(self, threshold: float) -> float:
-        """Share of the misprints above a threshold. [-]"""
+        """Return the share of the misprints above a threshold. [-]"""
         return float((self.misprints > threshold).mean())
 
     def save(self, path: Path) -> None:
-        """Write to ``path``, whole or not at all."""
+        """Write to ``path`` atomically."""
         model = self.model.facts()
         model["threshold"] = None
         arrays = {f"model.{name}": np.ascontiguousarray(a) for name, a in self.model.arrays().items()}
@@ -56,7 +56,7 @@ class ShippedRanking:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what ``save`` wrote; it comes with the program, and is not looked at twice."""
+        """Read what ``save`` wrote; it is part of the program, and not checked again."""
         file = Tensors(path)
         arrays, facts = file.arrays(), json.loads(file.texts["document"])
         facts["threshold"] = np.inf
@@ -69,6 +69,6 @@ class ShippedRanking:
 
 @cache
 def shipped_ranking() -> ShippedRanking:
-    """That of this version."""
+    """Return the ranking of this version."""
     with resources.as_file(resources.files("prooflight.detectors.matched_filter").joinpath(FILE)) as path:
         return ShippedRanking.load(Path(path))

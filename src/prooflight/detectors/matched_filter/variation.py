@@ -1,9 +1,10 @@
-"""How much good prints of a press vary, measured on its own pages, in the terms of a press file's ``[variation]``.
+"""Variation of a press's good prints, measured on its own pages, in terms of a press file's ``[variation]``.
 
-An amount whose prior has the standard deviation 1 and of which a page tells the share r (1 - posterior variance over
-prior) is fitted as m = r (x + e), where x is its true value and e has the variance (1 - r) / r. So the mean of m^2 is
-r^2 s^2 + r (1 - r), s being what x scatters by: s^2 = (sum m^2 - sum r (1 - r)) / sum r^2. What has noise of its own
-(paper, flicker) is measured by two interleaved halves: their covariance is free of it.
+An amount whose prior has the standard deviation 1 and of which a page determines the share r (1 - posterior
+variance over prior) is fitted as m = r (x + e), where x is its true value and e has the variance (1 - r) / r.
+So the mean of m^2 is r^2 s^2 + r (1 - r), where s is the standard deviation of x: s^2 = (sum m^2 - sum r (1 -
+r)) / sum r^2. Amounts with noise of their own (paper, flicker) are measured on two interleaved halves, whose
+covariance is free of it.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ AMOUNTS: Final[tuple[tuple[str, ...], ...]] = (
     ("camera.column_gain_percent",),
     ("camera.sigma_error",),
 )
-"""What a page tells; several amounts where pages of one session do not tell them apart."""
+"""Amounts that a page determines; several together if pages of one session cannot separate them."""
 UNTOLD: Final = {
     "register.plane_clip_um": "a limit, which few planes reach",
     "ink.halftone_contrast": "within single pixels, where the camera's noise hides it",
@@ -52,25 +53,26 @@ UNTOLD: Final = {
 }
 """Amounts of ``[variation]`` that are not estimated, and why."""
 EVEN: Final = 3.0
-"""Of what is uniform between -a and a, a^2 over the variance."""
+"""a^2 over the variance of a uniform distribution between -a and a."""
 LEAST_TOLD: Final = 0.3
-"""Share of an amount that a page must tell to count."""
+"""Minimum share of an amount that a page must determine to count."""
 BARE: Final = 0.005
 """Ink area up to which a tile is bare paper."""
 BOX: Final = 4
-"""Tiles in a side of the boxes whose light shows clouds: 2 mm, finer than any."""
+"""Side of the boxes whose light shows clouds: 2 mm, finer than any cloud. [tiles]"""
 FEWEST: Final = 60
-"""Places that must be bare on a page for its paper to be measured."""
+"""Minimum number of bare places on a page from which its paper is measured."""
 WIDEST: Final = 16.0
-"""A page counts for no more than so many times the median of pages: on Gaussian amounts that takes 1 %."""
+"""Limit of a page's square, relative to the median of pages: on Gaussian amounts it removes 1 %."""
 NORMAL: Final = 1.4826
 """Standard deviation over median absolute deviation."""
 
 
 def page_variation(prepared: PreparedPage, analysis: ScanAnalysis) -> NDArray[np.float32]:
-    """(AMOUNTS, 2) the square of each amount as this page tells it, in the unit of ``[variation]``, and its weight.
+    """Return each amount's square on this page, in units of ``[variation]``, and its weight: (AMOUNTS, 2).
 
-    The weight is 0 where the page does not tell. A square may be below 0: noise has been taken from it.
+    The weight is 0 if the page does not determine the amount. A square may be below 0, because noise has been
+    subtracted.
     """
     found: dict[str, tuple[float, float]] = {}
     found |= _of_place(analysis)
@@ -83,7 +85,7 @@ def page_variation(prepared: PreparedPage, analysis: ScanAnalysis) -> NDArray[np
 
 
 def _of_place(analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
-    """Of placement and register."""
+    """Return the amounts of placement and register."""
     registered, place = analysis.found, analysis.found.placement
     if not registered.found:
         return {}
@@ -109,7 +111,7 @@ def _of_place(analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
 
 
 def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
-    """Of inks, lamp and light as a whole."""
+    """Return the amounts of inks, lamp and light as a whole."""
     fit, prior = analysis.fit, analysis.fit.prior
     layout = FitLayout(sensors=fit.white.size, colours=fit.shape.shape[1])
     share, amounts = layout.parts(fit.told), layout.parts(fit.pulls * np.sqrt(fit.told))
@@ -144,7 +146,7 @@ def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[f
 
 
 def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
-    """Of places, lines and columns of bare paper."""
+    """Return the amounts of places, lines and columns of bare paper."""
     sums, geometry = analysis.sums, prepared.landmarks.geometry
     push, power, _, edges = sums.tiles[:, 0].astype(np.float64)
     bare = (sums.cover.sum(axis=0) < BARE) & (edges <= FLAT * power) & (power > 1)
@@ -191,7 +193,7 @@ def _square(values: object) -> float:
 
 
 def _rough(level: NDArray[np.float64], known: NDArray[np.bool_], wide: int) -> NDArray[np.float64]:
-    """What is not smooth over ``wide`` places."""
+    """Return the part of a level that is not smooth over ``wide`` places."""
     smooth, share = (
         ndimage.uniform_filter1d(one, wide, mode="nearest")
         for one in (level * known, known.astype(np.float64))
@@ -200,7 +202,10 @@ def _rough(level: NDArray[np.float64], known: NDArray[np.bool_], wide: int) -> N
 
 
 def _shared(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Variance of what two measurements have in common: a quarter of their sum's less their difference's, robust."""
+    """Return the covariance of two measurements.
+
+    It is a quarter of their sum's variance less their difference's, robust.
+    """
     plus, minus = one + other, one - other
     spread = [NORMAL * float(np.median(np.abs(both - np.median(both)))) for both in (plus, minus)]
     return (spread[0] ** 2 - spread[1] ** 2) / 4
@@ -208,19 +213,22 @@ def _shared(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learned:
-    """One amount of ``[variation]``, or several together, as good pages have it."""
+    """One amount of ``[variation]``, or several combined, as estimated from good pages."""
 
     names: tuple[str, ...]
     value: float
-    """In the unit of ``names``; of ``sigma_error``, the greatest factor."""
+    """Value in the unit of ``names``; for ``sigma_error``, the greatest factor."""
     low: float
-    """The interval in which it lies nine times in ten, were pages independent: a session's share is drawn once."""
+    """Lower end of the 90 % interval for independent pages; amounts of a session are drawn only once."""
     high: float
     pages: int
 
 
 def learned_amounts(pages: NDArray[np.floating]) -> list[Learned]:
-    """What ``page_variation`` of some pages, (pages, AMOUNTS, 2), comes to; amounts that none tells are left out."""
+    """Estimate amounts from ``page_variation`` of pages, (pages, AMOUNTS, 2).
+
+    Those that no page determines are omitted.
+    """
     found = []
     for index, names in enumerate(AMOUNTS):
         squares, weights = np.asarray(pages, np.float64)[:, index].T

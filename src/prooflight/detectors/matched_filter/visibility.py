@@ -1,13 +1,14 @@
-"""Which marks would be caught where: the smallest spot and the narrowest hair, known ahead of a page's print.
+"""Detection limits of marks: the smallest spot and the narrowest hair that alarm, computed before printing.
 
-The chain from a small window's deviation T to an alarm is taken backwards: from the press's threshold to the evidence
-of one family of marks that exceeds it alone, from that to a deviation, a statistic and a T for each class of place and
-each window. The page's expected light and the variance of its residuals say how much of a window a mark must cover to
-have that T, and the camera's footprint how large it must be for that. Where the floor applies, a mark that reaches it
-is caught as well. What forests and other families catch besides is left out: they only add.
+The chain from a small window's deviation T to an alarm is inverted: from the press's threshold to the
+evidence of one family of marks that exceeds it alone, and from that to a deviation, a statistic and a T for
+each class of place and each window. The page's expected light and the variance of its residuals give the
+cover of a window that a mark needs to have that T, and the camera's footprint gives its size for that. Where
+the floor applies, a mark that reaches it alarms as well. Forests and other families are left out: they can
+only add to it.
 
-A mark of the stated size has the T of the limit on average, so that noise decides on it; a good page is taken to
-scatter as it is predicted to. A page that is badly placed widens its limits.
+A mark of the stated size has the T of the limit on average, so that noise decides on it; a good page is taken
+to scatter as it is predicted to. A page that is badly placed widens its limits.
 """
 
 from __future__ import annotations
@@ -55,38 +56,38 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 SPOT_BLACK: Final = 0.9
-"""Ink of the spot that is looked for. [-]"""
+"""Ink of the spot. [-]"""
 HAIR_BLACK: Final = 0.7
 HAIR_MM: Final = 6.0
-"""Length of the hair; its width is looked for. [mm]"""
+"""Length of the hair, whose width is the result. [mm]"""
 SPOTS_MM: Final = np.geomspace(0.05, 4.0, 64)
-"""Diameters that are tried; what needs a larger one is not caught."""
+"""Diameters that are tried; a spot that needs a larger one does not alarm."""
 HAIRS_MM: Final = np.geomspace(0.005, 2.0, 64)
 SLICES: Final = 32
-"""Parts of a disc, each a rectangle."""
+"""Number of rectangles that approximate a disc."""
 PHASES: Final = (0.125, 0.375)
-"""Distances of a mark's middle from a pixel's, each way; the others mirror them. [pixels]"""
+"""Distances of a mark's middle from a pixel's, in each direction; the others mirror them. [pixels]"""
 DARKER: Final = "+-".index("-")
 A4_MM2: Final = 210.0 * 297.0
 SAMPLE_MM: Final = 18.0
-"""Side of the page that stands for a large area of one tint."""
+"""Side of the page that represents a large area of one tint."""
 
 
 class Mark(NamedTuple):
-    """How pixels see marks of rising sizes, on average over where they lie between pixels."""
+    """Signal of marks of increasing sizes, averaged over their positions relative to the pixels."""
 
     sizes_mm: NDArray[np.float64]
     """(n,)"""
     sums: NDArray[np.float64]
     """(n, SIZES) greatest sum of a mark's cover over windows of each size. [pixels]"""
     floor: NDArray[np.float64]
-    """(n,) cover that as many pixels exceed as the floor asks for. [-]"""
+    """(n,) cover that is exceeded by as many pixels as the floor requires. [-]"""
     light: NDArray[np.float64]
-    """(sensors,) of what the mark covers, as a share of paper's; it darkens nothing that is darker. [-]"""
+    """(sensors,) light of what the mark covers, as a share of paper's; a mark never lightens anything. [-]"""
 
     @classmethod
     def spot(cls, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Self:
-        """Discs of ``SPOT_BLACK``; the sizes are diameters. sensors, geometry: of binned pixels."""
+        """Return discs of ``SPOT_BLACK``; the sizes are diameters. sensors, geometry: of binned pixels."""
         edges = np.linspace(-0.5, 0.5, SLICES + 1)
         half = np.sqrt(0.25 - ((edges[1:] + edges[:-1]) / 2) ** 2)
         slices = [np.column_stack([edges[:-1], edges[1:], half]) * size for size in SPOTS_MM]
@@ -94,7 +95,7 @@ class Mark(NamedTuple):
 
     @classmethod
     def hair(cls, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Self:
-        """Lines of ``HAIR_BLACK``, ``HAIR_MM`` long, along the paper's way; the sizes are widths."""
+        """Return lines of ``HAIR_BLACK``, ``HAIR_MM`` long, along the travel; the sizes are widths."""
         slices = [np.array([[-HAIR_MM / 2, HAIR_MM / 2, size / 2]]) for size in HAIRS_MM]
         return cls._seen(HAIRS_MM, slices, HAIR_BLACK, sensors, geometry)
 
@@ -107,7 +108,10 @@ class Mark(NamedTuple):
         sensors: Sequence[SensorModel],
         geometry: ScanGeometry,
     ) -> Self:
-        """slices: of each size, (rectangles, 3) top, bottom and half width [mm]."""
+        """Compute the signal of marks.
+
+        slices: for each size, (rectangles, 3) top, bottom and half width [mm].
+        """
         sums, floor = np.zeros((len(sizes_mm), SIZES)), np.zeros(len(sizes_mm))
         least = least_pixels(geometry.pixel_pitch_mm)
         phases = [(across, along) for across in PHASES for along in PHASES]
@@ -128,7 +132,7 @@ def _cover(
     geometry: ScanGeometry,
     phase: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Return the share of each pixel's light that comes from rectangles, (lines, pixels), as sensors see on average."""
+    """Return the share of each pixel's light from rectangles, (lines, pixels), averaged over sensors."""
     top, bottom, half = rectangles.T
     reach = max(one.footprint.reach_mm for one in sensors)
     seen = []
@@ -147,9 +151,9 @@ def _cover(
 
 
 def _box_sums(image: NDArray[np.floating], side: int) -> NDArray[np.float64]:
-    """Return sums over windows, at the pixel that ``note_row`` takes as their middle; 0 lies outside the image.
+    """Return sums over windows, at the pixel that ``note_row`` takes as their middle; 0 outside the image.
 
-    image: (lines, pixels), nowhere below 0, so that sums which are are rounded.
+    image: (lines, pixels), not negative, so that negative sums are rounding errors.
     """
     middle = side // 2, side // 2
     sums = cv2.boxFilter(
@@ -164,14 +168,14 @@ def limits(
     page_features: NDArray[np.floating],
     windows: NDArray[np.integer] | NDArray[np.floating],
 ) -> NDArray[np.float64]:
-    """Return the T from which a page alarms by one small window alone, (classes, sizes, 2): lighter and darker.
+    """Return the T from which a page alarms by one window alone, (classes, sizes, 2): lighter and darker.
 
     Parameters
     ----------
-    model : what the press's good prints taught.
+    model : of the press.
     threshold : of its score.
     page_features : (PAGE_FEATURES,) of the page.
-    windows : (classes, sizes) how many places of each class the page has, times channels.
+    windows : (classes, sizes) number of places of each class on the page, times channels.
     """
     deciding = model.screen or model
     marks = int(marks_of(deciding.families).sum())
@@ -195,7 +199,7 @@ def limits(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ExpectedPage:
-    """What is known of the light of a page's binned pixels ahead of its print."""
+    """Expected light of a page's binned pixels, before it is printed."""
 
     light: NDArray[np.float32]
     """(sensors, lines, pixels) [DN]"""
@@ -217,9 +221,9 @@ class ExpectedPage:
         residual_variance: ResidualVariance,
         threads: int = 1,
     ) -> Self:
-        """Of a page in its place, as binned pixels see it.
+        """Predict a page in its nominal place, in binned pixels.
 
-        modes: of the page; inside: what of it is inspected; sensors, geometry: of binned pixels.
+        modes: of the page; inside: its inspected part; sensors, geometry: of binned pixels.
         """
         seen = predict(page, sensors=sensors, geometry=geometry, threads=threads)
         offset = np.stack([one.column_offset_dn for one in sensors])
@@ -245,7 +249,7 @@ class ExpectedPage:
 
     @property
     def windows(self) -> NDArray[np.int64]:
-        """(classes, sizes) windows of each class that are looked at, of all channels."""
+        """(classes, sizes) number of windows of each class that are analysed, over all channels."""
         sensors = len(self.light)
         return self.places.areas() * (sensors + (sensors > 1))
 
@@ -260,14 +264,14 @@ def least_sizes(
 ) -> NDArray[np.float32]:
     """Return the size of the smallest mark that alarms with its middle at each place, (lines, pixels) [mm].
 
-    Infinite where no size that is tried alarms; NaN where the page is not inspected.
+    It is infinite where no size that is tried alarms, and NaN where the page is not inspected.
 
     Parameters
     ----------
     expected : the page.
-    mark : which mark; it darkens.
-    limiting_t : (classes, sizes, 2) as ``limits`` has them.
-    tolerance, floor_share : as of ``measure_marks``.
+    mark : the mark, which darkens.
+    limiting_t : (classes, sizes, 2) as returned by ``limits``.
+    tolerance, floor_share : as in ``measure_marks``.
     """
     light = expected.light.astype(np.float64)
     taken = np.maximum(light - mark.light[:, None, None] * expected.white[:, None], 0)
@@ -300,18 +304,18 @@ def least_sizes(
 def _size_of(
     cover: NDArray[np.float64], covers: NDArray[np.float64], sizes_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the smallest size that covers so much, by a rising table; infinite where none does."""
+    """Interpolate the smallest size with a cover in a rising table; infinite if there is none."""
     return np.interp(np.nan_to_num(cover, nan=np.inf), covers, sizes_mm, right=np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaceRow:
-    """What would be caught on places of one class; sizes in millimetres, infinite: none."""
+    """Detection limits on places of one class; sizes in millimetres, infinite: nothing alarms."""
 
     place: str
-    """In words."""
+    """Description of the class."""
     share: float
-    """Of what is inspected. [-]"""
+    """Share of the inspected area. [-]"""
     spot_mm: float
     """Median over the places."""
     worst_spot_mm: float
@@ -324,13 +328,14 @@ class VisibleMarks:
     """The smallest spot and the narrowest hair that alarm at each place of a page."""
 
     spot_mm: NDArray[np.float32]
-    """(lines, pixels) diameter of a spot of ``SPOT_BLACK``; infinite: none alarms; NaN: not inspected. [mm]"""
+    """(lines, pixels) diameter of a spot of ``SPOT_BLACK``; infinite: none alarms; NaN: not inspected.
+    [mm]"""
     hair_mm: NDArray[np.float32]
     """(lines, pixels) width of a hair of ``HAIR_BLACK``, ``HAIR_MM`` long; likewise. [mm]"""
     place: NDArray[np.uint8]
-    """(lines, pixels) numbers of ``PLACE_CLASSES``, or ``NOT_INSPECTED``."""
+    """(lines, pixels) index in ``PLACE_CLASSES``, or ``NOT_INSPECTED``."""
     left_mm: float
-    """Where the first pixel's corner lies on the page. [mm]"""
+    """Position of the first pixel's corner on the page. [mm]"""
     top_mm: float
     pixel_mm: float
     line_mm: float
@@ -339,7 +344,7 @@ class VisibleMarks:
 
     @classmethod
     def of(cls, prepared: MatchedFilterPage) -> Self:
-        """Of a page that is ready for its scans."""
+        """Compute the limits of a page that is prepared for its scans."""
         known, model, station = prepared.known, prepared.model, prepared.detector.station
         sensors, geometry = known.binned_sensors, known.binned_geometry
         inside = pixel_map(known.page, geometry, IN_PLACE).inside
@@ -370,7 +375,7 @@ class VisibleMarks:
         )
 
     def rows(self) -> list[PlaceRow]:
-        """Return a row for each class of place that the page has."""
+        """Return a row for each class of place on the page."""
         inspected = np.count_nonzero(self.place != NOT_INSPECTED)
         found = []
         for number, name in enumerate(PLACE_CLASSES):
@@ -391,7 +396,7 @@ class VisibleMarks:
 
 
 def _median(sizes: NDArray[np.float32]) -> float:
-    """Return the upper median; the mean of two of which one is infinite would be."""
+    """Return the upper median, because the mean of two values of which one is infinite is infinite."""
     return float(np.sort(sizes)[sizes.size // 2])
 
 
@@ -415,7 +420,8 @@ def _spot_and_hair(
 def on_tint(ours: CalibratedDetector, station: Station, black: float) -> tuple[float, float]:
     """Return the smallest spot and the narrowest hair that alarm on an A4 page of one tint. [mm]
 
-    From the press's tables alone, as on a page whose features are the mean of those that taught. black: its ink [-].
+    They are computed from the press's tables alone, for a page with the mean features of the training pages.
+    black: its ink [-].
     """
     bins = bins_of(station.geometry)
     geometry = binned_geometry(station.geometry, bins)
@@ -444,7 +450,7 @@ def on_tint(ours: CalibratedDetector, station: Station, black: float) -> tuple[f
 
 
 def floor_in_words(floor_share: float) -> str:
-    """Return what is always a misprint; empty: there is no floor."""
+    """Return a description of what is always a misprint; empty: there is no floor."""
     if not floor_share:
         return ""
     return (

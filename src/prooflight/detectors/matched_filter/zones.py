@@ -1,23 +1,23 @@
-"""Zones of a page in our detector: what is ignored is as if it were no part of the page, and careful areas are judged
-once more by themselves.
+"""Zones in the matched-filter detector: ignored areas are excluded, careful areas are also tested separately.
 
-What is ignored has no weight in fit and sums, as what lies off the page has none, and no landmark lies in it; so it can
-neither alarm nor hide anything that lies outside.
+Ignored areas have no weight in fit and sums, like what is off the page, and contain no landmark; so they can
+neither alarm nor hide anything outside.
 
-Of careful areas, the boxes and streaks that a first look makes anyway are asked for their extremes there alone. How far
-these lie out of what good prints of the same pages gave, at the most, is the area's score. The page as a whole may use
-(1 - w) of the promised rate of false alarms, careful areas w. Theorem: let p be a page's p-value, and q that of its
-careful areas, each at most u with probability at most u on good prints. Then min(p / (1 - w), q / w) is at most u with
-probability at most u (Bonferroni, weighted; Genovese, Roeder and Wasserman 2006): however the two hang together, the
-promise holds for the page. q is conformal: by prints that are exchangeable with those of the run, of pages with these
-zones, scored with a mean and a standard deviation that were found on others (Vovk et al. 2005, chapter 4). p is that of
-the press as it was taught, or that of a press whose own good pages are the same prints with zones in force, whichever
-is greater: those that taught the ranking say how scores' tail goes on, and these prints how often such pages reach into
-it (``PressScores``). Their own tail is not drawn on: it would be that of few prints of few pages, whose scores may lie
-in heaps. Once there are enough of them they decide by count, alone.
+For careful areas, the extremes of the boxes and streaks of the screening pass are taken there alone. The
+greatest deviation of these from good prints of the same pages is the area's score. The page as a whole may
+use (1 - w) of the guaranteed rate of false alarms, careful areas w. Theorem: let p be a page's p-value, and q
+that of its careful areas, each at most u with probability at most u on good prints. Then min(p / (1 - w), q /
+w) is at most u with probability at most u (Bonferroni, weighted; Genovese, Roeder and Wasserman 2006):
+however the two depend on each other, the guarantee holds for the page. q is conformal: from prints that are
+exchangeable with those of the run, of pages with these zones, scored with a mean and a standard deviation
+that were estimated on others (Vovk et al. 2005, chapter 4). p is that of the press as it was trained, or that
+of a press whose own good pages are the same prints with zones in force, whichever is greater: the ranking's
+training pages determine the tail of the scores, and these prints how often such pages reach into it
+(``PressScores``). Their own tail is not extrapolated: it would be that of few prints of few pages, whose
+scores may be clustered. Once there are enough of them they decide by count, alone.
 
-All that is a page's score on one scale, with zones or without: the press's threshold as it was taught, and beyond it by
-how much the page or its careful areas lie above theirs. So people's words on pages with zones calibrate it as any other
+All pages have a score on one scale, with zones or without: the press's trained threshold, plus the excess of
+the page or of its careful areas over theirs. So labels of pages with zones calibrate it like any other
 (``CalibratedDetector.decided``).
 """
 
@@ -59,19 +59,21 @@ if TYPE_CHECKING:
     from prooflight.pages.zones.zone import Calibration, PageZones
 
 STREAK_TILES: Final = (1, 2, 4)
-"""Widths of the streaks that are asked for in careful areas, 0.5 to 2 mm. [tiles]"""
+"""Widths of the streaks that are computed for careful areas, 0.5 to 2 mm. [tiles]"""
 SPAN: Final = 0
-"""Their scatter is that of streaks over a quarter of the page."""
+"""Index of the span whose scatter they have: streaks over a quarter of the page."""
 LEAST_SD: Final = 0.05
-"""Of a statistic on good prints; assumed: lest one that hardly ever moves decides alone."""
+"""Minimum standard deviation of a statistic on good prints; assumed: otherwise one that hardly varies would
+decide alone."""
 MOST_OF_RATE: Final = 0.5
-"""Of the promised rate, that careful areas may use."""
+"""Maximum share of the guaranteed rate that careful areas may use."""
 TOO_FEW: Final = "price the zones by more prints: `prooflight zones price --prints`"
 
 
 def careful_statistics(sums: Sums, scatter: Scatter, careful: NDArray[np.bool_]) -> list[Observed]:
-    """Extremes of boxes whose middle lies in a careful area (lines, pixels), and of streaks through it; always the same
-    in the same order. sums: of ``SCREEN_MODES`` at least.
+    """Return extremes of boxes whose middle is in a careful area (lines, pixels), and of streaks through it.
+
+    Their order is fixed. sums: of ``SCREEN_MODES`` at least.
     """
     own, of_own = sums.of_modes(SCREEN_MODES), scatter.of_modes(SCREEN_MODES)
     side = round(own.tile_mm / own.pixel_mm)
@@ -100,7 +102,10 @@ def _of_boxes(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iterat
 
 
 def _of_streaks(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iterator[Observed]:
-    """Along the travel, over as much of the height as is careful in each column; the level about them taken out."""
+    """Yield streaks along the travel, over the careful part of each column's height.
+
+    The level about them is removed.
+    """
     own, power, edges = without_common(
         (sums.tiles[:, : len(sums.modes)] * within).sum(axis=-2, dtype=np.float32), sums.prior.place
     )
@@ -132,40 +137,49 @@ def _of_streaks(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iter
 
 
 def baseline_of(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """What good prints (prints, statistics) give: mean and standard deviation, (2, statistics)."""
+    """Return mean and standard deviation on good prints (prints, statistics): (2, statistics)."""
     return np.stack([values.mean(axis=0), np.maximum(values.std(axis=0, ddof=1), LEAST_SD)]).astype(
         np.float64
     )
 
 
 def careful_scores(values: NDArray[np.floating], baseline: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The greatest deviation of each print (prints, statistics), (prints,)."""
+    """Return the greatest deviation of each print (prints, statistics), (prints,)."""
     return np.asarray(((values - baseline[0]) / baseline[1]).max(axis=1), np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ZonedJudge:
-    """By what pages with zones are decided; all of it is kept with a page, to be decided again."""
+    """Decision rule for pages with zones.
+
+    All of it is stored with a page, so that the decision can be repeated.
+    """
 
     page_good: NDArray[np.float64]
     """(prints,) scores of good prints of pages with zones, rising."""
     careful_good: NDArray[np.float64]
-    """(prints,) of their careful areas, rising; of size 0: this page has none."""
+    """(prints,) scores of their careful areas, rising; of size 0: this page has none."""
     baseline: NDArray[np.float64]
     """(2, statistics) ``baseline_of``."""
     share: float
-    """Of the promised rate, that careful areas may use."""
+    """Share of the guaranteed rate that careful areas may use."""
 
     @classmethod
     def of(cls, zones: PageZones) -> Self | None:
-        """None: they are not calibrated. RequestError: they were by another version."""
+        """Return the rule for zones; None: they are not calibrated.
+
+        RequestError: another version calibrated them.
+        """
         if zones.calibration is None:
             return None
         return cls.by(zones.calibration, zones.careful_share, careful="careful" in zones.kinds)
 
     @classmethod
     def by(cls, known: Calibration, share: float, *, careful: bool) -> Self:
-        """Of pages that have careful areas, or have none. RequestError: as of ``of``."""
+        """Return the rule of a calibration; careful: whether the page has careful areas.
+
+        RequestError: as for ``of``.
+        """
         if careful and not (
             len(known.careful_scores) > 1 and len(known.careful_mean) == STATISTICS == len(known.careful_sd)
         ):
@@ -184,7 +198,7 @@ class ZonedJudge:
 
     @classmethod
     def kept(cls, kept: KeptArrays) -> tuple[Self, NDArray[np.float32]] | None:
-        """With the careful area's statistics; None: the page has no zones."""
+        """Return the stored rule and the careful area's statistics; None: the page has no zones."""
         if "zones_page" not in kept.kept:
             return None
         share = float(kept.array("zones_share", "f", (), finite=True))
@@ -199,7 +213,7 @@ class ZonedJudge:
         return judge, kept.array("careful", "f", (STATISTICS,))
 
     def keeps(self, values: NDArray[np.float32]) -> Mapping[str, NDArray[Any]]:
-        """What ``kept`` needs."""
+        """Return what ``kept`` needs."""
         always = {"zones_page": self.page_good, "zones_share": np.array(self.share)}
         if not self.careful_good.size:
             return always
@@ -210,9 +224,11 @@ class ZonedJudge:
         }
 
     def rates(self, promised: float) -> tuple[float, float]:
-        """What the page as a whole and its careful areas may use of a rate; 0: there are no careful areas.
+        """Return the shares of a rate of the page as a whole and of its careful areas.
 
-        RequestError: so few prints cannot speak of so rare alarms.
+        The latter is 0 if there are no careful areas.
+
+        RequestError: the prints are too few for alarms that rare.
         """
         if not self.careful_good.size:
             return promised, 0.0
@@ -224,9 +240,12 @@ class ZonedJudge:
         return promised - careful, careful
 
     def decide(self, ours: CalibratedDetector, score: float, values: NDArray[np.floating]) -> Decision:
-        """As the press was taught; score: of the page as a whole; values (statistics,): of its careful areas.
+        """Decide at the trained threshold; score: of the page as a whole.
 
-        The decision's score lies above its threshold by as much as whichever of the two lies further above its own.
+        values (statistics,): of its careful areas.
+
+        The decision's score is above its threshold by the greater of the two excesses over their own
+        thresholds.
         """
         page_rate, careful_rate = self.rates(ours.ranking_rate)
         zoned = PressScores(reference=ours.scores.reference, own=GoodScores(worst=self.page_good))
@@ -244,7 +263,7 @@ class ZonedJudge:
         return ours.decision(at + float(np.maximum(score - threshold, above)), at, p_value)
 
     def careful_alarms(self, ours: CalibratedDetector, values: NDArray[np.floating]) -> bool:
-        """Whether careful areas alone are enough for an alarm."""
+        """Return whether careful areas alone are enough for an alarm."""
         _, rate = self.rates(ours.ranking_rate)
         return bool(rate) and bool(
             careful_scores(values[None], self.baseline)[0]
@@ -252,7 +271,7 @@ class ZonedJudge:
         )
 
     def telling(self, observed: Sequence[Observed]) -> Observed:
-        """Which of a careful area's statistics lies furthest out, with its deviation."""
+        """Return the careful area's statistic with the greatest deviation, with that as its value."""
         deviations = (values_of(observed) - self.baseline[0]) / self.baseline[1]
         most = int(deviations.argmax())
         one = observed[most]
@@ -260,4 +279,4 @@ class ZonedJudge:
 
 
 STATISTICS: Final = 2 * len(SCREEN_MODES) * (6 + len(STREAK_TILES))
-"""Of careful areas: both signs of every mode, of boxes of six sizes and of streaks."""
+"""Number of statistics of careful areas: both signs of every mode, of boxes of six sizes and of streaks."""

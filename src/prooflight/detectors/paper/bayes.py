@@ -1,7 +1,8 @@
-"""The paper's learned detector: a Bayesian network over three numbers of the error map's window means (section 4.4).
+"""The paper's learned detector: a Bayesian network on three statistics of window means (section 4.4).
 
-M (misprint or not) <- Mt (correct, or a type of misprint) -> each statistic. Statistics are independent given Mt; each
-is cut into bins, and P(bin | Mt) is counted with Laplace's smoothing.
+The window means are the error map's. M (misprint or not) <- Mt (correct, or a type of misprint) -> each
+statistic. Statistics are independent given Mt; each is cut into bins, and P(bin | Mt) is counted with
+Laplace's smoothing.
 """
 
 from __future__ import annotations
@@ -27,27 +28,28 @@ if TYPE_CHECKING:
 
 Binning = Literal["quantile", "equal-width"]
 Reading = Literal["signed", "absolute"]
-"""What "mean" and "minimum" are of: the window means as they are, or their magnitudes. The paper's text allows both."""
+"""Whether "mean" and "minimum" are of the window means or of their magnitudes. The paper's text allows both
+readings."""
 SHARE_SIGMAS: Final = 0.675
-"""The paper's limit: on a good page half of the errors lie below it. [-]"""
+"""The paper's limit, below which half of the errors of a good page are. [-]"""
 MEDIAN_SIGMAS: Final = 0.6745
-"""Half of a Gaussian lies within so many standard deviations."""
+"""Half of a Gaussian is within this many standard deviations."""
 STATISTICS: Final = ("mean", "minimum", "share")
 ARRAYS: Final = ("edges", "log_likelihood", "log_type_share")
 CORRECT: Final = "correct"
 MISPRINT: Final = "misprint"
-"""The only type of misprint where types are not told apart (paper, table 3)."""
+"""The only type of misprint where types are not distinguished (paper, table 3)."""
 
 
 def window_statistics(
     means: NDArray[np.float32], *, reading: Reading = "signed", unit: float | NDArray[np.float64] = 1.0
 ) -> NDArray[np.float64]:
-    """Mean, minimum and share below 0.675 of window means (..., rows, columns). (..., 3)
+    """Return mean, minimum and share below 0.675 of window means (..., rows, columns): (..., 3).
 
-    The share is of magnitudes in either reading: signed errors below 0.675 would be three quarters of a good page, not
-    the half that the number stands for. unit: what counts as one standard deviation, (...) or one for all; the paper's
-    is 1. With a unit learned from good pages all three are unmoved by a sigma wrong by any one factor
-    (paper, equation 4); with 1, the share is not.
+    The share is of magnitudes in either reading: signed errors below 0.675 would be three quarters of a good
+    page, not the half that the number stands for. unit: one standard deviation, (...) or one for all; the
+    paper's is 1. With a unit learned from good pages all three are invariant to an error of sigma by any one
+    factor (paper, equation 4); with 1, the share is not.
     """
     scaled = means / np.asarray(unit, np.float64)[..., None, None]
     magnitude = np.abs(scaled)
@@ -60,21 +62,21 @@ def window_statistics(
 
 
 def window_unit(means: NDArray[np.float32]) -> NDArray[np.float64]:
-    """How wide window means (..., rows, columns) really scatter: their median magnitude over a Gaussian's. (...)
+    """Return the scatter of window means (..., rows, columns): median magnitude over a Gaussian's, (...).
 
-    1 where sigma is right; a sigma that is wrong by a factor shows as its inverse.
+    It is 1 if sigma is right; a sigma that is wrong by a factor gives its inverse.
     """
     return np.asarray(np.median(np.abs(means), axis=(-2, -1)) / MEDIAN_SIGMAS, np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BayesianNetwork:
-    """Counted probabilities; statistics come as (..., n) arrays, n the same as in learning."""
+    """Counted probabilities; statistics are (..., n) arrays, with n as in training."""
 
     types: tuple[str, ...]
     """``correct`` first, then the types of misprint."""
     edges: NDArray[np.float64]
-    """(n, bins - 1) inner edges of each statistic's bins, rising; a value on an edge belongs to the bin above."""
+    """(n, bins - 1) inner edges of each statistic's bins, rising; a value on an edge is in the bin above."""
     log_likelihood: NDArray[np.float64]
     """(types, n, bins) log P(bin | type)."""
     log_type_share: NDArray[np.float64]
@@ -96,9 +98,10 @@ class BayesianNetwork:
     ) -> Self:
         """Count the bins of pages (pages, n) whose labels are ``correct`` or a type of misprint.
 
-        Quantile bins hold equally many learning pages each; equal-width ones reach from the least to the greatest value
-        seen. smoothing: pages added to every bin (Laplace: 1). ValueError: no correct page, no misprint, a statistic
-        that is not finite, fewer than 2 bins, or a misprint_rate that is no probability.
+        Quantile bins contain equally many training pages each; equal-width ones extend from the least to the
+        greatest value in training. smoothing: pages added to every bin (Laplace: 1). ValueError: no correct
+        page, no misprint, a statistic that is not finite, fewer than 2 bins, or a misprint_rate that is no
+        probability.
         """
         _check(statistics, labels, misprint_rate, bins)
         kinds = np.asarray(labels)
@@ -120,9 +123,9 @@ class BayesianNetwork:
         )
 
     def log_ratio(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log P(statistics | misprint) / P(statistics | correct) of (..., n): evidence, higher is worse. (...)
+        """Return log P(statistics | misprint) / P(statistics | correct) of (..., n): (...); higher is worse.
 
-        NaN where a statistic is no finite number: it is in no bin.
+        NaN where a statistic is not finite, because it is in no bin.
         """
         place = _bins_of(statistics, self.edges)
         of_type = np.moveaxis(self.log_likelihood[:, np.arange(len(self.edges)), place].sum(axis=-1), 0, -1)
@@ -131,18 +134,19 @@ class BayesianNetwork:
         return np.where(known, of_misprint - of_type[..., 0], np.nan)
 
     def posterior(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Probability of a misprint given statistics (..., n). (...)"""
+        """Return the probability of a misprint given statistics (..., n): (...)."""
         return np.asarray(special.expit(self.log_ratio(statistics) + special.logit(self.misprint_rate)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BayesDetector:
-    """The network as a detector of pages, on the separate 8 x 8 windows that the evidence holds."""
+    """The network as a detector of pages, on the disjoint 8 x 8 windows of the evidence."""
 
     network: BayesianNetwork
-    """Learned from the statistics of all sensors, one after the other."""
+    """Network that was trained on the statistics of all sensors, concatenated."""
     threshold: float
-    """Probability of a misprint above which a page alarms; ``cost.RunningCosts`` gives the one that pays. [-]"""
+    """Probability of a misprint above which a page alarms; ``cost.RunningCosts`` gives the most economical
+    one. [-]"""
     unit: NDArray[np.float64]
     """(sensors,) see ``window_statistics``."""
     reading: Reading = "signed"
@@ -162,7 +166,7 @@ class BayesDetector:
         return only(block_z=kept.array("block_z", "f", (sensors, None, None), finite=True))
 
     def decide(self, evidence: Evidence) -> Decision:
-        """Weigh one page: score and threshold are probabilities' log odds, which do not saturate."""
+        """Decide on one page; score and threshold are log odds, which do not saturate as probabilities do."""
         statistics = window_statistics(evidence.block_z, reading=self.reading, unit=self.unit).ravel()
         score = float(self.network.log_ratio(statistics) + special.logit(self.network.misprint_rate))
         threshold = float(special.logit(self.threshold))
@@ -175,12 +179,12 @@ class BayesDetector:
         )
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What an artefact keeps as tensors."""
+        """Return what an artefact stores as tensors."""
         tables = {name: np.ascontiguousarray(getattr(self.network, name)) for name in ARRAYS}
         return tables | {"unit": np.ascontiguousarray(self.unit, np.float64)}
 
     def facts(self) -> dict[str, Any]:
-        """The rest: what JSON can hold."""
+        """Return the rest: what JSON can hold."""
         return {
             "types": list(self.network.types),
             "misprint_rate": self.network.misprint_rate,
@@ -193,7 +197,10 @@ class BayesDetector:
     def check(
         arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, sensors: int, under: str = ""
     ) -> None:
-        """Misfit unless ``from_parts`` makes of them what can judge so many sensors. under: where they stand."""
+        """Check parts for ``from_parts``.
+
+        Misfit: they cannot judge so many sensors. under: prefix of their names.
+        """
         told = checked(BayesFacts, facts, under=under)
         if told.types[0] != CORRECT or len(set(told.types)) < len(told.types):
             raise Misfit(f"{under}types", f"must be {CORRECT} and kinds of misprints, each once")
@@ -204,7 +211,7 @@ class BayesDetector:
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[np.float64]], facts: Mapping[str, Any]) -> Self:
-        """The detector again that ``arrays`` and ``facts`` came from, which ``check`` has passed."""
+        """Build a detector from ``arrays`` and ``facts`` that ``check`` has passed."""
         return cls(
             network=BayesianNetwork(
                 types=tuple(facts["types"]),
@@ -219,7 +226,7 @@ class BayesDetector:
 
 
 class BayesFacts(Block):
-    """``BayesDetector.facts``."""
+    """Schema of ``BayesDetector.facts``."""
 
     types: Annotated[tuple[Name, ...], Field(min_length=2, max_length=100)]
     misprint_rate: Chance
@@ -273,7 +280,7 @@ def _edges(statistics: NDArray[np.float64], bins: int, binning: Binning) -> NDAr
 
 
 def _bins_of(statistics: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Bin of each value, (..., n)."""
+    """Return the bin of each value, (..., n)."""
     if statistics.shape[-1] != len(edges):
         message = f"learned from {len(edges)} statistics, got {statistics.shape[-1]}"
         raise ValueError(message)

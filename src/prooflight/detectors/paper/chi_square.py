@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from prooflight.detectors.paper.evidence import Evidence
 
 MOST_COUNT: Final = 2**40
-"""Pixels of one tile, far beyond any."""
+"""Limit of the pixel count of one interval and tile, far beyond any."""
 
 
 def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pearson's statistic of counts (..., intervals) against those of a good page (paper, equation 3). (...)
+    """Return Pearson's statistic of counts (..., intervals) against a good page's (paper, equation 3): (...).
 
     shares (intervals,): the intervals' probabilities, ``detectors.paper.evidence.interval_shares``.
     """
@@ -33,22 +33,22 @@ def pearson(histogram: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChiSquare:
-    """Pearson's chi-square over nearly equally likely intervals, digital numbers taken as the integers they are.
+    """Pearson's chi-square over nearly equally likely intervals, with digital numbers treated as integers.
 
-    Tested are the page's histogram, as in the paper, and that of each tile of 64 x 64 pixels: a missing word is lost
-    among six million pixels, but not among four thousand. Page and tiles have half of the allowed false alarms each,
-    tiles share theirs evenly (Bonferroni), and sensors add up. Degrees of freedom: intervals - 1 for each sensor,
-    since the tables have no free parameter. The score is the greater of the two statistics over its own alarm level,
-    so a page alarms above 1.
+    It tests the page's histogram, as in the paper, and that of each tile of 64 x 64 pixels: a missing word is
+    lost among six million pixels, but not among four thousand. Page and tiles have half of the allowed false
+    alarms each, tiles share theirs evenly (Bonferroni), and sensors are summed. Degrees of freedom: intervals
+    - 1 for each sensor, because the tables have no free parameter. The score is the greater of the two
+    statistics over its own alarm level, so that a page alarms above 1.
 
-    The promise, one alarm in good_pages_per_false_alarm good pages, holds in the paper's own world, where a good page
-    is the prediction plus sensor noise.
+    The guarantee, one alarm in good_pages_per_false_alarm good pages, holds in the paper's own world, where a
+    good page is the prediction plus sensor noise.
     """
 
     good_pages_per_false_alarm: float
     misprint_rate: float
     tiles: bool = True
-    """False: the page alone, as in the paper."""
+    """Whether tiles are tested; False: the page alone, as in the paper."""
     name: str = "chi-square"
 
     @property
@@ -70,7 +70,7 @@ class ChiSquare:
         return only(tile_histogram=counts.astype(np.int64))
 
     def decide(self, evidence: Evidence) -> Decision:
-        """Weigh one page; the p-value is for people, the decision compares statistics."""
+        """Decide on one page; the p-value is for people, the decision compares statistics."""
         of_page = float(pearson(evidence.histogram, interval_shares()).sum())
         # Not scipy.stats, which takes longer to import than a page to judge.
         freedom = evidence.histogram.shape[0] * (evidence.histogram.shape[1] - 1)
@@ -97,5 +97,5 @@ class ChiSquare:
 
 
 def tile_statistics(evidence: Evidence) -> NDArray[np.float64]:
-    """Pearson's statistic of each tile, sensors added up. (tile rows, tile columns)"""
+    """Return Pearson's statistic of each tile, summed over sensors: (tile rows, tile columns)."""
     return np.asarray(pearson(evidence.tile_histogram, interval_shares()).sum(axis=0))

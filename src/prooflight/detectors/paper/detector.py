@@ -1,4 +1,4 @@
-"""The paper's detectors on a press: a page found, predicted where it lies, compared pixel by pixel, decided."""
+"""The paper's detectors on a press: register a page, predict it there, compare pixel by pixel, decide."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 PIXELS_A_BLOCK: Final = 4
-"""Of the raster, either way, that say how much ink is in a block."""
+"""Raster pixels per block and axis from which a block's ink is computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperDetector(StationDetector):
-    """Weighs the error's histograms or block means by one of the paper's tests."""
+    """Detector that tests the error's histograms or block means by one of the paper's tests."""
 
     test: EvidenceDetector
 
@@ -64,13 +64,13 @@ class PaperDetector(StationDetector):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PaperPage:
-    """A page predicted in its place, with what of its design tells where it lies."""
+    """A page predicted in its nominal place, with the landmarks of its design."""
 
     detector: PaperDetector
     sought: SoughtPage
 
     def under(self, station: Station) -> PaperPage:
-        """See ``PreparedPage``; next to no work: landmarks stay."""
+        """See ``PreparedPage``; cheap, because landmarks stay."""
         return PaperPage(detector=self.detector.at(station), sought=self.sought.relit(station))
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
@@ -108,7 +108,7 @@ class PaperPage:
 
 
 def page_evidence(page: Page, scan_dn: NDArray[np.uint16], station: Station) -> Evidence:
-    """What the paper's detectors look at in one scan (sensors, lines, pixels) of a page."""
+    """Return the evidence of the paper's detectors from one scan (sensors, lines, pixels) of a page."""
     found = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
     seen, measured = cut(found.prediction, found.area), scan_dn[:, *found.area]
     return _gathered(measured, seen, station, seed=page.number)
@@ -126,7 +126,7 @@ def _gathered(measured: NDArray[np.uint16], seen: Prediction, station: Station, 
 
 
 def _grid(page: Page, geometry: ScanGeometry, evidence: Evidence, found: FoundPage) -> BlockGrid:
-    """Blocks in millimetres on the page as printed, its shift taken off."""
+    """Return the blocks in millimetres on the page as printed, without its shift."""
     lines, columns = found.area
     shift_x_mm, shift_y_mm = found.placement.shift_mm
     _, rows, across = evidence.block_z.shape
@@ -145,9 +145,9 @@ def _grid(page: Page, geometry: ScanGeometry, evidence: Evidence, found: FoundPa
 
 
 def _ink(page: Page, rows: int, across: int) -> NDArray[np.float32]:
-    """Mean ink fractions of (rows, across) blocks that share the page evenly, (rows, across, 4).
+    """Return mean ink fractions of (rows, across) blocks that divide the page evenly, (rows, across, 4).
 
-    A few pixels of each block do: to read all would take as long as the rest of the inspection.
+    A few pixels of each block suffice: reading all would take as long as the rest of the inspection.
     """
     packed = page.packed
     lines, columns = (

@@ -1,4 +1,4 @@
-"""The statistics that a decision needs, gathered in one pass over a scan."""
+"""The statistics that a decision needs, computed in one pass over a scan."""
 
 from __future__ import annotations
 
@@ -27,28 +27,31 @@ if TYPE_CHECKING:
     from prooflight.detectors.verdict import Decision
 
 INTERVALS = 16
-"""Nearly equally likely intervals of the error's distribution (15 degrees of freedom a sensor)."""
+"""Number of nearly equally likely intervals of the error's distribution (15 degrees of freedom a sensor)."""
 TILE_PIXELS = TILE
-"""Side of the tiles that are tested by themselves: 6.7 mm, about a word, and 256 pixels expected an interval."""
+"""Side of the tiles that are tested separately: 6.7 mm, about a word, with 256 pixels expected in each
+interval."""
 PART_PIXELS = 1 << 20
-"""Compared in one call: few enough to stay below 64 MB, enough to forget what a call costs."""
+"""Pixels that are compared in one call: few enough to stay below 64 MB, enough to make a call's overhead
+negligible."""
 NOISE_SIZE = 1 << 14
-"""Random numbers in the table that lines take theirs from, each line from a place of its own."""
+"""Size of the table of random numbers; each line starts at a position of its own."""
 SHARP_SIGMA_DN = 4.0
-"""Below this the dither's law needs more than two terms, ..."""
+"""Sigma below which the dither's distribution needs more than two terms, ..."""
 UNSURE_SIGMA_DN = math.sqrt(1 + ROUNDING_VARIANCE_DN2)
-"""... and below this, 1 DN before rounding, more than four: tests/detectors/paper/test_kernels.py."""
+"""... and below which, 1 DN before rounding, it needs more than four:
+tests/detectors/paper/test_kernels.py."""
 
 
 def interval_edges() -> NDArray[np.int8]:
-    """Where intervals begin but for the first, (INTERVALS - 1,): quantiles of N(0, 1), rounded to sigma / 64."""
+    """Return the inner edges of intervals, (INTERVALS - 1,): quantiles of N(0, 1), rounded to sigma / 64."""
     quantiles = special.ndtri(np.arange(1, INTERVALS) / INTERVALS)
     return np.asarray(np.rint(quantiles * CODE_STEPS).astype(np.int8))
 
 
 @cache
 def interval_shares() -> NDArray[np.float64]:
-    """Exact probability of each interval under N(0, 1), (INTERVALS,): within 6 % of a 16th. Not to be changed."""
+    """Return each interval's exact probability under N(0, 1), (INTERVALS,), within 6 % of 1/16; read-only."""
     shares = np.diff(special.ndtr(interval_edges() / CODE_STEPS), prepend=0.0, append=1.0)
     shares.setflags(write=False)
     return np.asarray(shares)
@@ -56,26 +59,27 @@ def interval_shares() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What one scan says against its prediction. z is cut off at 32 sigma, to the nearest 128th of a sigma."""
+    """Evidence of a scan against its prediction. z is limited to 32 sigma and rounded to sigma / 128."""
 
     tile_histogram: NDArray[np.int64]
-    """(sensors, tile rows, tile columns, intervals) pixels in each interval, rounding to integers allowed for;
-    ``interval_shares`` are expected. Tiles of 64 x 64 pixels, the last of each row and column larger by what is left
-    over."""
+    """(sensors, tile rows, tile columns, intervals) pixels in each interval, with rounding to integers taken
+    into account; ``interval_shares`` are expected. Tiles have 64 x 64 pixels; the last of each row and column
+    contain the remainder as well."""
     naive_histogram: NDArray[np.int64]
-    """(sensors, intervals) of the whole page, as if digital numbers were not integers: it rejects every good page.
-    Empty unless asked for."""
+    """(sensors, intervals) histogram of the whole page, as if digital numbers were not integers: it rejects
+    every good page. Empty unless requested."""
     block_z: NDArray[np.float32]
-    """(sensors, block rows, block columns) mean of z over 8 x 8 pixels times 8: N(0, 1) on a good page. [-]"""
+    """(sensors, block rows, block columns) mean of z over 8 x 8 pixels times 8: N(0, 1) on a good page.
+    [-]"""
 
     @property
     def histogram(self) -> NDArray[np.int64]:
-        """(sensors, intervals) of the whole page."""
+        """(sensors, intervals) histogram of the whole page."""
         return self.tile_histogram.sum(axis=(1, 2))
 
 
 class Camera(NamedTuple):
-    """Scales of a prediction in integers as the compiled loops want them."""
+    """Integer scales of a prediction, for the compiled loops."""
 
     top_code: np.uint16
     mean_bits: np.uint16
@@ -87,7 +91,7 @@ class Camera(NamedTuple):
 
     @classmethod
     def of(cls, scale: Scale) -> Camera:
-        """Of one sensor."""
+        """Return the scales of one sensor."""
         one = 1 << scale.inverse_bits
         return cls(
             top_code=np.uint16(scale.top_code_dn),
@@ -101,7 +105,7 @@ class Camera(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """What the compiled pass fills in, all 0 at first."""
+    """Result of the compiled pass, initially 0."""
 
     reached: NDArray[np.int64]
     """(tile rows, tile columns, INTERVALS - 1) pixels at or above each edge."""
@@ -110,7 +114,7 @@ class Counts(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What the pass says of some rows of tiles of one sensor, in integers."""
+    """Result of the pass over some rows of tiles of one sensor, in integers."""
 
     lines: int
     pixels: int
@@ -118,7 +122,7 @@ class Part(NamedTuple):
 
     @classmethod
     def empty(cls, lines: int, pixels: int) -> Part:
-        """Of so many lines, which begin a row of tiles."""
+        """Return an empty part of a number of lines, which begin a row of tiles."""
         rows, columns = max(lines // TILE, 1), max(pixels // TILE, 1)
         counts = Counts(
             reached=np.zeros((rows, columns, INTERVALS - 1), np.int64),
@@ -127,7 +131,7 @@ class Part(NamedTuple):
         return cls(lines=lines, pixels=pixels, counts=counts)
 
     def histogram(self) -> NDArray[np.int64]:
-        """(tile rows, tile columns, INTERVALS) pixels in each interval."""
+        """Return the pixels in each interval, (tile rows, tile columns, INTERVALS)."""
         reached = self.counts.reached
         sides = (
             np.diff([*range(0, count * TILE, TILE), size])
@@ -145,13 +149,13 @@ def _intervals() -> tuple[NDArray[np.int8], NDArray[np.float64]]:
 
 @cache
 def _noise(pixels: int) -> NDArray[np.uint16]:
-    """Every fourth word once, in random order, and again until a line fits behind the last of them."""
+    """Return every fourth 16-bit word in random order; its beginning is repeated, so that any line fits."""
     table = stream(None, "dither").permutation(NOISE_SIZE).astype(np.uint16) * np.uint16(4) + np.uint16(2)
     return np.resize(table, NOISE_SIZE + pixels)
 
 
 def line_starts(seed: int, sensor: int, lines: range) -> NDArray[np.int64]:
-    """Where each line's random numbers begin: splitmix64 of seed, sensor and line (Steele, Lea, Flood 2014)."""
+    """Return lines' positions in the noise: splitmix64 of seed, sensor, line (Steele, Lea, Flood 2014)."""
     z = np.arange(lines.start, lines.stop, dtype=np.uint64) + np.uint64(
         ((seed << 8 | sensor) << 32) & (2**64 - 1)
     )
@@ -172,9 +176,11 @@ def compare(
     seed: int,
     dither: bool = True,
 ) -> Part:
-    """The pass itself: ``lines`` of a page, one of its ``parts``, of one sensor, (lines, pixels) each.
+    """Compare ``lines`` of one sensor, one of the page's ``parts``, with their prediction.
 
-    mean, inverse: as ``compact`` gives them. ``join`` makes evidence of the parts.
+    Each array is (lines, pixels).
+
+    mean, inverse: as returned by ``compact``. ``join`` combines the parts.
     """
     part = Part.empty(len(lines), measured_dn.shape[1])
     edges, reach = _intervals()
@@ -195,14 +201,17 @@ def compare(
 
 
 def parts(lines: int, pixels: int) -> list[range]:
-    """Lines of a page, in pieces of whole rows of tiles, about a megapixel each."""
+    """Return the lines of a page in ranges of whole rows of tiles, of about a megapixel each."""
     step = max(PART_PIXELS // (TILE * pixels), 1) * TILE
     starts = [0, *range(step, lines - step + 1, step)]
     return [range(start, end) for start, end in zip(starts, [*starts[1:], lines], strict=True)]
 
 
 def join(of_sensors: Sequence[Sequence[Part]], naive: Sequence[Sequence[Part]] = ()) -> Evidence:
-    """Evidence of a page from the parts of each sensor, top to bottom; naive: the same, compared without dither."""
+    """Return a page's evidence from each sensor's parts, top to bottom.
+
+    naive: the same, compared without dither.
+    """
 
     def stack(of_part: Callable[[Part], NDArray[Any]]) -> NDArray[Any]:
         return np.stack([np.concatenate([of_part(part) for part in of]) for of in of_sensors])
@@ -226,10 +235,11 @@ def gather(
     threads: int | None = None,
     naive: bool = False,
 ) -> Evidence:
-    """One pass over (sensors, lines, pixels) arrays of the page's area, whose prediction is made compact on the way.
+    """Compute the evidence of a page's area, (sensors, lines, pixels) arrays, in one pass.
 
-    seed: of the random numbers that stand for what rounding lost; same seed, same result, whatever the number of
-    threads. naive: the naive histogram as well, which takes a second pass.
+    The prediction is compacted in the same pass. seed: of the random numbers that replace what rounding lost;
+    the same seed gives the same result, whatever the number of threads. naive: compute the naive histogram as
+    well, which takes a second pass.
     """
     workers = threads or os.cpu_count() or 1
     sensors, lines, pixels = measured_dn.shape
@@ -260,7 +270,10 @@ def gather(
 
 
 class EvidenceDetector(Protocol):
-    """Evidence in, decision out; what a good page may do stands in the test, what errors cost in the costs."""
+    """Test that turns evidence into a decision.
+
+    It contains the variation of a good page, and the costs those of errors.
+    """
 
     @property
     def name(self) -> str:
@@ -269,24 +282,24 @@ class EvidenceDetector(Protocol):
 
     @property
     def promise(self) -> str:
-        """How rarely a good page alarms, in words."""
+        """False-alarm rate that is guaranteed, in words."""
         ...
 
     def decide(self, evidence: Evidence) -> Decision:
-        """Weigh one page's evidence. Does not change it."""
+        """Decide on one page by its evidence, which is not changed."""
         ...
 
     def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
-        """The arrays that it looks at."""
+        """Return the arrays of the evidence that it uses."""
         ...
 
     def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
-        """Them again, as far as it looks at them; RequestError: they are no page's."""
+        """Restore the evidence that it uses; RequestError: the arrays are not of a page."""
         ...
 
 
 def only(**given: NDArray[Any]) -> Evidence:
-    """Evidence of which a detector is given but a part."""
+    """Return evidence of which only the given parts are filled."""
     nothing: dict[str, NDArray[Any]] = {
         "tile_histogram": np.zeros((0,) * 4, np.int64),
         "naive_histogram": np.zeros((0, 0), np.int64),

@@ -1,4 +1,4 @@
-"""Where the page of a scan lies, and what that means for the inspection: the prediction moves, never the scan."""
+"""Placement of a scan's page, and the prediction at that placement: the scan is never moved."""
 
 from __future__ import annotations
 
@@ -24,45 +24,46 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 MOVED_SIGMAS: Final = 4.0
-"""A page is moved for no less: to follow an estimate that is only noise would blur every edge by it."""
+"""Minimum displacement that is followed, in its standard deviations: following noise would blur every edge by
+it."""
 MOVED_PIXELS: Final = 0.02
-"""Nor for less than this, which no edge shows above its noise. [camera pixels]"""
+"""Minimum displacement that is followed: no edge shows less above its noise. [camera pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundPage:
-    """A page where its scan shows it."""
+    """A page at the placement that its scan shows."""
 
     placement: Placement
-    """``IN_PLACE`` where the scan does not tell otherwise."""
+    """``IN_PLACE`` unless the scan shows otherwise."""
     prediction: Prediction
-    """Of the page as it lies."""
+    """Prediction of the page at its placement."""
     area: Area
-    """Lines and columns that are judged; the scan has them all."""
+    """Lines and columns that are judged; the scan contains all of them."""
     wrong_page: bool
-    """The scan shows another page, or this one where no good print lies."""
+    """Whether the scan shows another page, or this one where no good print is."""
     reason: str
     """Why it is a wrong page, in words; empty: it is not."""
     shift_mm: tuple[float, float] | None
-    """None: the page could not be found in the scan."""
+    """Shift of the page; None: the page could not be found in the scan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SoughtPage:
-    """A page ready to be looked for in its scans."""
+    """A page prepared for registration in its scans."""
 
     page: Page
     nominal: Prediction
-    """Of the page in its place, under the light that it was made ready for."""
+    """Prediction of the page in its nominal place, under the light at its preparation."""
     lit: tuple[SensorModel, ...]
     """The sensors under that light."""
     area: Area
-    """Lines and columns of a scan that it then covers."""
+    """Lines and columns of a scan that it covers in its nominal place."""
     landmarks: Landmarks
 
     @classmethod
     def of(cls, planned: PlannedPage) -> SoughtPage:
-        """Everything that needs no scan."""
+        """Compute everything that needs no scan."""
         page, nominal = planned.page, planned.expected
         sensors, geometry = planned.station.sensors, planned.station.geometry
         landmarks = prepare(page, nominal, sensors=sensors, geometry=geometry)
@@ -70,13 +71,13 @@ class SoughtPage:
         return cls(page=page, nominal=nominal, lit=landmarks.sensors, area=area, landmarks=landmarks)
 
     def relit(self, station: Station) -> SoughtPage:
-        """The same where only the light of the press has changed: its landmarks stay."""
+        """Return the page under another light of the press; its landmarks stay."""
         return replace(self, landmarks=replace(self.landmarks, sensors=station.sensors))
 
     def in_place(self, station: Station) -> Prediction:
-        """Of the page in its place, under the light as it is now.
+        """Return the prediction of the page in its nominal place, under the current light.
 
-        Made when it is asked for: hardly a print lies in its place to a fiftieth of a pixel.
+        It is computed on demand, because hardly any print is in its nominal place to a fiftieth of a pixel.
         """
         if station.sensors is self.lit:
             return self.nominal
@@ -84,9 +85,9 @@ class SoughtPage:
 
 
 def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> FoundPage:
-    """Look for a page in ``scan`` (sensors, lines, pixels) [DN] and predict it where it lies.
+    """Find a page in ``scan`` (sensors, lines, pixels) [DN] and predict it at its placement.
 
-    scan: as ``inspection.inspector.judged_lines`` leaves it.
+    scan: as returned by ``inspection.inspector.judged_lines``.
     """
     page = sought.page
     where = register(sought.landmarks, scan, threads=station.threads or os.cpu_count() or 1)
@@ -105,7 +106,7 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> Foun
 
 
 def _moved(where: Registration, page: Page, station: Station) -> bool:
-    """Whether the page lies off its place by more than the estimate's own doubt."""
+    """Return whether the page is displaced by more than the estimate's own uncertainty."""
     reach_mm = np.array([page.height_mm, page.width_mm]) / 2
     turn_mm = np.deg2rad(abs(where.placement.skew_deg)) * reach_mm
     turn_sd_mm = np.deg2rad(where.skew_sd_deg) * reach_mm

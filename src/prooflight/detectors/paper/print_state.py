@@ -1,4 +1,4 @@
-"""What a print did as good ones do, from the light of its columns: lamp and streaks."""
+"""Print state from the light of columns: lamp and streaks of a good print."""
 
 from __future__ import annotations
 
@@ -18,13 +18,17 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import Station
 
 PARTS: Final = 8
-"""Of a page's height: the median of them is the column's, so that no local misprint makes a streak."""
+"""Number of parts of a page's height: a column's value is their median, so that no local misprint makes a
+streak."""
 
 
 def print_state(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], part: slice, station: Station
 ) -> PrintState:
-    """Of what was measured and expected (sensors, lines, columns) in a part of the field's columns [DN]."""
+    """Return the state of measured and expected lines (sensors, lines, columns) [DN].
+
+    part: their columns in the field.
+    """
     of_sensors = light_sums(measured_dn, expected_dn, part, station)
     pixels = station.geometry.pixels
     amounts = lamp_waves(of_sensors.sum(axis=0), part, pixels)
@@ -38,7 +42,7 @@ def print_state(
 def light_sums(
     measured: NDArray[np.uint16], expected: NDArray[np.float32], part: slice, station: Station
 ) -> NDArray[np.float64]:
-    """Light over what was expected, and light expected, down the columns of an area.
+    """Return light minus expected light, and expected light, summed down the columns of an area.
 
     (sensors, 2, PARTS, columns of the area) [DN]
     """
@@ -62,7 +66,10 @@ def light_sums(
 
 
 def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str, float]:
-    """Amplitudes of the lamp's waves cos(k pi x / W) over the field, from (2, parts, columns of ``part``)."""
+    """Return amplitudes of the lamp's waves cos(k pi x / W) over the field.
+
+    sums: (2, parts, columns of ``part``).
+    """
     ratio = sums[0].sum(axis=0) / sums[1].sum(axis=0)
     x = (np.arange(pixels)[part] + 0.5) / pixels
     waves = np.cos(np.pi * np.multiply.outer(x, np.arange(LAMP_WAVES + 1)))

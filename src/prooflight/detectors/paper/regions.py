@@ -1,4 +1,4 @@
-"""Where a misprint lies and what kind it looks like, from the map of block means."""
+"""Place and kind of a misprint, from the map of block means."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FLAGGED = 6.0
-"""A block mean beyond so many of its standard deviations is flagged: 1e-4 blocks of a good A4 page, ideal world."""
+"""Standard deviations beyond which a block mean is flagged: 1e-4 blocks of a good A4 page, ideal world."""
 JOINING_BLOCKS = 7
-"""Flagged blocks nearer than this (6 mm) belong together."""
+"""Distance up to which flagged blocks are joined: 6 mm. [blocks]"""
 MOST_REGIONS = 12
 UNKNOWN = "unknown"
 STREAK_WIDTH_MM = 5.0
 INKED = 0.01
-"""Least mean ink fraction at which a block is said to hold an ink."""
+"""Minimum mean ink fraction at which a block contains an ink."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings:
-    """Regions, most telling first, and the kind of the whole."""
+    """Regions, strongest first, and the kind of the whole."""
 
     regions: tuple[Region, ...]
     kind: str | None
@@ -36,7 +36,7 @@ class Findings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BlockGrid:
-    """The map of block means of one page and where it lies on the page."""
+    """The map of block means of one page and its position on the page."""
 
     z: NDArray[np.float32]
     """(sensors, rows, columns) block means in their standard deviations; above 0: lighter than expected."""
@@ -44,7 +44,8 @@ class BlockGrid:
     """(tile rows, tile columns) evidence of each tile, for a misprint too faint for any single block."""
     blocks_per_tile: int
     ink: Callable[[], NDArray[np.float32]]
-    """Gives (rows, columns, 4) mean ink fractions that were to be printed; most misprints are named without."""
+    """Function that returns the planned mean ink fractions, (rows, columns, 4); the kind of most misprints
+    does not need it."""
     left_mm: float
     top_mm: float
     width_mm: float
@@ -53,9 +54,9 @@ class BlockGrid:
 
 
 def findings(grid: BlockGrid) -> Findings:
-    """Group flagged blocks into regions and say what each looks like.
+    """Group flagged blocks into regions and name the kind of each.
 
-    A misprint too faint for any block lies in the tile with the most evidence, and its kind is unknown.
+    A misprint too faint for any block is located in the tile with the most evidence, and its kind is unknown.
     """
     strongest = np.take_along_axis(grid.z, np.abs(grid.z).argmax(axis=0)[None], axis=0)[0]
     flagged = np.abs(strongest) > FLAGGED
@@ -87,7 +88,7 @@ def findings(grid: BlockGrid) -> Findings:
 
 
 def _region(blocks: NDArray[np.bool_], strongest: NDArray[np.float32], grid: BlockGrid, kind: str) -> Region:
-    """The box around blocks (rows, columns), of which there is one at least."""
+    """Return the box around blocks (rows, columns), of which there is at least one."""
     left, top, columns, rows = cv2.boundingRect(blocks.astype(np.uint8))
     box_mm = (
         grid.left_mm + left * grid.width_mm,
@@ -99,10 +100,11 @@ def _region(blocks: NDArray[np.bool_], strongest: NDArray[np.float32], grid: Blo
 
 
 def _kind(flagged: NDArray[np.bool_], strongest: NDArray[np.float32], grid: BlockGrid) -> str:
-    """What a set of flagged blocks (rows, columns) looks like.
+    """Name the kind of a set of flagged blocks (rows, columns).
 
-    Narrow and long: a streak. Nothing darker, and lighter just where one ink was to be: that plane is missing. Nothing
-    darker otherwise: content is missing. Darker as well as lighter: something else was printed.
+    Narrow and long: a streak. Nothing darker, and lighter only where one ink was planned: that plane is
+    missing. Nothing darker otherwise: content is missing. Darker as well as lighter: something else was
+    printed.
     """
     _, top, columns, rows = cv2.boundingRect(flagged.astype(np.uint8))
     width_mm, height_mm = columns * grid.width_mm, rows * grid.height_mm

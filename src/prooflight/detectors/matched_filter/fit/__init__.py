@@ -1,1 +1,1 @@
-"""What good prints do anyway: fitted to a scan, and taken out of it."""
+"""Fit of the variation of good prints to a scan, and its removal from the scan."""

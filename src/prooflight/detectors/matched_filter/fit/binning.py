@@ -1,6 +1,6 @@
-"""Fine pixels taken together: what our detector tells apart is millimetres wide, and finer pixels only cost time.
+"""Binning of camera pixels: the detector's features are millimetres wide, and finer pixels only cost time.
 
-Registration sees the camera's own pixels.
+Registration uses the camera's own pixels.
 """
 
 from __future__ import annotations
@@ -25,29 +25,33 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 MOST_MM: Final = 0.26
-"""Pitch of pixels taken together: the press study's, at which a good press's register and a streak are still seen."""
+"""Maximum pitch of binned pixels: the press study's, at which a good press's register and a streak are still
+seen."""
 
 
 def bins_of(geometry: ScanGeometry) -> int:
-    """How many pixels are taken together each way: the most that divide a line and stay below ``MOST_MM``."""
+    """Return the bins per axis: the most that divide a line of pixels, with a pitch below ``MOST_MM``."""
     pitch_mm = max(geometry.pixel_pitch_mm, geometry.line_pitch_mm)
     return next(n for n in range(max(int(MOST_MM / pitch_mm), 1), 0, -1) if geometry.pixels % n == 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BinnedGeometry(ScanGeometry):
-    """Where binned pixels lie."""
+    """Geometry of binned pixels."""
 
     camera: ScanGeometry
     bins: int
 
     def lines(self, page_height_mm: float) -> int:
-        """As many as ``binned`` makes of a scan: millimetres over the longer pitch may round to another number."""
+        """Return as many lines as ``binned`` makes of a scan.
+
+        Millimetres over the pitch may round to another number.
+        """
         return -(-self.camera.lines(page_height_mm) // self.bins)
 
 
 def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
-    """Where binned pixels lie."""
+    """Return the geometry of pixels binned ``bins`` x ``bins``."""
     if bins == 1:
         return geometry
     return BinnedGeometry(
@@ -63,7 +67,7 @@ def binned_geometry(geometry: ScanGeometry, bins: int) -> ScanGeometry:
 
 @lru_cache(maxsize=16)
 def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: tuple[float, float]) -> SensorModel:
-    """A sensor of which one pixel is the mean of so many each way, that lie ``pitch_mm`` apart across and along."""
+    """Return a sensor whose pixels are means of bins x bins; pitch_mm: pixel pitch across and along."""
     if bins == 1:
         return sensor
     offset, gain = (
@@ -85,7 +89,7 @@ def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: tuple[float, float])
 
 @lru_cache(maxsize=16)
 def _of_mean(variance: SameArray, bins: int) -> NDArray[np.float32]:
-    """Variance of the mean of bins x bins pixels; made once, for its table is quantised once."""
+    """Return the variance of the mean of bins x bins pixels; cached, because its table is quantised once."""
     return variance.array / np.float32(bins**2)
 
 
@@ -93,7 +97,7 @@ def _of_mean(variance: SameArray, bins: int) -> NDArray[np.float32]:
 def _seen_together(
     footprint: Footprint, correction: LensCorrection, bins: int, pitch_mm: tuple[float, float]
 ) -> tuple[Footprint, LensCorrection]:
-    """Footprint and correction of so many pixels together."""
+    """Return the footprint and the lens correction of binned pixels."""
     wide = widened(footprint, bins, pitch_mm)
     if correction.is_identity:
         return wide, correction
@@ -107,7 +111,7 @@ def _seen_together(
 
 
 def widened(footprint: Footprint, bins: int, pitch_mm: tuple[float, float]) -> Footprint:
-    """What so many pixels side by side see together; pitch_mm: across and along."""
+    """Return the footprint of bins x bins adjacent pixels; pitch_mm: across and along."""
     reach_mm = footprint.reach_mm + (bins - 1) / 2 * max(pitch_mm)
     places = np.linspace(-footprint.reach_mm, footprint.reach_mm, footprint.across.size)
     steps = round(reach_mm / footprint.reach_mm * (footprint.across.size - 1) / 2)
@@ -126,7 +130,10 @@ def widened(footprint: Footprint, bins: int, pitch_mm: tuple[float, float]) -> F
 
 
 def thinned(page: Page, bins: int) -> Page:
-    """A page of one in bins x bins raster pixels, taken in turns from within its square, so that none is preferred."""
+    """Return a page with one of each bins x bins raster pixels.
+
+    Its place within the square alternates to avoid bias.
+    """
     if bins == 1:
         return page
     packed = page.packed
@@ -137,7 +144,10 @@ def thinned(page: Page, bins: int) -> Page:
 
 
 def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
-    """Means over squares of images (..., lines, pixels); the last line goes on where a square is not full."""
+    """Return means over squares of images (..., lines, pixels).
+
+    The last line is repeated to fill a partial square.
+    """
     lines, pixels = images.shape[-2:]
     flat = images.reshape(-1, lines, pixels)
     out = np.empty((len(flat), -(-lines // bins), pixels // bins), np.float32)
@@ -147,11 +157,11 @@ def binned(images: NDArray[np.generic], bins: int) -> NDArray[np.float32]:
 
 
 def binned_scan(scan: NDArray[np.uint16], bins: int) -> NDArray[np.generic]:
-    """A scan (sensors, lines, pixels) in binned pixels."""
+    """Return a scan (sensors, lines, pixels) in binned pixels."""
     return scan if bins == 1 else binned(scan, bins)
 
 
 def lengthened(scan: NDArray[np.generic], lines: int) -> NDArray[np.generic]:
-    """A scan (sensors, lines, pixels) with so many lines: 0 in those that it lacks."""
+    """Pad a scan (sensors, lines, pixels) with lines of 0 to a number of lines."""
     lacking = lines - scan.shape[1]
     return np.pad(scan, ((0, 0), (0, lacking), (0, 0))) if lacking > 0 else scan

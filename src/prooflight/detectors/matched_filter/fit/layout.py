@@ -1,4 +1,4 @@
-"""The fit's vector: which amount stands where in it, so that nobody counts."""
+"""Layout of the fit's parameter vector: which amounts it has, and their order."""
 
 from __future__ import annotations
 
@@ -16,45 +16,48 @@ if TYPE_CHECKING:
 
 
 class FitParts(NamedTuple):
-    """A vector of the fit by what its amounts are of, or arrays whose last axis is such a vector: views of it."""
+    """Parameter vectors of the fit, or arrays whose last axis is such a vector, by kind of amount.
+
+    The parts are views.
+    """
 
     white: NDArray[np.float64]
-    """(..., sensors) each sensor's light by itself."""
+    """(..., sensors) light of each sensor."""
     common: NDArray[np.float64]
-    """(..., 1) light of all sensors alike."""
+    """(..., 1) light common to all sensors."""
     lamp: NDArray[np.float64]
     """(..., LAMP_WAVES) waves of the lamp's profile."""
     shape: NDArray[np.float64]
-    """(..., sensors, colours) smooth functions of the page's colours."""
+    """(..., sensors, colours) weights of smooth functions of the page's colours."""
     gain: NDArray[np.float64]
-    """(..., 4, 3) of each ink at the centre, and what is added at the right and lower edges."""
+    """(..., 4, 3) gain of each ink at the centre, and its increase at the right and at the lower edge."""
     dot: NDArray[np.float64]
     """(..., 4) dot gain of each ink."""
     planes: NDArray[np.float64]
-    """(..., 4, 2) of each ink's plane, to the right and down."""
+    """(..., 4, 2) displacement of each ink's plane, to the right and down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitLayout:
-    """Which amounts a fit has, and in which order."""
+    """Number and order of the amounts of a fit."""
 
     sensors: int
     colours: int
-    """Smooth functions of colour that the page has."""
+    """Number of smooth functions of colour that the page has."""
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """Of the parts of one vector, in their order."""
+        """Shapes of the parts of one vector, in their order."""
         of_colours = self.sensors, self.colours
         return (self.sensors,), (1,), (LAMP_WAVES,), of_colours, (INKS, 3), (INKS,), (INKS, 2)
 
     @property
     def size(self) -> int:
-        """Amounts altogether."""
+        """Number of amounts."""
         return sum(prod(shape) for shape in self.shapes)
 
     def parts(self, vectors: NDArray[np.float64]) -> FitParts:
-        """Views of vectors (..., size)."""
+        """Return views of vectors (..., size) by kind of amount."""
         ends = list(accumulate(prod(shape) for shape in self.shapes))
         pieces = (
             vectors[..., end - prod(shape) : end].reshape(*vectors.shape[:-1], *shape)

@@ -1,7 +1,7 @@
-"""How the signal of one page answers to what presses do: more ink, less ink, dot gain, ink where there was none.
+"""Modes: response of a page's signal to more ink, less ink, dot gain, and ink where there was none.
 
-Made once a design, ahead of its scans, at camera resolution with the page in its place; moved to where a scan's page
-lies.
+They are computed once per design, before its scans, at camera resolution with the page in its nominal place,
+and are then moved to where a scan's page is.
 """
 
 from __future__ import annotations
@@ -34,32 +34,37 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 COVER_SCALE: Final = 4096.0
-"""Coverage is predicted as if it were a signal of so many DN."""
+"""Signal that stands for full coverage while coverage is predicted. [DN]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Modes:
-    """Images (..., lines, pixels) of what each cause does to the light of bare columns; inks in the order CMYK."""
+    """Images (..., lines, pixels) of each cause's effect on the light of bare columns.
+
+    Inks are in the order CMYK.
+    """
 
     images: NDArray[np.float32]
-    """(channels, lines, pixels) all that the fit needs, for one move of all; its parts are the properties."""
+    """(channels, lines, pixels) images that the fit needs, in one array that is moved at once; see the
+    properties."""
     sensors: int
     add: NDArray[np.float32] | None = None
-    """(sensors, 4, lines, pixels) J (1 - a): by each ink printed where it is not; None: not looked at. [DN]"""
+    """(sensors, 4, lines, pixels) J (1 - a): effect of each ink printed where it is not; None: not computed.
+    [DN]"""
 
     @property
     def gain(self) -> NDArray[np.float32]:
-        """(sensors, 4, lines, pixels) J a: by a whole gain of each ink. [DN]"""
+        """(sensors, 4, lines, pixels) J a: effect of a gain of 1 of each ink. [DN]"""
         return self._of_inks(0)
 
     @property
     def dot(self) -> NDArray[np.float32]:
-        """(sensors, 4, lines, pixels) 4 J a (1 - a): by each ink's dot gain at 50 %. [DN]"""
+        """(sensors, 4, lines, pixels) 4 J a (1 - a): effect of each ink's dot gain, stated at 50 %. [DN]"""
         return self._of_inks(1)
 
     @property
     def texture(self) -> NDArray[np.float32]:
-        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): a halftone's variance at unit contrast. [DN^2]"""
+        """(sensors, lines, pixels) sum over inks of J^2 a (1 - a): halftone variance at contrast 1. [DN^2]"""
         return self.images[-INKS - self.sensors : -INKS]
 
     @property
@@ -68,7 +73,7 @@ class Modes:
         return self.images[-INKS:]
 
     def inks(self, sensor: int) -> InkImages:
-        """What its kernels take of one sensor."""
+        """Return one sensor's images, as the kernels take them."""
         return InkImages(
             gain=self.gain[sensor], dot=self.dot[sensor], texture=self.texture[sensor], cover=self.cover
         )
@@ -81,17 +86,17 @@ class Modes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModeTables:
-    """Tables over CMYK of one cause's effect each on one sensor, sign reversed where it darkens; see ``Modes``."""
+    """Tables over CMYK of each cause's effect on a sensor, sign reversed where it darkens; see ``Modes``."""
 
     gain: tuple[NDArray[np.float32], ...]
-    """Of each ink, (33, 33, 33, 33)."""
+    """One table per ink, (33, 33, 33, 33)."""
     add: tuple[NDArray[np.float32], ...]
     dot: tuple[NDArray[np.float32], ...]
     texture: NDArray[np.float32]
 
 
 def mode_tables(sensor: SensorModel) -> ModeTables:
-    """Tables of every mode of one sensor; made once for all whose light alone differs."""
+    """Return the tables of every mode of one sensor; cached by its signal table, which sensors may share."""
     return _mode_tables(SameArray(sensor.mean_dn))
 
 
@@ -110,13 +115,13 @@ def _mode_tables(mean_dn: SameArray) -> ModeTables:
 
 @lru_cache(maxsize=1)
 def area_tables() -> tuple[NDArray[np.float32], ...]:
-    """Tables of nothing but the area of each ink, whatever the sensor."""
+    """Return tables of each ink's area alone, which do not depend on the sensor."""
     nodes = (NODES,) * INKS
     return tuple(_table(np.broadcast_to(COVER_SCALE * area, nodes)) for area in _areas())
 
 
 def _areas() -> tuple[NDArray[np.float64], ...]:
-    """Of each ink at a table's nodes: (33, 1, 1, 1), (1, 33, 1, 1) and so on."""
+    """Return the area of each ink at a table's nodes: (33, 1, 1, 1), (1, 33, 1, 1) and so on."""
     return tuple(np.meshgrid(*[node_fractions()] * INKS, indexing="ij", sparse=True))
 
 
@@ -125,7 +130,7 @@ def _table(values: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Slopes at all nodes, linear between their own: (33, 33, 33, 33, 4)."""
+    """Interpolate slopes linearly to all nodes: (33, 33, 33, 33, 4)."""
     fine = slopes
     for ink in range(INKS):
         along = np.moveaxis(fine, ink, 0)
@@ -137,7 +142,10 @@ def _on_nodes(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> Modes:
-    """The modes of a page in its place but ``Modes.add``; an ink that the page does not have costs nothing."""
+    """Return the modes of a page in its nominal place, without ``Modes.add``.
+
+    An ink that the page lacks costs nothing.
+    """
     channels = len(sensors) * (2 * INKS + 1) + INKS
     images = np.empty((channels, geometry.lines(page.height_mm), geometry.pixels), np.float32)
     modes = Modes(images=images, sensors=len(sensors))
@@ -161,17 +169,20 @@ def prepare_modes(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanG
 
 
 class AddedInks:
-    """``Modes.add`` of a page in its place; a page whose scans are let pass by the first look needs none."""
+    """``Modes.add`` of a page in its nominal place, computed on demand.
+
+    Pages that pass the screening do not need it.
+    """
 
     def __init__(
         self, page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, bins: int
     ) -> None:
-        """sensors, geometry: of what ``bins`` pixels see together."""
+        """Store the page; sensors, geometry: of binned pixels; bins: pixels per bin and axis."""
         self.page, self.sensors, self.geometry, self.bins = page, sensors, geometry, bins
 
     @cached_property
     def images(self) -> NDArray[np.float32]:
-        """(sensors x 4, lines, pixels); made when first asked for."""
+        """(sensors x 4, lines, pixels) images, computed at the first access."""
         page, geometry = thinned(self.page, self.bins), self.geometry
         shape = len(self.sensors), INKS, geometry.lines(page.height_mm), geometry.pixels
         images = np.empty(shape, np.float32)
@@ -183,42 +194,49 @@ class AddedInks:
 
 
 def first_lines(images: NDArray[np.float32], lines: int) -> NDArray[np.float32]:
-    """Images (n, lines, pixels) of a thinned page, which may reach a line beyond the page itself: its last squares of
-    raster pixels need not be full.
+    """Return the page's lines of images (n, lines, pixels) of a thinned page.
+
+    A thinned page may extend a line beyond the page itself, because its last squares of raster pixels need
+    not be full.
     """
     return images if images.shape[1] == lines else np.ascontiguousarray(images[:, :lines])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelMap:
-    """Where each camera pixel looks on a page that lies so, in camera pixels of the page in its place.
+    """Position on the page, in its nominal place, that each camera pixel sees under a placement.
 
-    Displacements are kept at nodes ``STRETCH`` pixels apart and are linear between them.
+    [camera pixels]
+
+    Displacements are stored at nodes ``STRETCH`` pixels apart and are linear between them.
     """
 
     across: NDArray[np.float32]
-    """(rows, columns) of nodes: how far to the right of itself a pixel looks. [pixels]"""
+    """(rows, columns) at nodes: distance to the right of a pixel at which it sees the page. [pixels]"""
     along: NDArray[np.float32]
-    """How far below itself."""
+    """Distance below the pixel."""
     inside: NDArray[np.bool_]
-    """(lines, pixels) whether that is on the page, ``margin`` pixels or more from its edge."""
+    """(lines, pixels) whether that position is on the page, ``margin`` pixels or more from its edge."""
 
     def slant(self) -> NDArray[np.float64]:
-        """(lines,) how much further to the right than the middle line each line looks, halfway across. [pixels]"""
+        """Return lines' displacement to the right of the middle line's, at mid-width: (lines,) [pixels]."""
         lines, pixels = self.inside.shape
         nodes = self.across[:, pixels // 2 // STRETCH]
         by_line = np.interp(np.arange(lines), np.arange(nodes.size) * STRETCH, nodes)
         return np.asarray(by_line - by_line[lines // 2])
 
     def of_first(self, lines: int) -> PixelMap:
-        """The same of a scan that has only so many lines: nothing is known of those that would follow."""
+        """Return the map of a scan of which only the first ``lines`` lines exist.
+
+        The others count as off the page.
+        """
         inside = self.inside.copy()
         inside[lines:] = False
         return replace(self, inside=inside)
 
 
 def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margin: float = 2.0) -> PixelMap:
-    """What the camera looks at where ``placement`` puts the page; linear between nodes."""
+    """Return the map of a page at ``placement``, exact at nodes and linear between them."""
     lines, pixels = geometry.lines(page.height_mm), geometry.pixels
     down = np.arange(0, lines + STRETCH, STRETCH)
     across = np.arange(0, pixels + STRETCH, STRETCH)
@@ -237,7 +255,7 @@ def pixel_map(page: Page, geometry: ScanGeometry, placement: Placement, *, margi
 
 
 def moved(images: NDArray[np.float32], seen: PixelMap, *, threads: int = 1) -> NDArray[np.float32]:
-    """Images (channels, lines, pixels) where a placement puts them, bilinear; what is off the field is 0."""
+    """Move images (channels, lines, pixels) to a placement, bilinearly; 0 outside the field."""
     out, which = unset(images.shape), np.arange(len(images))
     parts = [which[first::threads] for first in range(threads)]
     shared_out(
@@ -248,15 +266,16 @@ def moved(images: NDArray[np.float32], seen: PixelMap, *, threads: int = 1) -> N
 
 PAGE_FEATURES: Final = 15
 PAGE_FEATURE_LINES: Final = 3
-"""Every so many-th line is enough for what a page is like."""
+"""Step between the lines of which page features are computed."""
 
 
 def page_features(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """What a page is like, by which its own scatter is foretold: (PAGE_FEATURES,) numbers.
+    """Return a page's features, from which its own scatter is predicted: (PAGE_FEATURES,) numbers.
 
-    Logarithms of each ink's mean area, its share of solids, how much is printed, how much of the scan is page, halftone
-    texture, edges of black, of the other inks, and of two inks at once, whose register nobody sees; share of more ink
-    than two solids.
+    They are logarithms of each ink's mean area, of the printed share, of halftone texture, of edges of black,
+    of edges of the other inks and of edges of two inks at once, whose register cannot be observed; each ink's
+    share of solids; the share of the scan that is page; and the share of the page with more ink than two
+    solids.
     """
     sums, kept, every = page_feature_sums(modes.cover, modes.texture[0], inside, PAGE_FEATURE_LINES)
     ink, solid, printed, heavy, texture, of_black, of_others, of_two = np.split(

@@ -1,4 +1,4 @@
-"""By how much parts of a page lie off where they were predicted, as residuals say, and residuals without that."""
+"""Local displacements of a page relative to its prediction, estimated from residuals, and their removal."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ if TYPE_CHECKING:
 
 LOCAL_PIXELS: Final = 16
 LOCAL_SMOOTH: Final = 1.0
-"""Tiles over which local displacements are smoothed (standard deviation)."""
+"""Standard deviation of the Gaussian that smooths local displacements. [tiles]"""
 LOCAL_SD: Final = 0.15
-"""Of displacements that registration leaves. [pixels]"""
+"""Standard deviation of the displacements that registration leaves. [pixels]"""
 NEARER: Final = 0.7
-"""Of such displacements, how much the page is placed anew by: an edge that is sharper than a pixel seems to have moved
-by up to twice as much as it has. (of 0.7 and 1, on designs of their own)"""
+"""Share of an estimated displacement by which the placement is corrected: an edge that is sharper than a
+pixel seems to have moved by up to twice its true displacement. (chosen from 0.7 and 1, on designs of their
+own)"""
 
 
 def local_moves(
     left: NDArray[np.float32], weight: NDArray[np.float32], light: NDArray[np.float32], *, threads: int = 1
 ) -> NDArray[np.float32]:
-    """The smooth field of small displacements that explains residuals best: how far right and down the light that was
-    predicted would have to move, (2, rows, columns) at squares of ``LOCAL_PIXELS`` [pixels].
+    """Return the smooth field of small displacements that explains residuals best.
+
+    That is how far right and down the predicted light would have to move: (2, rows, columns), at squares of
+    ``LOCAL_PIXELS``. [pixels]
     """
     lines, pixels = left.shape[1:]
     side = LOCAL_PIXELS
@@ -60,7 +63,7 @@ def take_moves(
     *,
     threads: int = 1,
 ) -> None:
-    """Take displacements, as ``local_moves`` finds them, out of the residuals, in place and to first order."""
+    """Remove displacements by ``local_moves`` from the residuals, in place and to first order."""
     lines, pixels = left.shape[1:]
     fields = [cv2.resize(one, (pixels, lines), interpolation=cv2.INTER_LINEAR) for one in moves]
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(lines, threads)]
@@ -78,7 +81,7 @@ def by_prediction(
     *,
     threads: int = 1,
 ) -> None:
-    """Residuals by another prediction (sensors, lines, pixels) than before, in place; what was fitted stays."""
+    """Change residuals to another prediction (sensors, lines, pixels), in place; fitted amounts stay."""
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(left.shape[1], threads)]
     shared_out(
         [partial(foretell_anew, left[i], weight[i], before_dn[i], after_dn[i], *part) for i, part in stripes],
@@ -89,7 +92,7 @@ def by_prediction(
 def nearer(
     placement: Placement, moves: NDArray[np.float32], geometry: ScanGeometry, page_width_mm: float
 ) -> Placement:
-    """The placement with ``NEARER`` of what residuals say (``local_moves``) that the page lies off it."""
+    """Return the placement, corrected by ``NEARER`` of the displacements that ``local_moves`` estimated."""
     pitch_mm = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
     middle, step_mm = (LOCAL_PIXELS - 1) / 2, LOCAL_PIXELS * float(pitch_mm.min())
     corner_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])

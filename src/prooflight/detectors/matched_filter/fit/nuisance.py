@@ -1,9 +1,9 @@
-"""What a good print does anyway, found in a scan and taken away; the amounts found are evidence.
+"""Nuisance parameters: the variation of good prints, fitted to a scan and removed from it.
 
-Measured minus expected is a sum of causes that act on the whole page: paper and lamp (light as a whole), tables that
-are a little off in some colours, ink gain and its tilt, dot gain, planes a little out of register. Each has a prior:
-what a good press does. The amounts are estimated from means over blocks, by robust weighted least squares
-with that prior.
+The fitted amounts are evidence as well. Measured minus expected is a sum of causes that act on the whole
+page: paper and lamp (light as a whole), tables that are slightly wrong in some colours, ink gain and its
+tilt, dot gain, planes slightly out of register. Each has a prior, which states what a good press does. The
+amounts are estimated from means over blocks, by robust weighted least squares with that prior.
 """
 
 from __future__ import annotations
@@ -40,68 +40,72 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 BLOCK: Final = 8
-"""Pixels in a side of the blocks whose means are fitted."""
+"""Side of the blocks whose means are fitted. [pixels]"""
 COLOURS: Final = SHAPES
-"""Of a page's recipes, between which tables are taken to err smoothly."""
+"""Maximum number of a page's recipes between which tables are taken to err smoothly."""
 COLOUR_LENGTH: Final = 0.5
-"""Ink area over which a table's error changes: as smooth as half of an ink's range (assumed, as in the press world)."""
+"""Ink area over which a table's error varies: half of an ink's range (assumed, as in the press world)."""
 FOLLOWED: Final = 0.25
-"""``Colours.unfollowed`` up to which a page is like those that taught the ranking: the most of 500 of them is 0.23."""
+"""``Colours.unfollowed`` up to which a page is like those that trained the ranking, of 500 of which 0.23 is
+the most."""
 ROUNDS: Final = 4
 BLOCKS: Final = 5000
-"""So many, spread evenly, are enough."""
+"""Maximum number of blocks, spread evenly over the page, that are fitted."""
 TEMPER: Final = 0.2
-"""What blocks of one colour are off by is common to them: each counts for so many."""
+"""Weight of each block: blocks of one colour share their table's error, so that each counts for less than
+one."""
 EDGE_BIAS: Final = 0.05
-"""By which edges of a block may all be wider or narrower: planes that hide each other's register. [pixels, assumed]"""
+"""Displacement by which all edges of a block may be biased: planes that hide each other's register. [pixels,
+assumed]"""
 FAR: Final = 4.685
-"""Tukey's biweight: blocks further off than so many standard deviations count for nothing."""
+"""Tukey's biweight constant: blocks off by more standard deviations get no weight."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintPrior:
-    """Standard deviations of what good prints do, before one has been looked at.
+    """Standard deviations of what good prints do, a priori.
 
-    By default those of a good office-class press: assumed, what the press world's amounts give (a test holds them to
-    that). Of a press whose ``[variation]`` says otherwise ``commissioning.training`` makes its own, which is kept with
-    its detector.
+    The defaults are those of a good office-class press: assumed, from the amounts of the press world (a test
+    compares them). For a press whose ``[variation]`` says otherwise ``commissioning.training`` makes a prior,
+    which is stored with its detector.
     """
 
     white: float = 0.013
-    """Of each sensor's light: table gain 1 %, white 0.5 % a channel. [-]"""
+    """Light of each sensor: table gain 1 %, white 0.5 % per channel. [-]"""
     common: float = 0.008
-    """Of all sensors' light: white 0.8 %. [-]"""
+    """Light common to all sensors: white 0.8 %. [-]"""
     lamp: float = 0.009
-    """Of the lamp's profile, 0.8 % a session and 0.4 % a print. [-]"""
+    """Profile of the lamp: 0.8 % per session and 0.4 % per print. [-]"""
     lamp_length: float = 0.25
-    """Of the field, over which its correlation falls to 1/e."""
+    """Share of the field over which the lamp profile's correlation falls to 1/e."""
     shape: float = 0.01
     gain: float = 0.0192
-    """1.2 % a session and 1.5 % a print."""
+    """Gain of each ink: 1.2 % per session and 1.5 % per print."""
     tilt: float = 0.008
     dot: float = 0.016
     plane_mm: float = 0.048
-    """Of each plane; what registration found of it is no prior here."""
+    """Displacement of each plane; not conditioned on what registration measured."""
     most_plane_mm: float = 0.114
-    """Planes are off by no more."""
+    """Maximum displacement of a plane."""
     place: float = 0.003
-    """Of what moves all light alike from place to place: 1.5 times the paper's 0.2 %, for the lamp. [-]"""
+    """Local change common to all light: 1.5 times the paper's 0.2 %, for the lamp. [-]"""
     place_near: float = 0.001
     """The same within a few millimetres, about the smooth level: half of the paper's. [-]"""
     column: float = 0.0015
-    """Of a column's gain that flat-fielding left. [-]"""
+    """Gain of a column that flat-fielding left. [-]"""
     flicker: float = 0.0015
-    """Of the lamp from line to line. [-]"""
+    """Flicker of the lamp from line to line. [-]"""
     turn_deg: float = 0.2
-    """Twice the skew that prints are uniform within, as registration is to find what lies a little outside."""
+    """Skew: twice the bound of the uniform distribution of prints, so that registration finds what is
+    slightly outside."""
     stretch_percent: float = 0.06
-    """The same of the scale."""
+    """Scale, likewise."""
     warp_across_um: float = 30.0
     warp_along_um: float = 41.0
 
     @property
     def of_place(self) -> Prior:
-        """For registration."""
+        """The prior of placement, for registration."""
         return Prior(
             turn_deg=self.turn_deg,
             stretch_percent=self.stretch_percent,
@@ -111,7 +115,7 @@ class PrintPrior:
         )
 
     def amounts_sd(self, layout: FitLayout, pixel_mm: float) -> NDArray[np.float64]:
-        """The same of every amount of the fit's vector, (amounts,), in the units of ``Fit``."""
+        """Return the standard deviations of the fit's amounts, (amounts,), in the units of ``Fit``."""
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * self.lamp_length * waves) ** 2) / 4)
         power /= 0.5 * power.sum() + 0.5
@@ -130,98 +134,110 @@ class PrintPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """Nuisances of one scan."""
+    """Nuisance parameters of one scan."""
 
     white: NDArray[np.float64]
     """(sensors,) [-]"""
     lamp: NDArray[np.float64]
     """(LAMP_WAVES,) amplitudes of cos(k pi x / W). [-]"""
     shape: NDArray[np.float64]
-    """(sensors, colours) weights of the page's features of colour, of the prior's standard deviation 1."""
+    """(sensors, colours) weights of the page's colour features, relative to the prior's standard
+    deviation."""
     gain: NDArray[np.float64]
-    """(4, 3) of each ink at the centre, and what is added at the right and lower edges. [-]"""
+    """(4, 3) gain of each ink at the centre, and its increase at the right and at the lower edge. [-]"""
     dot: NDArray[np.float64]
     """(4,) ink area added at 50 %. [-]"""
     planes: NDArray[np.float64]
-    """(4, 2) how far each plane lies too far right and down. [pixels]"""
+    """(4, 2) displacement of each plane, right and down. [pixels]"""
     pulls: NDArray[np.float64]
-    """(amounts,) each amount over the standard deviation it would have on good prints; as ``FitLayout`` has them."""
+    """(amounts,) each amount over the standard deviation it would have on good prints, in the order of
+    ``FitLayout``."""
     told: NDArray[np.float64]
-    """(amounts,) share of each that the page tells, instead of the prior: 1 - posterior variance over prior. [-]"""
+    """(amounts,) share of each amount that the page determines, not the prior: 1 - posterior over prior
+    variance. [-]"""
     noise: NDArray[np.float64]
-    """(sensors,) true temporal variance over the prediction's, from flat places. [-]"""
+    """(sensors,) true temporal variance over the predicted one, from flat places. [-]"""
     spread: float
-    """Robust spread of blocks about the fit, in their standard deviations. [-]"""
+    """Robust spread of blocks about the fit, in units of their standard deviation. [-]"""
     lost: float
     """Share of blocks that the fit does not explain. [-]"""
     prior: PrintPrior
-    """That it was made with."""
+    """Prior of the fit."""
 
     @property
     def surprises(self) -> FitParts:
-        """``pulls`` by what its amounts are of."""
+        """``pulls`` by kind of amount."""
         layout = FitLayout(sensors=self.white.size, colours=self.shape.shape[1])
         return layout.parts(self.pulls)
 
     def emptied(self) -> Fit:
-        """The same with every amount 0: it explains nothing."""
+        """Return the fit with every amount 0, which explains nothing."""
         amounts = ("white", "lamp", "shape", "gain", "dot", "planes")
         return replace(self, **{name: np.zeros_like(getattr(self, name)) for name in amounts})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualVariance:
-    """What good prints scatter by besides the fit; by default on an office-class press: assumed."""
+    """Variance of good prints in addition to the fit; the defaults are an office-class press's, assumed."""
 
     edge: float = 0.001
-    """Variance by the squared slope. [pixels^2]"""
+    """Variance per squared slope of the light. [pixels^2]"""
     contrast: float = 0.0009
-    """Variance by a halftone's at unit contrast."""
+    """Variance relative to that of a halftone at unit contrast."""
     share: float = 0.002
     """Standard deviation as a share of the light."""
     dark: float = 0.02
-    """More of it where it is dark, times the squared natural logarithm of white over light: what an ink's film or a
-    table is wrong by changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
+    """Increase of ``share`` in the dark, per squared natural logarithm of white over light: an error of an
+    ink's film or of a table changes its density. assumed: 1 % of light at 50 %, 18 % at 5 %."""
 
     @classmethod
     def none(cls) -> ResidualVariance:
-        """Of a press whose good prints are as predicted, but for the camera's noise."""
+        """Return the variance of a press whose good prints differ from their prediction by noise alone."""
         return cls(edge=0.0, contrast=0.0, share=0.0, dark=0.0)
 
     @property
     def exact(self) -> bool:
-        """Whether good prints are as predicted: in their place, of the inks foretold."""
+        """Whether good prints are as predicted: in their nominal place and with the planned inks."""
         return self == ResidualVariance.none()
 
     def with_edges_off(self, sd_pixels: float) -> ResidualVariance:
-        """The same of a page whose edges lie off by so much besides; of one that is exact none do."""
+        """Return the variance of a page whose edges are displaced in addition.
+
+        An exact page has no displacement.
+        """
         return self if self.exact else replace(self, edge=self.edge + sd_pixels**2)
 
     def share_of(self, light: NDArray[np.floating], white: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Standard deviation as a share of the light, where there is so much of so much white. [-]"""
+        """Return the standard deviation as a share of the light, for a light and the white it is relative to.
+
+        [-]
+        """
         depth = np.log(white / np.clip(light, 0.01 * white, white))
         return np.asarray(self.share + self.dark * depth**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Colours:
-    """Smooth functions of a page's colours, of independent amplitudes."""
+    """Smooth functions of a page's colours, with independent amplitudes."""
 
     centres: NDArray[np.float32]
     """(n, 4) ink areas."""
     root: NDArray[np.float32]
-    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of the centres' kernel."""
+    """(n, n): features = root @ exp(-|a - centres|^2 / length^2); inverse Cholesky factor of their kernel."""
     unfollowed: float = 0.0
-    """What these functions leave of a table's smooth error: its rms over all that is printed, by that error's standard
-    deviation."""
+    """Error of a table that these functions do not represent: its rms over all that is printed, relative to
+    that error's standard deviation."""
 
     @property
     def widening(self) -> float:
-        """How many times more widely this page is judged than others, because its light may be off by more."""
+        """Factor by which this page's tolerances are wider than others'; its light may be off by more."""
         return max(self.unfollowed / FOLLOWED, 1.0)
 
     def bells(self) -> NDArray[np.float32]:
-        """Factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2); 0 beyond the centres."""
+        """Return the factors by ink, (4, LEVELS, SHAPES), of exp(-|a - centre|^2 / length^2).
+
+        They are 0 beyond the centres.
+        """
         found = np.zeros((INKS, LEVELS, SHAPES), np.float32)
         levels = np.linspace(0, 1, LEVELS)[None, :, None]
         off = levels - self.centres.T[:, None].astype(np.float64)
@@ -229,14 +245,17 @@ class Colours:
         return found
 
     def weights(self, amounts: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Of bells, (SHAPES,): amounts (n,) are of features."""
+        """Return the weights of the Gaussian functions, (SHAPES,), from amounts (n,) of the features."""
         found = np.zeros(SHAPES, np.float32)
         found[: len(self.root)] = self.root.T @ amounts
         return found
 
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
-    """Recipes that stand for the page's, each the one least explained by those before it (pivoted Cholesky)."""
+    """Choose recipes that represent the page's.
+
+    Each is the least explained by those before (pivoted Cholesky).
+    """
     steps = np.rint(cover[:, ::4, ::4].reshape(INKS, -1) * np.float32(16)).clip(0, 16).astype(np.int32)
     found_at = np.bincount(np.ravel_multi_index(tuple(steps), (17,) * INKS), minlength=17**INKS)
     found_at[0] += 1  # bare paper is always one of them
@@ -274,30 +293,30 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacedScan:
-    """A scan, and what is known of its page where it lies; arrays (sensors, lines, pixels)."""
+    """A scan, and what is known of its page at its placement; arrays are (sensors, lines, pixels)."""
 
     measured_dn: NDArray[np.generic]
     seen: Prediction
     modes: Modes
-    """Moved to where the page lies."""
+    """Modes at the page's placement."""
     where: PixelMap
     sensors: Sequence[SensorModel]
     colours: Colours
     lost: NDArray[np.bool_] | None = None
-    """(sensors, lines) lines that were not seen; None: all were."""
+    """(sensors, lines) missing lines; None: none are missing."""
 
     def inside(self, sensor: int) -> NDArray[np.bool_]:
-        """What of the page this sensor saw, (lines, pixels)."""
+        """Return which pixels of the page this sensor measured, (lines, pixels)."""
         return self.where.inside if self.lost is None else self.where.inside & ~self.lost[sensor, :, None]
 
     def seen_by_all(self) -> NDArray[np.bool_]:
-        """What of the page every sensor saw, (lines, pixels)."""
+        """Return which pixels of the page all sensors measured, (lines, pixels)."""
         if self.lost is None:
             return self.where.inside
         return self.where.inside & ~np.any(self.lost, axis=0, keepdims=True).T
 
     def light(self) -> NDArray[np.float32]:
-        """What is expected without what columns give in the dark, (sensors, lines, pixels). [DN]"""
+        """Return the expected signal less the columns' dark signal, (sensors, lines, pixels). [DN]"""
         offset = np.stack([sensor.column_offset_dn for sensor in self.sensors])
         return np.asarray(self.seen.expected_dn - offset[:, None], np.float32)
 
@@ -311,10 +330,10 @@ def fit_nuisances(
     residual_variance: ResidualVariance,
     threads: int = 1,
 ) -> Fit:
-    """Amounts of every nuisance in one scan.
+    """Estimate every nuisance parameter of one scan.
 
-    planes (4, 2): register of planes as registration found it, the start of theirs. [pixels] threads: that share its
-    blocks out.
+    planes (4, 2): register of planes from registration, where their estimation starts [pixels]. threads:
+    number of threads that share the blocks.
     """
     noise = np.ones(len(scan.sensors))
     model = _Model.of(_summed(scan, threads), prior, pixel_mm, planes)
@@ -342,9 +361,9 @@ class _Blocks:
     """Means over the pixels of some blocks of every sensor; darker is less."""
 
     pixels: NDArray[np.float64]
-    """(sensors, blocks) how many are inside."""
+    """(sensors, blocks) number of pixels inside the page."""
     residual: NDArray[np.float64]
-    """Measured less expected. [DN]"""
+    """Measured minus expected signal. [DN]"""
     light: NDArray[np.float64]
     variance: NDArray[np.float64]
     steepness: NDArray[np.float64]
@@ -354,16 +373,16 @@ class _Blocks:
     """(sensors, 4, blocks) ``Modes.gain``."""
     dot: NDArray[np.float64]
     shape: NDArray[np.float64]
-    """(sensors, colours, blocks) features of colour times light."""
+    """(sensors, colours, blocks) colour features times light."""
     slopes: NDArray[np.float64]
-    """(sensors, 2, 4, blocks) of each ink's plane, across and along. [DN / pixel]"""
+    """(sensors, 2, 4, blocks) slope of each ink's plane, across and along. [DN / pixel]"""
     across: NDArray[np.float64]
-    """(blocks,) where they lie, -1 left .. 1 right."""
+    """(blocks,) position, -1 left .. 1 right."""
     along: NDArray[np.float64]
 
     @property
     def layout(self) -> FitLayout:
-        """Of what is fitted to them."""
+        """Layout of the amounts that are fitted to the blocks."""
         return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
@@ -427,12 +446,12 @@ def _summed(scan: PlacedScan, threads: int) -> _Blocks:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Model:
-    """Linear model of block means: rows are blocks of all sensors."""
+    """Linear model of block means; its rows are the blocks of all sensors."""
 
     layout: FitLayout
     blocks: _Blocks
     x: NDArray[np.float64]
-    """(sensors, blocks, amounts), scaled by the prior's standard deviations. [DN]"""
+    """(sensors, blocks, amounts) design matrix, scaled by the prior's standard deviations. [DN]"""
     scale: NDArray[np.float64]
     """(amounts,) prior standard deviations."""
     start: NDArray[np.float64]
@@ -464,7 +483,7 @@ class _Model:
     def solved(
         self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-        """Amounts in their prior's standard deviations with what they would scatter by, spread and share lost."""
+        """Return the amounts in prior standard deviations, their scatter, the spread and the share lost."""
         of = self.blocks
         variance = (
             noise[:, None] * of.variance

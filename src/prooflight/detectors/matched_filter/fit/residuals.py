@@ -1,4 +1,4 @@
-"""A scan without what good prints do: residuals, and how sure they are."""
+"""Residuals of a scan, without the variation of good prints, and their inverse variance."""
 
 from __future__ import annotations
 
@@ -26,17 +26,19 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 MOST_PLANE: Final = 1.75
-"""Of the most that good planes are off: from each other they are off by up to twice that."""
+"""Maximum displacement of planes, relative to good planes' maximum: from each other these are off by up to
+twice that."""
 FLAT_SIGMAS: Final = 2.0
-"""Neighbours that differ by less are flat."""
+"""Neighbours that differ by fewer standard deviations are flat."""
 LEAST_FLAT: Final = 500
-"""Squares."""
+"""Minimum number of flat squares."""
 PLAIN: Final = 0.02
-"""Variance of a halftone, as a share of the noise's, up to which a square tells of noise ..."""
+"""Variance of a halftone, as a share of the noise's, up to which a square is used to measure noise ..."""
 LEAST_PLAIN: Final = 0.05
-"""... or so many of all squares, where fewer are so plain. [-]"""
+"""... or the share of all squares, the plainest, that are used where fewer are so plain. [-]"""
 NOISE_FACTORS: Final = (0.4, 2.6)
-"""Bounds of true over stated variance: sigma is wrong by 0.67 to 1.5 (worlds.toml), and a little more."""
+"""Bounds of true over stated variance: sigma is wrong by a factor of 0.67 to 1.5 (worlds.toml), plus a
+margin."""
 
 
 def residual_images(
@@ -47,12 +49,13 @@ def residual_images(
     residual_variance: ResidualVariance,
     threads: int = 1,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
-    """What the fit leaves, its inverse variance and the edges' share of that; and each sensor's noise factor.
+    """Return residuals, their inverse variance, the edges' share of that, and each sensor's noise factor.
 
-    (sensors, lines, pixels) but for the last. light: ``PlacedScan.light``. threads: that share its lines out. Where the
-    page lies off where it was predicted is in it still (``moves``).
+    The first three are (sensors, lines, pixels). light: ``PlacedScan.light``. threads: number of threads that
+    share the lines. Local displacements of the page relative to its prediction (``moves``) are not removed
+    yet.
 
-    The temporal noise is found in the scan itself: true and stated sigma differ by up to half.
+    The temporal noise is estimated from the scan itself, because true and stated sigma differ by up to half.
     """
     seen, modes, sensors = scan.seen, scan.modes, scan.sensors
     lines, pixels = scan.where.inside.shape
@@ -133,10 +136,13 @@ def residual_images(
 def in_register(
     page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
 ) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
-    """A page with its ink planes where registration found them, and what is left of their displacements (4, 2) [mm].
+    """Shift a page's ink planes to where registration found them.
 
-    By whole raster pixels, half of the camera's, and hardly further than planes of good prints lie apart, each of which
-    is off by ``good_mm`` at most: what is left is small enough for the linear fit, and a misprint's plane stays one.
+    The remaining displacements (4, 2) [mm] are returned as well.
+
+    Planes are shifted by whole raster pixels, half of the camera's, and hardly further than planes of good
+    prints are separated, each of which is off by ``good_mm`` at most: the remainder is small enough for the
+    linear fit, and a misprint's displaced plane is still found.
     """
     most_mm = MOST_PLANE * good_mm
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
@@ -153,7 +159,7 @@ def noise_factor(
     inside: NDArray[np.bool_],
     residual_variance: ResidualVariance,
 ) -> float:
-    """True temporal variance over the stated one, from second differences over squares of flat paper."""
+    """Return true over stated temporal variance, from second differences over squares of flat paper."""
     lines, pixels = left.shape
     found = unset((2, (lines // 2) * (pixels // 2)))
     count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, found)

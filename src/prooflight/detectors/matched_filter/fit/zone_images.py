@@ -1,4 +1,4 @@
-"""Where zones lie in a scan: what is ignored, and what is careful."""
+"""Images of the zones at a scan's placement: ignored areas and careful areas."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 ABOUT_PIXELS: Final = 2
-"""Binned pixels about what is ignored that are not judged either, as at the edges of a page: the lens spreads what lies
-within, and a plane may lie aside."""
+"""Margin about ignored areas that is not judged either, as at the edges of a page: the lens spreads what is
+within, and a plane may be displaced. [binned pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ZoneImages:
-    """Where on a page in its place zones lie, in binned pixels."""
+    """Images of the zones of a page in its nominal place, in binned pixels."""
 
     images: NDArray[np.float32]
-    """(2, lines, pixels) 1 where a pixel is ignored, and where it is of a careful area."""
+    """(2, lines, pixels) 1 in ignored areas, and 1 in careful areas."""
 
     @classmethod
     def of(cls, zones: PageZones, page: Page, geometry: ScanGeometry) -> Self:
-        """geometry: of binned pixels."""
+        """Draw the zones of a page; geometry: of binned pixels."""
         across = geometry.centres_x_mm(page.width_mm)
         along = geometry.centres_y_mm(geometry.lines(page.height_mm))
         images = np.zeros((2, along.size, across.size), np.float32)
@@ -42,7 +42,7 @@ class ZoneImages:
         return cls(images=images)
 
     def moved(self, where: PixelMap) -> NDArray[np.bool_]:
-        """The same where the page lies, (2, lines, pixels); careful is what is not ignored."""
+        """Return the masks at a placement, (2, lines, pixels); careful areas exclude ignored ones."""
         out = np.zeros_like(self.images)
         move_smooth(self.images, np.flatnonzero(self.images.any(axis=(1, 2))), where.across, where.along, out)
         there = out >= 0.5
@@ -53,7 +53,7 @@ class ZoneImages:
 def ignored_tiles(
     zones: PageZones, page: Page, geometry: ScanGeometry, tile_pixels: int
 ) -> NDArray[np.bool_]:
-    """Which tiles of so many camera pixels a side hold anything that is ignored, (tile rows, tile columns)."""
+    """Return which tiles, ``tile_pixels`` camera pixels a side, contain an ignored area: (rows, columns)."""
     across = geometry.centres_x_mm(page.width_mm)
     along = geometry.centres_y_mm(geometry.lines(page.height_mm))
     rows, columns = along.size // tile_pixels, across.size // tile_pixels

@@ -1,1 +1,1 @@
-"""Glyphs of a page, each weighed against what might stand in its place."""
+"""Likelihood-ratio tests of a page's glyphs against what might be printed in their place."""

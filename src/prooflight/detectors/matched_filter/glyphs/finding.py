@@ -1,6 +1,6 @@
-"""The glyphs of a page, from its own raster: pieces of one colour of a letter's size, on ground of one colour.
+"""Glyph detection in a page's raster: pieces of one colour, of a letter's size, on one ground colour.
 
-Nothing is read: the raster says what stands there. Pieces of one outline are one shape.
+No character recognition is needed: the raster states what is printed. Pieces of one outline have one shape.
 """
 
 from __future__ import annotations
@@ -20,43 +20,44 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 LEAST_MM: Final = 0.8
-"""Height of a glyph: x-heights of 5 pt; dots and commas are less."""
+"""Minimum height of a glyph: x-heights of 5 pt; dots and commas are smaller."""
 MOST_MM: Final = 4.5
-"""Height and width: digits of 17 pt. What is larger, places of a millimetre and more show."""
+"""Maximum height and width: digits of 17 pt. Larger glyphs are covered by the statistics of places of a
+millimetre and more."""
 LEAST_WIDTH_MM: Final = 0.3
-"""A bare stem differs from its neighbours by no more than what a shift of all of them does."""
+"""Minimum width: a bare stem differs from its neighbours by no more than what a shift of all of them does."""
 INKS_MOST: Final = 8
-"""Colours in which a page's text is looked for, those with most edges."""
+"""Maximum number of colours in which text is searched for, those with most edges."""
 LEAST_EDGES: Final = 2
-"""Of a colour, in rows so far apart that each letter stands in one."""
+"""Minimum number of edges of a colour, in rows so far apart that each letter is in one."""
 FILLED: Final = (0.08, 0.95)
-"""Share of its box that a glyph's ink covers."""
+"""Bounds of the share of its box that a glyph's ink covers."""
 MOST_RUNS: Final = 2_000_000
-"""Of a page: a dense one of type at 480 dpi has 600,000 (assumed)."""
+"""Maximum number of runs on a page: a dense page of type at 480 dpi has 600,000 (assumed)."""
 BAND_ROWS: Final = 64
-"""Of a raster at once, so that it stays in the processor's cache."""
+"""Raster rows that are processed at once, so that they stay in the processor's cache."""
 MOST_GLYPHS: Final = 12_000
-"""assumed: more than on any page of type; texture otherwise."""
+"""Maximum number of glyphs. assumed: more than on any page of type; more than that is texture."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundGlyphs:
-    """Pieces of ink like glyphs, from top to bottom."""
+    """Pieces of ink that are like glyphs, from top to bottom."""
 
     box: NDArray[np.int64]
-    """(n, 4) column, row, width, height in the raster. [raster pixels]"""
+    """(n, 4) column, row, width and height in the raster. [raster pixels]"""
     ink: NDArray[np.uint8]
     """(n, 4) CMYK."""
     ground: NDArray[np.uint8]
-    """(n, 4) CMYK of what is about it."""
+    """(n, 4) CMYK of the surrounding colour."""
     shape: NDArray[np.int64]
-    """(n,) which of ``masks``."""
+    """(n,) index of the outline in ``masks``."""
     masks: tuple[NDArray[np.bool_], ...]
     """The distinct outlines."""
 
 
 def find_glyphs(page: Page) -> FoundGlyphs:
-    """Those of a page; of pages with more than ``MOST_GLYPHS`` the first from the top."""
+    """Find the glyphs of a page; of more than ``MOST_GLYPHS`` the first from the top."""
     packed = hardened(page.cmyk).view(np.uint32)[..., 0]
     colours = text_colours(packed, every=max(int(LEAST_MM / page.pixel_mm), 1))
     pieces, runs = _pieces(packed, colours)
@@ -89,9 +90,10 @@ def find_glyphs(page: Page) -> FoundGlyphs:
 
 
 def hardened(cmyk: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A raster (rows, columns, 4) whose edges are those of pixels: each ink as the more or the less of those about it.
+    """Set each ink at edges of a raster (rows, columns, 4) to the nearer of its local maximum and minimum.
 
-    Pages of a PDF hold a part of an ink on edges (``pages.job.FINER``); where none does, nothing changes.
+    Pages of a PDF have partial ink at edges (``pages.job.FINER``); a raster without any is returned
+    unchanged.
     """
     cmyk = np.ascontiguousarray(cmyk)
     rows, about = len(cmyk), np.ones((3, 3), np.uint8)
@@ -113,7 +115,10 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def text_colours(packed: NDArray[np.uint32], *, every: int) -> NDArray[np.uint32]:
-    """Colours with most edges along rows, paper not among them; every: one row of so many is asked."""
+    """Return the colours with most edges along rows, without bare paper.
+
+    every: step between the rows that are read.
+    """
     rows = packed[::every]
     edges = rows[:, 1:] != rows[:, :-1]
     colours, counts = np.unique(rows[:, 1:][edges], return_counts=True)
@@ -125,7 +130,10 @@ def text_colours(packed: NDArray[np.uint32], *, every: int) -> NDArray[np.uint32
 def _pieces(
     packed: NDArray[np.uint32], colours: NDArray[np.uint32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pieces and the runs that they are made of, as ``kernels.statistics.pieces`` has them; none of a texture."""
+    """Return pieces and the runs that they are made of, as in ``kernels.statistics.pieces``.
+
+    A texture has no pieces.
+    """
     runs, parents = np.empty((MOST_RUNS, RUN), np.int64), np.empty(MOST_RUNS, np.int64)
     count = max(joined_runs(np.ascontiguousarray(packed), colours, runs, parents), 0)
     runs, parents = runs[:count], parents[:count]
@@ -134,7 +142,7 @@ def _pieces(
 
 
 def _like_letters(pieces: NDArray[np.int64], shape: tuple[int, int], pixel_mm: float) -> NDArray[np.bool_]:
-    """Which pieces are of a letter's size and lie within the raster."""
+    """Return which pieces are of a letter's size and inside the raster."""
     x, y, width, height, area, _ = pieces.T
     most, least, thin = (size / pixel_mm for size in (MOST_MM, LEAST_MM, LEAST_WIDTH_MM))
     like = (height <= most) & (width <= most) & (height >= least) & (width >= thin)
@@ -147,7 +155,10 @@ def _like_letters(pieces: NDArray[np.int64], shape: tuple[int, int], pixel_mm: f
 def _grounds(
     packed: NDArray[np.uint32], pieces: NDArray[np.int64], colours: NDArray[np.uint32]
 ) -> NDArray[np.int64]:
-    """(n,) the colour at the corners about each piece, its own left out; -1: they are not of one."""
+    """Return the colour at the corners about each piece, its own excluded, (n,).
+
+    It is -1 where these have several colours.
+    """
     x, y, width, height, _, colour = pieces.T
     own = colours[colour].astype(np.int64)
     corners = np.stack(
@@ -160,9 +171,10 @@ def _grounds(
 
 
 def lines_of(box: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The line of text that each glyph stands in, from 1 at the top, (n,); box: ``FoundGlyphs.box``.
+    """Return the line of text of each glyph, from 1 at the top, (n,); box: ``FoundGlyphs.box``.
 
-    Glyphs are of one line where the middle of one lies within the other's height; lines beside each other are one.
+    Glyphs are in one line if the middle of one is within the other's height; lines next to each other count
+    as one.
     """
     line = np.zeros(len(box), np.int64)
     middles = box[:, 1] + box[:, 3] / 2

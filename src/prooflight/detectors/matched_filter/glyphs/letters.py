@@ -1,7 +1,8 @@
-"""The letters of a page: outlines that differ by no more than their place on the raster's grid are one.
+"""The letters of a page: outlines that differ only by their place on the raster's grid are one letter.
 
-A letter's rivals are the page's other letters of like size. What tells two outlines apart is what is left of their
-difference when ink as a whole, a shift, and broader or narrower strokes are taken out, as the camera sees it.
+A letter's rivals are the page's other letters of similar size. Two outlines are distinguished by their
+difference as the camera sees it, after a change of ink as a whole, a shift, and broader or narrower strokes
+have been projected out.
 """
 
 from __future__ import annotations
@@ -21,40 +22,44 @@ if TYPE_CHECKING:
     from prooflight.pages.sampling import Footprint
 
 RIVALS: Final = 24
-"""Letters that a glyph is weighed against, at most."""
+"""Maximum number of letters that a glyph is tested against."""
 MARGIN: Final = 5
-"""Cells about a letter's box in its patch: two and a half pixels, of which one is for slopes."""
+"""Margin about a letter's box in its patch: two and a half pixels, one of which is for slopes. [cells]"""
 ALIKE: Final = 0.05
 """Share of a letter's own power up to which two outlines are one letter."""
 COVERED: Final = 0.8
-"""A rival stands for those that, were they printed, would speak for it so much as they would for themselves."""
+"""Share of a letter's distinguishing power from which a rival represents another: if that one were printed,
+the rival would score almost as high as it would itself."""
 LIKE_HEIGHT: Final = 0.2
 LIKE_WIDTH: Final = 0.7
 """Shares of its height by which a letter's rivals may be higher and wider."""
 MOST_LETTERS: Final = 400
-"""A page with more is no page of type, and its rarest pieces are left out."""
+"""Maximum number of letters: a page with more is no page of type, and its rarest pieces are omitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """How the camera sees outlines in cells of half a pixel."""
+    """Optics of the camera for outlines in cells of half a pixel."""
 
     footprint: Footprint
     cell_mm: tuple[float, float]
-    """Across and along."""
+    """Size of a cell, across and along."""
 
     @classmethod
     def of(cls, footprint: Footprint, pitch_mm: tuple[float, float]) -> Optics:
-        """Of pixels so wide and so long."""
+        """Return the optics of pixels of a pitch across and along."""
         across, along = (pitch / SHARE for pitch in pitch_mm)
         return cls(footprint=footprint, cell_mm=(across, along))
 
     def down(self, places: NDArray[np.floating], cells: int) -> NDArray[np.float32]:
-        """(places, cells) what pixels at places [cells from the middle of the first] see of rows of cells."""
+        """Return the weights (pixels, cells) of rows of cells.
+
+        places: of pixels [cells from the first's middle].
+        """
         return self._shares(self.footprint.along, self.cell_mm[1], places, cells)
 
     def right(self, places: NDArray[np.floating], cells: int) -> NDArray[np.float32]:
-        """The same of columns."""
+        """Return the weights of columns, likewise."""
         return self._shares(self.footprint.across, self.cell_mm[0], places, cells)
 
     def _shares(
@@ -67,14 +72,17 @@ class Optics:
 
 
 def in_cells(mask: NDArray[np.bool_], raster_pixels: Sequence[float]) -> NDArray[np.float32]:
-    """An outline as the share of each cell that it covers; a cell is so many raster pixels across and along."""
+    """Return the share of each cell that an outline covers; raster_pixels: a cell, across and along."""
     across, along = raster_pixels
     down, right = _covering(mask.shape[0], along), _covering(mask.shape[1], across)
     return np.asarray(down @ mask.astype(np.float32) @ right.T)
 
 
 def _covering(count: int, raster_pixels: float) -> NDArray[np.float32]:
-    """(cells, count) share of each cell that each raster pixel covers; the first ones begin together."""
+    """Return the share of each cell that each raster pixel covers, (cells, count).
+
+    The first of both begin together.
+    """
     cells = int(np.ceil(count / raster_pixels - 1e-9))
     begin, edges = np.arange(cells)[:, None] * raster_pixels, np.arange(count)[None]
     shared = np.minimum(begin + raster_pixels, edges + 1) - np.maximum(begin, edges)
@@ -83,28 +91,28 @@ def _covering(count: int, raster_pixels: float) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Letters:
-    """The outlines of a page and the letters that they are."""
+    """The distinct outlines of a page, and their assignment to letters."""
 
     cells: tuple[NDArray[np.float32], ...]
-    """Each outline, by the share of each cell that it covers."""
+    """Share of each cell that each outline covers."""
     centroid: NDArray[np.float64]
-    """(outlines, 2) right and down of an outline's corner. [cells]"""
+    """(outlines, 2) centroid, to the right of and below the outline's corner. [cells]"""
     size: NDArray[np.int64]
     """(outlines, 2) rows and columns. [cells]"""
     seen: NDArray[np.float32]
-    """(outlines, n) as the camera sees them, centroids on each other but for what is less than a cell."""
+    """(outlines, n) images as the camera sees them, with centroids aligned to whole cells."""
     anyway: NDArray[np.float32]
-    """(outlines, 4, n) what its place and the breadth of its strokes do, across and along."""
+    """(outlines, 4, n) effect of a shift and of the breadth of strokes, each across and along."""
     leader: NDArray[np.int64]
-    """(letters,) the outline that stands for each."""
+    """(letters,) index of the outline that represents each letter."""
     letter: NDArray[np.int64]
-    """(outlines,) which letter each is; -1: none."""
+    """(outlines,) index of each outline's letter; -1: none."""
     known_rivals: dict[int, NDArray[np.int64]] = field(default_factory=dict)
-    """``rivals`` of outlines that were asked for: sheets of a design ask for the same ones."""
+    """Cache of ``rivals``: sheets of a design need the same ones."""
 
     @classmethod
     def of(cls, cells: Sequence[NDArray[np.float32]], often: NDArray[np.int64], optics: Optics) -> Letters:
-        """Of outlines, the commonest of which stand for letters; often: how often each comes."""
+        """Group outlines, the most frequent of which represent letters; often: how often each occurs."""
         size = np.array([one.shape for one in cells], np.int64).reshape(-1, 2)
         centroid = np.array([_centroid(one) for one in cells]).reshape(-1, 2)
         seen, anyway = _as_seen(cells, size, centroid, optics)
@@ -132,13 +140,16 @@ class Letters:
         return found
 
     def like(self, at: int) -> NDArray[np.bool_]:
-        """(outlines,) which are of like size as outline ``at``."""
+        """Return which outlines are of a size similar to outline ``at``, (outlines,)."""
         height, width = self.size.T
         near = np.abs(height - height[at]) <= max(LIKE_HEIGHT * height[at], 1)
         return near & (np.abs(width - width[at]) <= max(LIKE_WIDTH * height[at], 1))
 
     def apart(self, at: int, others: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Power of what tells others from an outline, over its own, without what ``anyway`` and its ink explain."""
+        """Return the power of others' difference to an outline, over its own.
+
+        ``anyway`` and ink are projected out.
+        """
         basis = np.stack([self.seen[at], *self.anyway[at]]).astype(np.float64)
         own = basis @ basis.T + 1e-9 * np.eye(len(basis))
         difference = self.seen[others] - self.seen[at]
@@ -147,9 +158,9 @@ class Letters:
         return np.asarray(np.maximum(left, 0) / own[0, 0])
 
     def rivals(self, at: int) -> NDArray[np.int64]:
-        """Outlines that stand for letters which outline ``at`` might be taken for, the likest first.
+        """Return outlines of letters that outline ``at`` might be mistaken for, the most similar first.
 
-        One that others before it stand for is left out (``COVERED``).
+        An outline that an earlier one represents is omitted (``COVERED``).
         """
         if at not in self.known_rivals:
             self.known_rivals[at] = self._rivals(at)
@@ -171,7 +182,7 @@ class Letters:
         return np.array(found, np.int64)
 
     def patches(self, optics: Optics) -> Patches:
-        """Of each letter, with ``MARGIN`` about it."""
+        """Return the patch of each letter, with ``MARGIN`` about it."""
         size = self.size[self.leader] + 2 * MARGIN
         lengths = size.prod(axis=1)
         images = [
@@ -190,7 +201,7 @@ def _as_seen(
     centroid: NDArray[np.float64],
     optics: Optics,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """``Letters.seen`` and ``Letters.anyway``, a pixel apart."""
+    """Return ``Letters.seen`` and ``Letters.anyway``, at a spacing of one pixel."""
     before = np.rint(centroid[:, ::-1]).astype(int)
     reach = np.maximum(before, size - before).max(axis=0, initial=1)
     canvas = np.zeros((len(cells), *(2 * reach)), np.float32)
@@ -207,7 +218,7 @@ def _as_seen(
 
 
 def _centroid(cells: NDArray[np.float32]) -> tuple[float, float]:
-    """Right and down of the corner."""
+    """Return the centroid, to the right of and below the corner."""
     whole = cells.sum()
     return (
         float(cells.sum(axis=0) @ (np.arange(cells.shape[1]) + 0.5) / whole),

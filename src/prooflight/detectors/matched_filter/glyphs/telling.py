@@ -1,4 +1,4 @@
-"""Wrong glyphs in words: what is wrong, in which line of text, and where."""
+"""Descriptions of wrong glyphs: what is wrong, in which line of text, and where."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ MISSING: Final = "missing-glyph"
 KINDS: Final = frozenset({EXCHANGED, MISSING})
 FAMILY: Final = "glyph"
 FEW: Final = 6
-"""Glyphs of which a misprint may be said to be one of glyphs where something else speaks for it too."""
+"""Maximum number of wrong glyphs for which a misprint with other evidence may be described by its glyphs."""
 LONE: Final = 3
-"""Wrong glyphs, two that changed places and a neighbour among them, of which a small place that stands out there is the
-sign."""
+"""Maximum number of wrong glyphs (two that were exchanged and a neighbour) of which a small outlying place is
+the sign."""
 AT_GLYPH_MM: Final = 1.0
 SMALL_MM: Final = 5.0
-"""Width and height of a place that is no larger than a glyph and its neighbours."""
+"""Maximum width and height of a place that is no larger than a glyph and its neighbours."""
 MOST_REGIONS: Final = 8
 
 
 def glyphs_name(
     glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region], *, kind: str
 ) -> bool:
-    """Whether glyphs name a page that alarms without them too, for another kind and at other places.
+    """Return whether glyphs describe a page that also alarms by other evidence, of another kind and place.
 
-    The strongest evidence of the whole page does, in standard deviations. A spot or streak over letters exchanges these
-    as well, and then says more as a whole than by any of them; one wrong digit is a spot by itself.
+    The strongest evidence of the whole page, in standard deviations, describes it. A spot or streak over
+    letters replaces these as well, and is then stronger as a whole than any one of them; one wrong digit is a
+    spot by itself.
     """
     if not wrong or len(wrong) > FEW or kind == WRONG_PAGE_KIND:
         return False
@@ -58,7 +59,7 @@ def _is_of(place: Region, box_mm: NDArray[np.float64]) -> bool:
 def told_of_glyphs(
     glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region]
 ) -> dict[str, Any]:
-    """Kind, places and reason of a verdict; wrong: the worst first; others: places of what else was found."""
+    """Return kind, places and reason; wrong: the worst first; others: places of other evidence."""
     kinds = [MISSING if one.missing else EXCHANGED for one in wrong]
     regions = [
         Region.rounded(tuple(glyphs.box_mm[one.glyph]), score=abs(one.deviation), kind=kind)

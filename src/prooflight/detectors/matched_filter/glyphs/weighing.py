@@ -1,26 +1,28 @@
-"""Each glyph of a scan weighed against its rivals, and one number of a page.
+"""Likelihood-ratio tests of a scan's glyphs against their rivals, and the score of a page from them.
 
-Residual r = a d + B b + noise of inverse variance W / s^2: d what a rival would change, a = 1 if it stands there and 0
-if not, B b what a good print does with a glyph anyway (its ink, its place, the level about it, the breadth of its
-strokes; b Gaussian, of stated standard deviations). With W' = W - W B (B' W B + b's inverse variance)^-1 B' W, E =
-r' W' r is the energy of a glyph as it should be, and E(a) = E - 2 a d' W' r + a^2 d' W' d that of a rival in its place.
+The residual is r = a d + B b + noise of inverse variance W / s^2. d is the change that a rival would make, a
+= 1 if it is printed there and 0 if not, and B b is the variation of a glyph on good prints (its ink, its
+place, the level about it, the breadth of its strokes; b is Gaussian, of stated standard deviations). With W'
+= W - W B (B' W B + b's inverse variance)^-1 B' W, E = r' W' r is the energy of a correct glyph, and E(a) = E
+- 2 a d' W' r + a^2 d' W' d that of a rival in its place.
 
-No print is quite as stated: here and there letters lie, spread or shine otherwise than B says, and a rival then
-explains a part of that. So how much wider than stated a glyph scatters is its own, and unknown: s^2 t, with nu / t
-chi-square of nu degrees of freedom. The n pixels' errors are then t-distributed (Lange, Little and Taylor 1989), and
-the log likelihood ratio of rival against glyph is
+No print scatters quite as stated: some letters are displaced, spread or reflect otherwise than B allows, and
+a rival then explains a part of that. The factor by which a glyph scatters more widely than stated is
+therefore its own, and unknown: s^2 t, with nu / t chi-square of nu degrees of freedom. The n pixels' errors
+are then t-distributed (Lange, Little and Taylor 1989), and the log likelihood ratio of rival against glyph is
 
     (nu + n) / 2 ln((nu + E / s^2) / (nu + E(a) / s^2)),
 
-which asks what share of the energy a rival explains rather than how much of it, and grows as its logarithm. L is that
-or the Gaussian's (E - E(a)) / (2 s^2), whichever is less, so that exp L has a mean of 1 at most on good prints of
-either kind. Only where E stands out are rivals asked, and all other glyphs cost next to nothing.
+which depends on the share of the energy that a rival explains rather than on its amount, and grows as its
+logarithm. L is the lesser of that and the Gaussian's (E - E(a)) / (2 s^2), so that exp L has a mean of 1 at
+most on good prints of either kind. Rivals are tested only where E is an outlier, so that all other glyphs
+cost next to nothing.
 
-The page's number is S = ln mean(exp L) over all glyphs and rivals: the log likelihood ratio of one wrong glyph,
-anywhere alike, against none. Its exponential has a mean of 1 at most on good prints that scatter as stated, so that
-S exceeds ln(1 / a) with a chance of at most a (Markov's inequality; e-values, Vovk and Wang 2021). With a chance
-``astray`` the page lies where B cannot follow, and such a page may say anything: against that
-mixture exp S is no more than 1 / astray (``capped``).
+The page's score is S = ln mean(exp L) over all glyphs and rivals: the log likelihood ratio of one wrong
+glyph, equally likely anywhere, against none. Its exponential has a mean of 1 at most on good prints that
+scatter as stated, so that S exceeds ln(1 / a) with a probability of at most a (Markov's inequality; e-values,
+Vovk and Wang 2021). With a probability ``astray`` the page is displaced further than B can follow, and the
+score of such a page may be anything: against that mixture exp S is no more than 1 / astray (``capped``).
 """
 
 from __future__ import annotations
@@ -49,91 +51,94 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 GOOD: Final = (0.07, 0.2, 0.2, 0.1, 0.1, 0.1, 0.3, 0.3)
-"""Standard deviations of what good prints do with one glyph: its ink [share], its place right and down [pixels], the
-level about it [contrasts], how much its strokes run out or sharpen, right and down [pixels^2], and the place of what
-stands beside it, right and down [pixels]. assumed: twice and
-more of what whole inks and planes do (``PrintPrior``), and what registration leaves from place to place."""
+"""Standard deviations of one glyph on good prints: its ink [share], its place right and down [pixels], the
+level about it [contrasts], how much its strokes run out or sharpen, right and down [pixels^2], and the place
+of the adjacent content, right and down [pixels]. assumed: at least twice those of whole inks and planes
+(``PrintPrior``), and what registration leaves locally."""
 LEAST_SPREAD: Final = 4.0
-"""s^2: how much wider than stated good prints' residuals are at letters; see decision 32."""
+"""s^2: factor by which good prints' residuals at letters scatter more widely than stated; see decision 32."""
 OF_ENERGY: Final = 4.0
-"""s^2 over the energy of a pixel of the middle glyph of a page, or of those nearest: few glyphs scatter much more than
-most, and where a page lies a little elsewhere than registration has it all that stand there do."""
+"""s^2 over the median energy per pixel of a page's glyphs, or of the nearest ones: few glyphs scatter much
+more than most, and where a page is locally off its registered place all glyphs there do."""
 NEAREST: Final = 12
-"""Glyphs about one: a line's neighbours and those above and below, two words' worth. (assumed)"""
+"""Number of neighbours of a glyph: those in its line and in the lines above and below, two words' worth.
+(assumed)"""
 OF_NOTHING: Final = 2.0
-"""s^2 of glyphs that are missing: what ink as a whole does is stated (``GOOD``)."""
+"""s^2 for missing glyphs: the variation of ink as a whole is stated (``GOOD``)."""
 FREEDOM: Final = 4.0
-"""nu: degrees of freedom of what a glyph scatters by; 4 for data of unknown tails (Lange, Little and Taylor 1989)."""
+"""nu: degrees of freedom of a glyph's scatter; 4 for data of unknown tails (Lange, Little and Taylor
+1989)."""
 SHARES: Final = (0.5, 1.0)
-"""a of what stands in a glyph's place: a rival as it is drawn, or what goes half of the way to it."""
+"""Values of a that are tested: a rival as it is drawn, or half of the change to it."""
 LEAST_RATIO: Final = 14.0
-"""Glyphs that cannot have a greater log likelihood ratio are not asked."""
+"""Minimum log likelihood ratio: glyphs that cannot reach it are not tested."""
 FURTHEST: Final = 0.5
-"""By which a glyph may lie elsewhere than the page about it. [pixels]"""
+"""Maximum displacement of a glyph relative to the page about it. [pixels]"""
 LEAST_SD: Final = 0.1
-"""Least standard deviation of the page's place from spot to spot, whatever registration says: good prints have it.
-[pixels, assumed]"""
+"""Minimum standard deviation of the page's local displacement, whatever registration states: good prints have
+it. [pixels, assumed]"""
 MOST_ASKED: Final = 16
-"""Glyphs of one scan, those that stand out most."""
+"""Maximum number of glyphs of one scan that are tested, those with the greatest excess energy."""
 ASIDE: Final = 2
-"""Cells by which a rival's width differs if it might also stand at a glyph's left or right edge."""
+"""Minimum difference in width from which a rival is also tested at a glyph's left and right edge. [cells]"""
 NONE: Final = -1000.0
-"""S of a page that has no glyphs, or none that stands out."""
+"""S of a page without glyphs, or without any that are outliers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PageGlyphs:
-    """A page's glyphs ahead of its scans."""
+    """A page's glyphs, prepared before its scans."""
 
     letters: Letters
     optics: Optics
     patches: Patches
     placed: PlacedGlyphs
     outline: NDArray[np.int64]
-    """(n,) of ``letters``."""
+    """(n,) index of each glyph's outline in ``letters``."""
     corner: NDArray[np.float64]
-    """(n, 2) middle of the outline's first cell, right and down, the page in its place. [pixels]"""
+    """(n, 2) middle of the outline's first cell, right and down, with the page in its nominal place.
+    [pixels]"""
     box_mm: NDArray[np.float64]
-    """(n, 4) x, y, width, height on the page."""
+    """(n, 4) x, y, width and height on the page."""
     line: NDArray[np.int64]
-    """(n,) of text, from 1 at the top."""
+    """(n,) line of text, from 1 at the top."""
 
     @property
     def count(self) -> int:
-        """Of glyphs."""
+        """Number of glyphs."""
         return len(self.box_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeighedGlyph:
-    """A glyph that stands out."""
+    """Test result of an outlying glyph."""
 
     glyph: int
     ratio: float
-    """The greatest log likelihood ratio of a rival."""
+    """Greatest log likelihood ratio of a rival."""
     deviation: float
-    """Its matched filter's, in standard deviations."""
+    """Deviation of its matched filter, in standard deviations."""
     missing: bool
-    """Whether that rival is that nothing stands there."""
+    """Whether that rival is an empty place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeighedPage:
-    """What one scan says of a page's glyphs."""
+    """Result of the glyph tests of one scan."""
 
     score: float
     """S."""
     found: tuple[WeighedGlyph, ...]
-    """Those that were asked, the worst first."""
+    """Glyphs that were tested, the worst first."""
 
 
 NOTHING: Final = WeighedPage(score=NONE, found=())
 
 
 def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> PageGlyphs:
-    """Find the glyphs of a page and their letters; sensors, geometry: of pixels taken together.
+    """Find the glyphs of a page and their letters; sensors, geometry: of binned pixels.
 
-    Patches are of the first sensor's lens, without what it scatters far.
+    Patches are for the first sensor's lens, without its far scatter.
     """
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     found = find_glyphs(page)
@@ -188,8 +193,10 @@ def weighed(
     astray: float = 0.0,
     threads: int = 1,
 ) -> WeighedPage:
-    """A scan's residuals, (sensors, lines, pixels) [DN], asked of every glyph; weight: their inverse variance [1/DN^2];
-    light: what was expected [DN]; astray: the chance that the page lies further off than glyphs are followed.
+    """Test every glyph of a scan; return the page's score S and the outlying glyphs.
+
+    left: residuals, (sensors, lines, pixels) [DN]; weight: their inverse variance [1/DN^2]; light: expected
+    light [DN]; astray: probability that the page is displaced further than glyphs are followed.
     """
     if not glyphs.count:
         return NOTHING
@@ -231,12 +238,15 @@ def weighed(
 
 
 def chance_astray(sd_pixels: Sequence[float]) -> float:
-    """Return the chance that a page lies more than ``FURTHEST`` off where it is thought to, either way; sd: (x, y)."""
+    """Return the probability that a page is displaced by more than ``FURTHEST``, across or along.
+
+    sd_pixels: (x, y).
+    """
     return min(sum(math.erfc(FURTHEST / (math.sqrt(2) * max(sd, LEAST_SD))) for sd in sd_pixels), 1.0)
 
 
 def capped(score: float, astray: float) -> float:
-    """The log of a likelihood ratio against good pages of which a share, ``astray``, is as the other pages are.
+    """Return the log likelihood ratio against good pages of which a share, ``astray``, is as other pages are.
 
     >>> round(capped(50.0, 1e-6), 1), round(capped(-3.0, 1e-6), 1), capped(50.0, 1.0)
     (13.8, -3.0, 0.0)
@@ -249,7 +259,10 @@ def capped(score: float, astray: float) -> float:
 def usual_about(
     box_mm: NDArray[np.float64], energy: NDArray[np.float64], pixels: NDArray[np.float64], glyph: int
 ) -> float:
-    """Energy of a pixel of the middle one of the ``NEAREST`` glyphs that are seen about one of them; 0: none is."""
+    """Return the median energy per pixel of the ``NEAREST`` visible glyphs about one glyph.
+
+    It is 0 if there are none.
+    """
     others = np.flatnonzero(pixels > 0)
     others = others[others != glyph]
     if not others.size:
@@ -269,9 +282,9 @@ def weigh(
     displaced: NDArray[np.float64],
     spread: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """One glyph's log likelihood ratios against each of its rivals, their deviations, and which is that it is missing.
+    """Return a glyph's log likelihood ratios, their deviations, and which rival is an empty place.
 
-    light: of the first sensor. displaced: how far right and down of itself it lies. [pixels]
+    light: of the first sensor. displaced: displacement of the page at the glyph, right and down. [pixels]
     """
     letters, outline = glyphs.letters, int(glyphs.outline[glyph])
     own = letters.cells[outline]
@@ -326,14 +339,17 @@ def log_ratio(
     *,
     freedom: float = FREEDOM,
 ) -> NDArray[np.float64]:
-    """L of rivals that explain so much of a glyph's energy in so many pixels; both over s^2."""
+    """Return L of rivals that explain so much of a glyph's energy in a number of pixels.
+
+    Both are divided by s^2.
+    """
     left = np.maximum(energy - explained, 0)
     of_t = (freedom + pixels) / 2 * np.log((freedom + energy) / (freedom + left))
     return np.asarray(np.minimum(of_t, explained / 2))
 
 
 def nuisances(seen: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(8, pixels) what good prints do with a glyph of image (lines, pixels), in the order of ``GOOD``.
+    """Return a glyph's variation on good prints, (8, pixels), from its image (lines, pixels); as ``GOOD``.
 
     beside: the light without it, over its contrast.
     """
@@ -356,9 +372,9 @@ def nuisances(seen: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray
 def own_shift(
     basis: NDArray[np.float64], sure: NDArray[np.float64], pushed: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """How far right and down of where it is expected a glyph lies, no further than ``FURTHEST``. [pixels]
+    """Return a glyph's displacement right and down from its expected place, ``FURTHEST`` at most. [pixels]
 
-    From there on it is weighed: what is linear in a shift holds for a fifth of a pixel.
+    It is tested there, because the linear model of a shift holds for a fifth of a pixel.
     """
     whole = (basis * sure) @ basis.T + np.diag(1 / np.square(GOOD))
     found = np.linalg.solve(whole, basis @ pushed)
@@ -372,10 +388,10 @@ def without_nuisances(
     sure: NDArray[np.float64],
     pushed: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Of W' without nuisances, d' W' r and d' W' d of each of differences (n, pixels), and r' W' r; differences are in
-    units of the contrast.
+    """Return d' W' r and d' W' d of each difference d, and r' W' r, with the nuisances projected out of W'.
 
-    basis (8, pixels); sure (pixels,): inverse variance W; pushed (pixels,): W r.
+    differences (n, pixels), in units of the contrast; basis (8, pixels); sure (pixels,): inverse variance W;
+    pushed (pixels,): W r.
     """
     whole = (basis * sure) @ basis.T + np.diag(1 / np.square(GOOD))
     shared = (differences * sure) @ basis.T
@@ -389,7 +405,7 @@ def without_nuisances(
 
 
 def _laid(cells: NDArray[np.float32], shape: tuple[int, int], corner: tuple[int, int]) -> NDArray[np.float32]:
-    """An outline in a patch; what would lie beyond is cut off. corner: its row and column."""
+    """Place an outline in a patch, cropped to it; corner: its row and column."""
     patch = np.zeros(shape, np.float32)
     row, column = corner
     top, first = max(row, 0), max(column, 0)

@@ -1,1 +1,1 @@
-"""What is left of a scan, as statistics with a place."""
+"""Statistics of the residuals of a scan, each with its place."""

@@ -1,4 +1,4 @@
-"""Tile sums added up to boxes of every size, and what is most and least among these; ghosts of a page's own detail."""
+"""Tile sums aggregated to boxes of every size, and ghosts of a page's own detail."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ LEAST_DETAIL: Final = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cells:
-    """Sums of squares of tiles; boxes are 2 x 2 of them and overlap by half."""
+    """Sums over square cells of tiles; boxes are 2 x 2 cells and overlap by half."""
 
     sums: NDArray[np.float32]
-    """(4, at least modes, rows, columns): N, D, C, the edges' part of D."""
+    """(4, at least modes, rows, columns): N, D, C and the edges' part of D."""
     size: int
     """Side of a box. [tiles]"""
     gains: NDArray[np.float32]
-    """(rows,) share of C that is the lamp's flicker, to be taken from N."""
+    """(rows,) share of C that is the lamp's flicker, to be subtracted from N."""
     level: NDArray[np.float32]
-    """(rows, columns) share of a box's C that is smooth change of light, to be taken from its N."""
+    """(rows, columns) share of a box's C that is a smooth change of light, to be subtracted from its N."""
     common: float
-    """Standard deviation of what else moves all light in a box alike."""
+    """Standard deviation of any other change common to all light in a box."""
 
     def box_mm(self, sums: Sums, row: int, column: int) -> tuple[float, float, float, float]:
-        """x, y, width, height of the box that begins at a cell."""
+        """Return x, y, width and height of the box that begins at a cell."""
         side = self.size * sums.tile_mm
         return column * side / 2 + sums.left_mm, row * side / 2 + sums.top_mm, side, side
 
 
 def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
-    """Cells for boxes of all ``SIZES`` in turn; light: ``Scatter.light``."""
+    """Yield cells for boxes of all ``SIZES`` in turn; light: ``Scatter.light``."""
     own, gains, level = sums.tiles, flicker(sums), smooth_level(sums)
     for size, common in zip(SIZES, light.tolist(), strict=True):
         if size > SIZES[0]:
@@ -80,7 +80,7 @@ def cells_of(sums: Sums, light: NDArray[np.floating]) -> Iterator[Cells]:
 
 
 def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """N', D' and the edges' part of D' at all boxes, (modes, rows, columns) each."""
+    """Return N', D' and the edges' part of D' of all boxes, (modes, rows, columns) each."""
     maps = cells.sums[:, : len(MODES)].copy()
     maps[0] -= maps[2] * cells.gains[:, None]
     down = np.pad(maps, [(0, 0)] * 2 + [(0, 1)] * 2)
@@ -92,7 +92,10 @@ def boxes(cells: Cells) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArr
 def own_of_tiles(
     cells: Cells, modes: Sequence[int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """N', D' and the edges' part of D' of tiles, (modes, rows, columns) each; cells: the first of ``cells_of``."""
+    """Return N', D' and the edges' part of D' of tiles, (modes, rows, columns) each.
+
+    cells: the first of ``cells_of``.
+    """
     maps = unset((len(modes), 3, *cells.level.shape))
     for mode, out in zip(modes, maps, strict=True):
         own_of_cells(cells.sums, cells.gains, cells.level, np.float32(1 / cells.common**2), mode, out)
@@ -101,10 +104,10 @@ def own_of_tiles(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ghosts:
-    """What is needed to look for ghosts of each ink's detail, on squares of 2 x 2 tiles."""
+    """Inputs of the search for ghosts of each ink's detail, on squares of 2 x 2 tiles."""
 
     own: NDArray[np.float32]
-    """(inks, h, w) N' of each ink added."""
+    """(inks, h, w) N' of each added ink."""
     power: NDArray[np.float32]
     edges: NDArray[np.float32]
     detail: NDArray[np.float32]
@@ -116,7 +119,7 @@ class Ghosts:
     square_mm: float
 
     def bands(self, box_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Where boxes (height, width) that overlap by three quarters begin and end: rows (n, 2), columns (m, 2)."""
+        """Return the bounds of boxes (height, width) that overlap by 3/4: rows (n, 2), columns (m, 2)."""
         found = []
         for extent_mm, extent in zip(box_mm, self.own.shape[1:], strict=True):
             side = max(round(extent_mm / self.square_mm), 1)
@@ -125,7 +128,10 @@ class Ghosts:
         return found[0], found[1]
 
     def through(self, ink: int) -> list[EchoBoxes]:
-        """Ghosts of one ink at all lags, in boxes of each of ``GHOST_BOXES_MM``; none of one without detail."""
+        """Return an ink's ghosts at all lags, in boxes of each of ``GHOST_BOXES_MM``.
+
+        The list is empty for an ink without detail.
+        """
         if not self.present[ink]:
             return []
         bands = [self.bands(box_mm) for box_mm in GHOST_BOXES_MM]
@@ -154,13 +160,13 @@ class EchoBoxes:
     """Ghosts of one ink in boxes of one size."""
 
     sums: NDArray[np.float32]
-    """(rows, columns, 3, lags) N', D', edges; from the most lag down."""
+    """(rows, columns, 3, lags) N', D' and edges, from the greatest lag down."""
     rows_mm: NDArray[np.float64]
-    """Middles of boxes, from the first tile."""
+    """Distance of the boxes' middles from the first tile."""
     columns_mm: NDArray[np.float64]
 
     def t(self, scatter: NDArray[np.float64]) -> NDArray[np.float32]:
-        """T: (rows, columns, lags), from the least lag up; 0 where nothing is known."""
+        """Return T, (rows, columns, lags), from the least lag up; 0 where there is no information."""
         rows, columns, _, lags = self.sums.shape
         t = np.empty((rows * columns, lags), np.float32)
         how = (*(np.float32(one) for one in scatter), np.float32(LEAST_POWER))
@@ -169,7 +175,7 @@ class EchoBoxes:
 
 
 def ghosts(sums: Sums) -> Ghosts:
-    """Tile sums and ink areas made ready for ``Ghosts.through``."""
+    """Prepare tile sums and ink areas for ``Ghosts.through``."""
     halves = [extent // 2 for extent in sums.tiles.shape[-2:]]
     maps = _in_squares(sums.tiles[:, : INKS + 1], halves)
     own, power, edges = without_common(maps, sums.prior.place)
@@ -190,7 +196,7 @@ def ghosts(sums: Sums) -> Ghosts:
 
 
 def _in_squares(maps: NDArray[np.float32], halves: list[int]) -> NDArray[np.float32]:
-    """Sums of 2 x 2 tiles of maps (..., rows, columns)."""
+    """Return sums over 2 x 2 tiles of maps (..., rows, columns)."""
     out = np.empty((*maps.shape[:-2], *halves), np.float32)
     for images, target in zip(maps, out, strict=True) if maps.ndim > 3 else [(maps, out)]:
         squares(images, target)

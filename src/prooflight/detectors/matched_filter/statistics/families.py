@@ -1,4 +1,4 @@
-"""Families of statistics: what each kind of evidence on one page says, with the place where it says most."""
+"""Families of statistics: the values of each kind of evidence on one page, with the place of the greatest."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ MODE_GROUPS: Final = (
     ("light", *(name for name in MODES if name.startswith("gain") or name == "blur")),
     GHOST_MODES,
 )
-"""Of modes that the screen does not sum up, by what they cost."""
+"""Modes that are not summed up for the screen, grouped by their cost."""
 
 
 def all_statistics(
     sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter
 ) -> list[Observed]:
-    """Return every statistic of one scan, always the same in the same order."""
+    """Return every statistic of one scan, in a fixed order."""
     flat = flat_part(sums)
     return [
         *_of_modes(sums, flat, scatter),
@@ -82,8 +82,9 @@ def all_statistics(
 def screen_statistics(
     sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter, *, threads: int = 1
 ) -> list[Observed]:
-    """Those of ``all_statistics`` that are ``in_screen``, in the same order, from sums of ``SCREEN_MODES`` at least, in
-    parts that threads share out.
+    """Return those of ``all_statistics`` that are ``in_screen``, in the same order; threads share the parts.
+
+    sums: of ``SCREEN_MODES`` at least.
     """
     own = scatter.of_modes(sums.modes)
     parts: list[Callable[[], list[Observed]]] = [
@@ -108,8 +109,9 @@ def remaining_statistics(
     order: Sequence[Statistic] | None = None,
     threads: int = 1,
 ) -> list[Observed]:
-    """``all_statistics`` of a scan of which those ``in_screen`` were seen, the others found in parts that threads share
-    out. order: in which they come; None: any. ValueError: they are others than those of the order.
+    """Complete the statistics ``in_screen`` of a scan to ``all_statistics``; threads share the parts.
+
+    order: order of the result; None: any. ValueError: the statistics are not those of the order.
     """
     groups = MODE_GROUPS if threads > 1 else (tuple(dict.fromkeys(sum(MODE_GROUPS, ()))),)
     noise = np.broadcast_to(NOISE, scatter.ghosts.shape)
@@ -129,14 +131,14 @@ def remaining_statistics(
 
 
 def _of_mode_group(sums: Sums, scatter: Scatter, names: tuple[str, ...]) -> list[Observed]:
-    """Of some modes, light the first, what the screen does not see."""
+    """Return the statistics of some modes, light the first, that are not in the screen."""
     own, of_own = sums.of_modes(names), scatter.of_modes(names)
     every = [*_of_modes(own, flat_part(own), of_own), *of_slants(own, of_own)]
     return [one for one in every if not in_screen(one.statistic)]
 
 
 def _of_modes(sums: Sums, flat: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """Of every mode that was looked at; scatter: of these."""
+    """Yield the statistics of every mode in ``sums``; scatter: of these modes."""
     waves = waves_of(sums, scatter)
     yield from of_boxes(sums, scatter, GOOD_PRINTS, OWN_PAGE)
     yield from of_boxes(flat, scatter, FLAT_AREAS)
@@ -195,9 +197,9 @@ def _of_shifts(sums: Sums) -> Iterator[Observed]:
 def samples(
     sums: Sums, light: NDArray[np.floating], rng: np.random.Generator
 ) -> dict[str, NDArray[np.float32]]:
-    """Draws of (N', D', edges) for ``Scatter``, by name: boxes (modes, sizes, n, 3) and so on; NaN: nothing.
+    """Draw samples of (N', D', edges) for ``Scatter``, by name: boxes (modes, sizes, n, 3) and so on.
 
-    light: ``Scatter.light``.
+    NaN fills the places of missing samples. light: ``Scatter.light``.
     """
     found = {
         name: np.full((*shape, SAMPLES, 3), np.nan, np.float32) for name, shape in SCATTER_SHAPES.items()

@@ -1,10 +1,11 @@
-"""What a fitted scan still says: matched filters for every way in which ink goes wrong, at every size and place.
+"""Matched filters on the residuals of a fitted scan, for every mode of misprinting, at every size and place.
 
-For a mode m with the effect P on the signal, residual r and variance V, a place says N = sum P r / V with the
-information D = sum P^2 / V; N / D is the amount and 1 / sqrt(D) its standard deviation. What moves all light alike
-(cloudy paper, lamp) is taken out of every other mode: N' = N - C N0 / (D0 + 1/t^2), D' = D - C^2 / (D0 + 1/t^2),
-C = sum P P0 / V. The statistic is T = N' / sqrt(c F + c' G + t^2 D'^2), F and G what flat places and edges add to D':
-noise, what registration leaves at edges, and the tolerance of good prints; c, c' and t are learned.
+For a mode m with the effect P on the signal, residual r and variance V, a place has the score N = sum P r / V
+and the information D = sum P^2 / V; N / D is the amount and 1 / sqrt(D) its standard deviation. Changes
+common to all light (cloudy paper, lamp) are projected out of every other mode: N' = N - C N0 / (D0 + 1/t^2),
+D' = D - C^2 / (D0 + 1/t^2), C = sum P P0 / V. The statistic is T = N' / sqrt(c F + c' G + t^2 D'^2), where F
+and G are the parts of D' from flat places and from edges: noise, the displacement that registration leaves at
+edges, and the tolerance of good prints; c, c' and t are learned.
 """
 
 from __future__ import annotations
@@ -39,76 +40,80 @@ MODES: Final = (
     "light", "add-C", "add-M", "add-Y", "add-K", "gain-C", "gain-M", "gain-Y", "gain-K", "void", "blur", "gain-all",
 )  # fmt: skip
 LINE_MODES: Final = MODES[:10]
-"""Of columns."""
+"""Modes of columns."""
 SIZES: Final = (2, 4, 8, 16, 32, 64)
-"""Sides of boxes, each twice the one before. [tiles]"""
+"""Sides of boxes, each twice the previous one. [tiles]"""
 WIDTHS: Final = (1, 2, 4, 8, 16)
-"""Of streaks. [pixels at 0.254 mm]"""
+"""Widths of streaks. [pixels at 0.254 mm]"""
 WIDTH_UNIT_MM: Final = 0.254
 SPANS: Final = ("quarter", "half", "full")
 QUARTER: Final = 4
-"""Segments of a quarter of the page's height, of which every span begins with one."""
+"""Segments in a quarter of the page's height, the step between the starts of a span."""
 SEGMENTS: Final = 4 * QUARTER
-"""Of columns: in one of them, 19 mm of A4, light is taken to be alike, and from one to the next not. (worlds.toml:
-paper is cloudy over 5 to 20 mm)"""
+"""Segments of a column: within one of them, 19 mm of A4, light is taken to vary alike, and independently of
+the next. (worlds.toml: paper is cloudy over 5 to 20 mm)"""
 SPAN_SEGMENTS: Final = (QUARTER, 2 * QUARTER, SEGMENTS)
 BASELINE_MM: Final = 24.0
 SMALL: Final = 4
-"""Boxes of at most so many tiles are looked at after the smooth level about them was taken out."""
+"""Maximum size of boxes from which the smooth level about them is removed. [tiles]"""
 LEVEL_MM: Final = 3.0
 UNEVEN_MM: Final = 20.0
-"""Along a row, over which light is taken to be alike."""
+"""Length along a row over which light is taken to vary alike."""
 COLUMN_MM: Final = 8.0
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
 GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
-"""Heights and widths of boxes in which ghosts are looked for."""
+"""Heights and widths of boxes in which ghosts are searched for."""
 FLAT: Final = 0.25
-"""Places of which edges make up no more than so much of the variance are flat."""
+"""Share of the variance from edges up to which a place is flat."""
 LEAST_POWER: Final = 1e-3
-"""Information below which a place says nothing: such an amount would have a standard deviation of 30 whole inks."""
+"""Minimum information of a place: below it an amount would have a standard deviation of 30 whole inks."""
 SCATTER_SHAPES: Final = {
     "boxes": (len(MODES), len(SIZES)),
     "streaks": (len(LINE_MODES), len(WIDTHS), len(SPANS)),
     "bands": (len(MODES),),
     "ghosts": (INKS, len(GHOST_BOXES_MM)),
 }
-"""Of the arrays of ``Scatter``, but for their last axis."""
+"""Shapes of the arrays of ``Scatter``, without their last axis."""
 
 
 def assumed_light(prior: PrintPrior) -> NDArray[np.float64]:
-    """(sizes,) ``Scatter.light`` where nothing was learned."""
+    """Return the default of ``Scatter.light``, before anything is learned: (sizes,)."""
     return np.where(np.array(SIZES) <= SMALL, prior.place_near, prior.place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sums:
-    """Pushes N, powers D and shared C of every mode."""
+    """Scores N, information D and common terms C of every mode."""
 
     tiles: NDArray[np.float32]
-    """(4, modes + 1, tile rows, tile columns): N, D, C, and the edges' part of D; the last mode is the energy."""
+    """(4, modes + 1, tile rows, tile columns): N, D, C and the edges' part of D; the last mode is the
+    energy."""
     columns: NDArray[np.float32]
-    """(4, line modes, SEGMENTS, pixels), columns of the page."""
+    """(4, line modes, SEGMENTS, pixels) by columns of the page."""
     flat_columns: NDArray[np.float32]
-    """The same of pixels away from edges."""
+    """The same, for pixels away from edges."""
     cover: NDArray[np.float32]
     """(4, tile rows, tile columns) mean ink area."""
     shifts: NDArray[np.float64]
-    """(4, 4) ``plane_shifts``; 0 where not all modes were looked at."""
+    """(4, 4) ``plane_shifts``; 0 unless all modes were summed up."""
     tile_mm: float
     pixel_mm: float
     left_mm: float
-    """Where the first tile begins on the page. [mm]"""
+    """Position of the first tile on the page. [mm]"""
     top_mm: float
     prior: PrintPrior
-    """What good prints do."""
+    """Prior of good prints."""
     column_gains: NDArray[np.float32]
-    """(sensors, pixels) what was taken out of each column of the camera. [-]"""
+    """(sensors, pixels) gain that was removed from each column of the camera. [-]"""
     modes: tuple[str, ...] = MODES
-    """Those of ``MODES`` that were looked at; light is the first."""
+    """Modes that were summed up, of ``MODES``; light is the first."""
 
     def of_modes(self, names: Sequence[str]) -> Sums:
-        """Of those of its modes alone, light the first, and the energy; contiguous, for kernels run in vectors then."""
+        """Select modes, light the first, and the energy.
+
+        The arrays are contiguous, so that kernels vectorise.
+        """
         which = [self.modes.index(name) for name in names]
         lines = [index for index in which if index < len(self.line_modes)]
         return replace(
@@ -121,7 +126,7 @@ class Sums:
 
     @property
     def line_modes(self) -> tuple[str, ...]:
-        """Those of columns."""
+        """Its modes of columns."""
         return tuple(name for name in self.modes if name in LINE_MODES)
 
 
@@ -138,10 +143,12 @@ def summed(
     looked_at: tuple[str, ...] = MODES,
     threads: int = 1,
 ) -> Sums:
-    """One pass over the residuals of all sensors; columns' own gains are taken out of them on the way.
+    """Sum up the residuals of all sensors in one pass.
 
-    light: ``PlacedScan.light``. looked_at: those of ``MODES`` that are summed up, light the first. threads: that share
-    it out.
+    Gains of single columns are removed from them on the way.
+
+    light: ``PlacedScan.light``. looked_at: modes that are summed up, of ``MODES``, light the first. threads:
+    number of threads that share the work.
     """
     left = left.copy()
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
@@ -215,28 +222,28 @@ def summed(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """How T's denominator is made: learned from good prints; (..., 3): noise c, of edges c', tolerance t^2."""
+    """Parameters of T's denominator, learned from good prints; (..., 3): noise c, edges c', tolerance t^2."""
 
     boxes: NDArray[np.float64]
     """(modes, sizes, 3)"""
     streaks: NDArray[np.float64]
     """(line modes, widths, spans, 3)"""
     bands: NDArray[np.float64]
-    """(modes, 3) of rows of tiles."""
+    """(modes, 3) for rows of tiles."""
     ghosts: NDArray[np.float64]
     """(inks, boxes, 3)"""
     light: NDArray[np.float64]
-    """(sizes,) standard deviation of what moves all light in a box alike. [-]"""
+    """(sizes,) standard deviation of a change common to all light in a box. [-]"""
 
     def of_modes(self, names: Sequence[str]) -> Scatter:
-        """Of those of ``MODES`` alone; ghosts are of inks, and stay."""
+        """Select modes of ``MODES``; ghosts depend on inks alone, and stay."""
         which = np.array([MODES.index(name) for name in names])
         lines = which[which < len(LINE_MODES)]
         return replace(self, boxes=self.boxes[which], streaks=self.streaks[lines], bands=self.bands[which])
 
     @classmethod
     def white(cls, prior: PrintPrior | None = None) -> Scatter:
-        """Nothing but noise. prior: what good prints do; None: those of an office-class press."""
+        """Return the scatter of noise alone; prior: of good prints; None: of an office-class press."""
         one = np.array([1.0, 1.0, 0.0])
         shapes = SCATTER_SHAPES.items()
         scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
@@ -246,7 +253,10 @@ class Scatter:
 def without_common(
     sums: NDArray[np.float32], common: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """N', D' and the edges' part of D' of all modes from (4, modes, ...) sums; the first mode is the common one."""
+    """Return N', D' and the edges' part of D' of all modes from (4, modes, ...) sums.
+
+    The first mode is the common one.
+    """
     pushes, powers, shared, edges = sums
     level = powers[0] + np.float32(1 / common**2)
     own = pushes - shared * (pushes[0] / level)
@@ -258,7 +268,7 @@ def without_common(
 def spread_of(
     power: NDArray[np.floating], edges: NDArray[np.floating], scatter: NDArray[np.float64]
 ) -> NDArray[np.floating]:
-    """Variance of N', from D' and the edges' part of it; scatter (3,)."""
+    """Return the variance of N', from D' and the edges' part of it; scatter (3,)."""
     noise, at_edges, tolerance = (np.float32(one) for one in scatter)
     power, edges = np.maximum(power, 0), np.maximum(edges, 0)
     spread = noise * np.maximum(power - edges, 0) + at_edges * edges + tolerance * power * power
@@ -271,12 +281,12 @@ def t_statistic(
     edges: NDArray[np.floating],
     scatter: NDArray[np.float64],
 ) -> NDArray[np.floating]:
-    """T; 0 where there is no information."""
+    """Return T; 0 where there is no information."""
     return np.where(power > LEAST_POWER, own / np.sqrt(spread_of(power, edges, scatter)), 0)
 
 
 def flicker(sums: Sums) -> NDArray[np.float32]:
-    """The lamp's flicker from line to line, (tile rows,) [-]; what is smooth along the page is not its."""
+    """Return the lamp's flicker from line to line, (tile rows,) [-], without its smooth part."""
     push, power = (sums.tiles[part, 0].sum(axis=1, dtype=np.float64) for part in (0, 1))
     gain = push / (power + 1 / sums.prior.flicker**2)
     gain -= ndimage.uniform_filter1d(gain, round(COLUMN_MM / sums.tile_mm) | 1, mode="nearest")
@@ -284,7 +294,7 @@ def flicker(sums: Sums) -> NDArray[np.float32]:
 
 
 def smooth_level(sums: Sums) -> NDArray[np.float32]:
-    """Change of light as a whole, smooth over ``LEVEL_MM``: (tile rows, tile columns) [-]."""
+    """Return the change of light as a whole, smoothed over ``LEVEL_MM``: (tile rows, tile columns) [-]."""
     size = sums.tiles.shape[-1], sums.tiles.shape[-2]
     halves = max(size[0] // 2, 1), max(size[1] // 2, 1)
     push, power = (
@@ -300,10 +310,10 @@ def smooth_level(sums: Sums) -> NDArray[np.float32]:
 
 
 def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
-    """Streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
+    """Yield streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
 
-    Which width, which span, and N', D', edges of line modes: (3, modes, parts, pixels); what light that differs down a
-    column may add to N' lessens all three (``beside_uneven``).
+    Yields the width, the span, and N', D', edges of line modes: (3, modes, parts, pixels). All three are
+    reduced by the variance that light which varies along a column adds to N' (``beside_uneven``).
     """
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     found = []
@@ -322,18 +332,19 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
 
 
 def beside_uneven(maps: NDArray[np.float32], variance: NDArray[np.floating]) -> NDArray[np.float32]:
-    """N', D' and edges (3, ...) of places of whose N' light that is not even has so much variance besides.
+    """Reduce N', D' and edges (3, ...) by an additional variance of N', from uneven light.
 
-    N'' = s N', D'' = s D', s = D' / (D' + variance): D'' is what is known still, N'' / D'' the same amount.
+    N'' = s N' and D'' = s D' with s = D' / (D' + variance): D'' is the remaining information, and N'' / D''
+    is the same amount.
     """
     power = maps[1]
     return np.asarray(maps * (power / (power + variance + np.float32(1e-9))), np.float32)
 
 
 def rows(sums: Sums) -> NDArray[np.float32]:
-    """N', D', edges (3, modes, tile rows) over the whole width, the local level taken out.
+    """Return N', D' and edges (3, modes, tile rows) over the whole width, with the local level removed.
 
-    As of columns, what light that differs along a row may add to N' lessens all three.
+    As for columns, all three are reduced by the variance that light which varies along a row adds to N'.
     """
     tiles = sums.tiles[:, : len(sums.modes)]
     own, power, edges = without_common(tiles.sum(axis=-1), sums.prior.place)
@@ -358,7 +369,7 @@ def periodogram(
     scatter: NDArray[np.float64],
     tile_mm: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies [1/mm], power of the waves there (chi-square of 2 on good prints), first harmonics added."""
+    """Return frequencies [1/mm], wave power (chi-square of 2 on good prints), and power with harmonics."""
     noise, at_edges, tolerance = scatter
     share = edges / np.maximum(power, 1e-9)
     trust = 1 / (noise * (1 - share) + at_edges * share + tolerance * power.astype(np.float64))

@@ -1,4 +1,7 @@
-"""Statistics with a place: boxes, streaks, waves, ghosts and stray energy; on the whole page, and away from edges."""
+"""Statistics with a place: boxes, streaks, waves, ghosts and stray energy.
+
+They are of the whole page, and of places away from edges.
+"""
 
 from __future__ import annotations
 
@@ -53,18 +56,18 @@ if TYPE_CHECKING:
 
 LEAST_BOXES: Final = 12
 EVERY_LAG: Final = 8
-"""Of ghosts, for what they scatter by."""
+"""Step between the lags of ghosts from which their scatter is estimated."""
 OVERLAP: Final = 4
-"""Boxes that overlap by half count as so many fewer."""
+"""Factor by which boxes that overlap by half count as fewer."""
 ENERGY: Final = np.array([2.0, 2.0, 0.0])
-"""Variance of a pixel's squared residual in its own variance."""
+"""Variance of a pixel's squared residual, in units of its own variance."""
 NOISE: Final = np.array([1.0, 1.0, 0.0])
 
 
 def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
-    """Matched filters of every mode at all boxes of every size against each of ``references``.
+    """Yield matched filters of every mode, at all boxes of every size, against each of ``references``.
 
-    Against good prints also how they scatter; flat areas have no blur.
+    Against good prints their scatter is a statistic as well. Flat areas have no blur.
     """
     for place, cells in enumerate(cells_of(sums, scatter.light)):
         extremes = extremes_of_boxes(cells, scatter.boxes[:, place], overlap=OVERLAP)
@@ -81,7 +84,7 @@ def of_boxes(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[O
 
 
 def of_streaks(sums: Sums, scatter: Scatter, *references: Reference) -> Iterator[Observed]:
-    """Streaks of every mode, width and length against each of ``references``."""
+    """Yield streaks of every mode, width and length against each of ``references``."""
     for w, s, maps in streaks(sums):
         width, span = WIDTHS[w], SPANS[s]
         extremes = extremes_of(maps, scatter.streaks[:, w, s], overlap=width)
@@ -110,11 +113,11 @@ class Waves(NamedTuple):
     """[1/mm]"""
     waves: NDArray[np.float64]
     together: NDArray[np.float64]
-    """With their harmonics."""
+    """Waves with their harmonics."""
 
 
 def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
-    """Of every mode."""
+    """Return the waves of every mode."""
     found = []
     for name, of_bands, own, power, edges in zip(sums.modes, scatter.bands, *rows(sums), strict=True):
         waves = periodogram(own, power, edges, of_bands, sums.tile_mm)
@@ -123,7 +126,7 @@ def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
 
 
 def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Observed]:
-    """Waves along the travel of every mode against good prints, and single rows."""
+    """Yield waves along the travel, and single rows, of every mode against good prints."""
     for one, scattered in zip(seen, scatter.bands, strict=True):
         band = Statistic("wave", *mode_and_ink(one.mode), reference=GOOD_PRINTS)
         yield Observed(statistic=band._replace(part="wave"), value=float(one.waves.max()))
@@ -136,7 +139,7 @@ def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Ob
 
 
 def of_waves(seen: Sequence[Waves], reference: Reference) -> Iterator[Observed]:
-    """Waves along the travel against others of about their length on this page."""
+    """Yield waves along the travel against others of similar length on this page."""
     for one in seen:
         wave, harmonics = above_neighbours(one.frequency, one.waves)
         which = Statistic("wave", *mode_and_ink(one.mode), reference=reference)
@@ -145,7 +148,10 @@ def of_waves(seen: Sequence[Waves], reference: Reference) -> Iterator[Observed]:
 
 
 def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference) -> Iterator[Observed]:
-    """Ghosts of each ink's detail further down, against each of ``references``: a page has some of its own anyway."""
+    """Yield ghosts of each ink's detail further down, against each of ``references``.
+
+    A good page has some ghosts of its own.
+    """
     seen = ghosts(sums)
     for ink in range(INKS):
         found = seen.through(ink)
@@ -166,14 +172,14 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference)
 
 
 def of_swapped_planes(sums: Sums) -> Iterator[Observed]:
-    """Inks swapped over the page."""
+    """Yield a statistic for each pair of inks that may be swapped over the page."""
     for (one, other), t in zip(PAIRS, swapped_planes(sums), strict=True):
         both = INK_LETTERS[one] + INK_LETTERS[other]
         yield Observed(statistic=Statistic("swap", ink=both), value=abs(t))
 
 
 def of_steps(sums: Sums) -> Iterator[Observed]:
-    """Inks whose gain differs between two parts of the page; the box is the smaller one's."""
+    """Yield steps in each ink's gain between two parts of the page; the box is the smaller part."""
     height, width = (extent * sums.tile_mm for extent in sums.tiles.shape[-2:])
     for ink, (across, along) in zip(INK_LETTERS, gain_steps(sums), strict=True):
         which = Statistic("step", "gain", ink)
@@ -186,7 +192,7 @@ def of_steps(sums: Sums) -> Iterator[Observed]:
 
 
 def of_energy(sums: Sums) -> Iterator[Observed]:
-    """Squared residuals over their variance, in no one's shape."""
+    """Yield squared residuals over their variance, regardless of their shape."""
     energy, pixels = sums.tiles[0, -1], sums.tiles[1, -1]
     share = sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], 1e-9) * pixels
     yield Observed(

@@ -1,14 +1,14 @@
 """Marks: how far small windows of the page deviate, each compared only with places of its own class.
 
-A spot on bare paper is compared with bare paper, not with the edges of letters, where good prints scatter far more.
-The class of a place is known from the prediction alone: bare paper, flat tint, gradient or photograph, near an edge,
-text or hard edge, border of the page. For each class, each window of ``WINDOWS`` and both signs, the statistic is the
-greatest T of the page (``kernels.statistics.marks``) in units of the page's own spread in this class, less what the
-greatest of so many independent Gaussian windows is. So a page that is badly placed widens its own limits at edges and
-no others.
+A spot on bare paper is compared with bare paper, not with the edges of letters, where good prints scatter far
+more. The class of a place depends on the prediction alone: bare paper, flat tint, gradient or photograph,
+near an edge, text or hard edge, border of the page. For each class, each window of ``WINDOWS`` and both
+signs, the statistic is the greatest T of the page (``kernels.statistics.marks``) in units of the page's own
+spread in this class, less the greatest T of as many independent Gaussian windows. A badly placed page
+therefore widens its own limits at edges, and nowhere else.
 
-What differs by more than a stated share of paper white, away from edges and over ``FLOOR_AREA_MM2``, is a misprint
-whatever was learned (``Floor``).
+A difference by more than a stated share of paper white, away from edges and over ``FLOOR_AREA_MM2``, is a
+misprint whatever was learned (``Floor``).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 PLACE_CLASSES: Final = ("bare", "flat", "gradient", "edge", "text", "border")
-"""In the order of the kernel's class numbers; ``NAMES`` says them in words."""
+"""Class names in the order of the kernel's class numbers; ``NAMES`` describes them."""
 NAMES: Final = {
     "bare": "bare paper",
     "flat": "flat tint",
@@ -54,28 +54,29 @@ NAMES: Final = {
 }
 NOT_INSPECTED: Final = 255
 SLOPES: Final = (0.006, 0.03, 0.15)
-"""Upper limits of the steepest slope within reach of a place, of flat tint, gradient and edge; beyond it is text.
-[shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt have 15 % and
-more at 0.25 mm."""
+"""Upper limits of the steepest slope within reach of a place, for flat tint, gradient and edge; text is
+beyond. [shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt
+have 15 % and more at 0.25 mm."""
 BARE_LIGHT: Final = 0.97
-"""Share of white's light from which on a place that is no edge is bare paper. (assumed)"""
+"""Share of white's light from which a place without an edge is bare paper. (assumed)"""
 BORDER_MM: Final = 1.6
-"""How wide the border of the page is: what a sheet's own edge and the margin of placement reach. (assumed)"""
+"""Width of the page's border: the extent of a sheet's own edge and of the margin of placement. (assumed)"""
 REACH: Final = 2
-"""Pixels about a window within which an edge counts as near; half the window's side is added."""
+"""Distance from a window within which an edge counts as near; half the window's side is added. [pixels]"""
 REFERENCE_WINDOWS: Final = 1e6
-"""Windows of which the greatest T is stated; of fewer, the greatest is taken to be as much higher as Gaussian theory
-says ..."""
+"""Number of windows to which the greatest T is normalised; of fewer windows, the greatest is raised by the
+difference that Gaussian theory states ..."""
 REFERENCE_T: Final = float(ndtri(1 - 1 / REFERENCE_WINDOWS))
-"""... from this on."""
+"""... relative to this value."""
 FLOOR_AREA_MM2: Final = 0.1
-"""A difference beyond the floor counts from this area on: a spot of 0.36 mm. A pixel more is asked for, since a
-region's outline lies anywhere within its pixels: two of 0.25 mm are what the darkest specks of good paper reach."""
+"""Minimum area of a difference beyond the floor: a spot of 0.36 mm. One more pixel is required, because a
+region's outline may be anywhere within its pixels: the darkest specks of good paper reach two pixels of 0.25
+mm."""
 FLOOR_FLAT: Final = 0.02
 """Steepest slope within ``REACH`` pixels at which the floor applies. [shares of white a pixel] (assumed)"""
 FLOOR_SIGMAS: Final = 6.0
-"""What the camera's noise alone reaches in one of 10^9 pixels: on a camera so noisy that 10 % of white is less than
-that, the floor asks for more."""
+"""Standard deviations that the camera's noise alone reaches in one of 10^9 pixels: if these exceed 10 % of
+white, the floor is raised to them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,12 +84,13 @@ class Places:
     """Classes of a scan's places."""
 
     of_windows: NDArray[np.uint8]
-    """(sizes, lines, pixels) numbers of ``PLACE_CLASSES``, or ``NOT_INSPECTED``, for windows of each of ``WINDOWS``."""
+    """(sizes, lines, pixels) index in ``PLACE_CLASSES``, or ``NOT_INSPECTED``, for windows of each of
+    ``WINDOWS``."""
     flat: NDArray[np.uint8]
     """(lines, pixels) 1 where no edge is within ``REACH`` pixels."""
 
     def areas(self) -> NDArray[np.int64]:
-        """(classes, sizes) how many places there are of each."""
+        """Return the number of places of each class and window, (classes, sizes)."""
         counts = [np.bincount(one.ravel(), minlength=NOT_INSPECTED + 1)[:CLASSES] for one in self.of_windows]
         return np.stack(counts, axis=1)
 
@@ -107,9 +109,9 @@ def classify(
     ----------
     light : (sensors, lines, pixels) expected light of bare columns [DN].
     white : (sensors, pixels) light of bare paper [DN].
-    inside : (lines, pixels) what of the page is inspected.
+    inside : (lines, pixels) inspected part of the page.
     pixel_mm : pitch of the pixels [mm].
-    threads : that share the work.
+    threads : number of threads that share the work.
     """
     slope = unset(inside.shape)
     shared_out(
@@ -139,7 +141,7 @@ def _square(reach: int) -> NDArray[np.uint8]:
 
 
 def _eroded(flags: NDArray[np.uint8], reach: int, *, beyond: int) -> NDArray[np.uint8]:
-    """Return flags that hold for all places within ``reach``; beyond: what holds outside the image."""
+    """Return flags that hold for all places within ``reach``; beyond: value outside the image."""
     return np.asarray(
         cv2.erode(flags, _square(reach), borderType=cv2.BORDER_CONSTANT, borderValue=beyond), np.uint8
     )
@@ -150,13 +152,13 @@ class FloorFinding:
     """The largest region that differs by more than the floor."""
 
     area_mm2: float
-    """0: there is none."""
+    """Area of the region; 0: there is none."""
     box: Box = NOWHERE
     darker: bool = True
 
     @property
     def alarms(self) -> bool:
-        """Whether it makes a misprint."""
+        """Whether the region makes the page a misprint."""
         return self.area_mm2 >= FLOOR_AREA_MM2
 
 
@@ -165,16 +167,16 @@ NO_FLOOR: Final = FloorFinding(area_mm2=0.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Marks:
-    """What small windows of one scan say."""
+    """Extremes of small windows of one scan."""
 
     greatest: NDArray[np.float64]
-    """(classes, sizes, 2) greatest T, lighter and darker; ``LEAST_T`` where none is greater."""
+    """(classes, sizes, 2) greatest T, lighter and darker; ``LEAST_T`` if none is greater."""
     at: NDArray[np.int64]
     """(classes, sizes, 2, 2) first line and pixel of that window."""
     spread: NDArray[np.float64]
     """(classes, sizes) the page's own spread of T, 1 at least."""
     usual: NDArray[np.float64]
-    """(classes, sizes) greatest of so many independent Gaussian T."""
+    """(classes, sizes) greatest T of as many independent Gaussian windows."""
     floor: FloorFinding
     pixel_mm: float
     left_mm: float
@@ -212,19 +214,19 @@ def measure_marks(
     floor_share: float,
     threads: int = 1,
 ) -> Marks:
-    """Return what small windows of a scan's residuals say.
+    """Measure the extremes of small windows of a scan's residuals.
 
     Parameters
     ----------
-    scan : the scan and where its page lies.
+    scan : the scan at its placement.
     light : (sensors, lines, pixels) expected light of bare columns [DN].
-    left : (sensors, lines, pixels) residuals without what good prints do [DN].
+    left : (sensors, lines, pixels) residuals without the variation of good prints [DN].
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
-    geometry : where the pixels lie.
+    geometry : of the pixels.
     page_width_mm : width of the page [mm].
-    tolerance : standard deviation of what moves all light of a window alike, a share of the light.
+    tolerance : standard deviation of a change common to all light of a window, as a share of the light.
     floor_share : share of paper white beyond which a flat place counts for the floor; 0: there is no floor.
-    threads : that share the work.
+    threads : number of threads that share the work.
     """
     white = np.stack([one.white_dn * one.column_gain for one in scan.sensors]).astype(np.float32)
     places = classify(light, white, scan.where.inside, pixel_mm=geometry.pixel_pitch_mm, threads=threads)
@@ -260,18 +262,18 @@ def measure_marks(
 
 
 def _spread(beyond: NDArray[np.int64], windows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return how many times wider than a standard Gaussian T scatters, from how often it exceeds ``LEAST_T``."""
+    """Return the scatter of T over a standard Gaussian's, from how often it exceeds ``LEAST_T``."""
     share = (beyond + 1) / (windows + 100)  # as if one of a hundred more had exceeded it
     return np.maximum(float(LEAST_T) / ndtri(1 - np.minimum(share, 0.9) / 2), 1.0)
 
 
 def usual_t(windows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the greatest T that so many independent Gaussian windows have: the quantile at 1 - 1 / n."""
+    """Return the greatest T of a number of independent Gaussian windows: the quantile at 1 - 1 / n."""
     return np.asarray(ndtri(1 - 1 / np.maximum(windows, 3.0)))
 
 
 def least_pixels(pixel_mm: float) -> int:
-    """Return how many pixels a region must have for the floor."""
+    """Return the minimum number of pixels of a region for the floor."""
     return int(np.ceil(FLOOR_AREA_MM2 / pixel_mm**2 - 1e-9)) + 1
 
 
@@ -284,7 +286,7 @@ def _floor(
     corner: tuple[float, float, float],
     threads: int,
 ) -> FloorFinding:
-    """Return the largest connected region of flat pixels of one sign that differ by more than ``share`` of white."""
+    """Return the largest region of flat pixels of one sign that differ by more than ``share`` of white."""
     flags = np.empty((2, *flat.shape), np.uint8)
     fixed = left, weight, white, flat, np.float32(share), np.float32(FLOOR_SIGMAS)
     counts = shared_out(

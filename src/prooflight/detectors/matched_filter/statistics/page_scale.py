@@ -1,4 +1,4 @@
-"""Statistics of one page against its own scatter, and over all of it: inks that swapped, and inks off in a part."""
+"""Statistics scaled by the page's own scatter, swapped inks, and inks that are off in a part of the page."""
 
 from __future__ import annotations
 
@@ -34,20 +34,21 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Reference
 
 NEIGHBOURS: Final = 81
-"""Frequencies about one, whose median is the level of the spectrum there."""
+"""Number of adjacent frequencies whose median is the level of the spectrum."""
 MEDIAN_OF_WAVES: Final = 1.386
-"""Of chi-square with 2 degrees of freedom: 2 ln 2."""
+"""Median of chi-square with 2 degrees of freedom: 2 ln 2."""
 PAIRS: Final = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 BLOCK_TILES: Final = 16
 SWAP_SD: Final = 0.3
-"""Of an swapped share, before it is seen: wide, so that one seen badly is not taken for none."""
+"""Prior standard deviation of a swapped share: wide, so that a poorly measured swap is not taken for none."""
 SWAP_TOLERANCE: Final = 0.01
 STEP_TOLERANCE: Final = 0.01
-"""Of an ink's gain from one part of a good page to the other. (assumed: what the fit leaves of its tilt)"""
+"""Tolerance of the change in an ink's gain between parts of a good page. (assumed: what the fit leaves of its
+tilt)"""
 LEAST_PART: Final = 0.1
-"""Share of what a page says of an ink that lies on either side of a step."""
+"""Minimum share of a page's information on an ink that must be on either side of a step."""
 MEDIAN_OF_SQUARES: Final = 0.455
-"""Of chi-square with 1 degree of freedom."""
+"""Median of chi-square with 1 degree of freedom."""
 
 
 class Most(NamedTuple):
@@ -56,15 +57,15 @@ class Most(NamedTuple):
     high: float
     low: float
     own_high: float
-    """Over the page's own scatter."""
+    """Greatest T relative to the page's own scatter."""
     own_low: float
     energy: float
-    """Mean of T^2, each at most 100."""
+    """Mean of T^2, each limited to 100."""
     places: NDArray[np.int64]
     """(4, 2) row and column of the four extremes."""
 
     def against(self, reference: Reference) -> tuple[tuple[float, int, int], tuple[float, int, int]]:
-        """How far the greatest lies above 0 and the least below it, each with its row and column."""
+        """Return by how much the greatest is above 0 and the least below it, each with its row and column."""
         good = reference is GOOD_PRINTS
         most, least = (self.high, -self.low) if good else (self.own_high, -self.own_low)
         (row, column), (other_row, other_column) = (
@@ -74,9 +75,9 @@ class Most(NamedTuple):
 
 
 def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
-    """Extremes of T of every mode over N', D' and the edges' part of it, (3, modes, h, w).
+    """Return the extremes of every mode's T, from N', D' and the edges' part of D', (3, modes, h, w).
 
-    scatter (modes, 3); overlap: neighbours that say the same.
+    scatter (modes, 3); overlap: number of adjacent values that are not independent.
     """
     values, places = _nothing(len(scatter))
     each_against_own(
@@ -86,7 +87,7 @@ def extremes_of(maps: NDArray[np.float32], scatter: NDArray[np.float64], *, over
 
 
 def extremes_of_boxes(cells: Cells, scatter: NDArray[np.float64], *, overlap: float) -> list[Most]:
-    """The same of all boxes of 2 x 2 cells."""
+    """Return the extremes of every mode's T over all boxes of 2 x 2 cells."""
     values, places = _nothing(len(scatter))
     boxes_against_own(
         cells.sums,
@@ -111,14 +112,14 @@ def _extremes(values: NDArray[np.float32], places: NDArray[np.int64]) -> list[Mo
 
 
 def flat_part(sums: Sums) -> Sums:
-    """The sums of tiles and columns away from edges, where nothing but ink and light can differ."""
+    """Return the sums of tiles and columns away from edges, where only ink and light can differ."""
     flat = (sums.tiles[3, 0] <= FLAT * sums.tiles[1, 0]).astype(np.float32)
     tiles = np.multiply(sums.tiles, flat, out=unset(sums.tiles.shape))
     return replace(sums, tiles=tiles, columns=sums.flat_columns)
 
 
 def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64]) -> tuple[float, float]:
-    """The greatest wave over the level of waves of about its length, alone and with its harmonics."""
+    """Return the greatest wave over the level of waves of similar length, alone and with its harmonics."""
     level = ndimage.median_filter(waves, NEIGHBOURS, mode="nearest") / MEDIAN_OF_WAVES
     ratio = waves / np.maximum(level, 0.7)
     first = round(frequency[0] / (frequency[1] - frequency[0]))
@@ -132,9 +133,10 @@ def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64])
 
 
 def swapped_planes(sums: Sums) -> list[float]:
-    """Share by which each of ``PAIRS`` is swapped over the page, over its standard deviation.
+    """Return the share by which each of ``PAIRS`` is swapped over the page, over its standard deviation.
 
-    Ink area a becomes a + s (b - a) and b the reverse. The standard deviation is found from the page's own blocks.
+    Ink area a becomes a + s (b - a), and b the reverse. The standard deviation is estimated from the page's
+    own blocks.
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
     blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
@@ -150,24 +152,28 @@ def swapped_planes(sums: Sums) -> list[float]:
 
 
 def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
-    """What T scatters by on its own page; 1 where fewer than ``least`` are known. 0 is nothing known."""
+    """Return the scatter of T on its own page.
+
+    It is 1 if fewer than ``least`` values are nonzero; a value of 0 has no information.
+    """
     known = np.abs(t[t != 0])
     return max(float(np.quantile(known, ONE_SIGMA)), LEAST_SCALE) if known.size >= least else 1.0
 
 
 class Step(NamedTuple):
-    """Where an ink's gain changes most."""
+    """Greatest step in an ink's gain."""
 
     t: float
-    """The gain on one side less that on the other, over its standard deviation; without sign."""
+    """Absolute difference of the gains on both sides, over its standard deviation."""
     at: float
-    """Where, as a share of the page's tiles."""
+    """Position of the step, as a share of the page's tiles."""
 
 
 def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
-    """Of each ink, how its gain differs most between the parts left and right of a line, and above and below one.
+    """Return each ink's greatest step in gain between left and right parts, and upper and lower parts.
 
-    The standard deviation is found from the page's own blocks of ``BLOCK_TILES``, what moves all light there taken out.
+    The standard deviation is estimated from the page's own blocks of ``BLOCK_TILES``, without changes common
+    to all light.
     """
     modes = [MODES.index(name) for name in ("light", "gain-C", "gain-M", "gain-Y", "gain-K")]
     rows, columns = (extent // BLOCK_TILES for extent in sums.tiles.shape[-2:])

@@ -1,9 +1,10 @@
-"""Planes far out of register: what each ink's plane, printed elsewhere, would explain of a residual.
+"""Planes far out of register: the share of a residual that each ink's plane, printed elsewhere, explains.
 
-Registration follows a plane by its slopes, a few tenths of a millimetre; further off, edges lie beyond what slopes
-foresee. Here every shift within reach is tried: with P the effect of a plane's ink, r the residual and V its variance,
-N(d) = sum (P(x - d) - P(x)) r / V and D(d) = sum (P(x - d) - P(x))^2 / V, and N / D is the share of the plane that lies
-there: 1 where all of it does. So few shifts take a tenth of the time, added up one by one, of what transforms take.
+Registration follows a plane by its slopes, over a few tenths of a millimetre; further off, edges are beyond
+the range of the linear model. Here every shift within reach is tried. With P the effect of a plane's ink, r
+the residual and V its variance, N(d) = sum (P(x - d) - P(x)) r / V and D(d) = sum (P(x - d) - P(x))^2 / V,
+and N / D is the share of the plane at that shift: 1 for the whole plane. For so few shifts, direct summation
+takes a tenth of the time of transforms.
 """
 
 from __future__ import annotations
@@ -21,18 +22,19 @@ if TYPE_CHECKING:
 CELL_MM: Final = 0.5
 REACH_MM: Final = 2.0
 NEAR_MM: Final = 0.2
-"""Closer, registration and the fit see it better."""
+"""Minimum shift: registration and the fit measure smaller ones better."""
 DOUBT: Final = 0.05
-"""Share of a plane that seems to lie elsewhere on good prints, from what edges leave. assumed: press world, 5 %."""
+"""Standard deviation of a plane's displaced share on good prints, from what edges leave. assumed: press
+world, 5 %."""
 
 
 def plane_shifts(
     left: NDArray[np.float32], weight: NDArray[np.float32], gain: NDArray[np.float32], *, pixel_mm: float
 ) -> NDArray[np.float64]:
-    """Whether each plane lies elsewhere: (inks, 4) how sure that is [sd], what share does [-], right and down [mm].
+    """Test each plane for a displacement: (inks, 4) significance [sd], share [-], right and down [mm].
 
-    left, weight (sensors, lines, pixels): residuals, darker is more [DN], and 1 / V; gain (sensors, inks, lines,
-    pixels) what a whole plane darkens [DN].
+    left, weight (sensors, lines, pixels): residuals, darker is more [DN], and 1 / V; gain (sensors, inks,
+    lines, pixels): darkening by a whole plane [DN].
     """
     side = max(int(CELL_MM / pixel_mm + 0.5), 1)
     reach = round(REACH_MM / (side * pixel_mm))
@@ -55,5 +57,5 @@ def plane_shifts(
 
 
 def _means(images: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Over whole squares of so many pixels: (..., lines // side, pixels // side)."""
+    """Return means over whole squares of side x side pixels: (..., lines // side, pixels // side)."""
     return binned(images, side)[..., : images.shape[-2] // side, :]

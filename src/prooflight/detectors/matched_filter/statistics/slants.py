@@ -1,8 +1,9 @@
-"""Straight lines at a slant: scratches and hairs, of which no single box says much, added up along every slope.
+"""Slanted straight lines: scratches and hairs, too weak in any single box, summed up along every slope.
 
-Tiles are weighed as in one large matched filter, n = sum a / v with the information d = sum 1 / v, a the amount and v
-its variance in a tile, by what good prints scatter and by what this page itself does about there. A tile counts up to
-``MOST`` standard deviations, so that no speck makes a line. T = n / sqrt(d) along the line.
+Tiles are weighted as in one large matched filter: n = sum a / v with the information d = sum 1 / v, where a
+is the amount and v its variance in a tile, from the scatter of good prints and this page's own scatter near
+the tile. A tile counts up to ``MOST`` standard deviations, so that no single speck makes a line. T = n /
+sqrt(d) along the line.
 """
 
 from __future__ import annotations
@@ -34,45 +35,51 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Box
 
 SLANT_MODES: Final = ("add-K", "void")
-"""Of a mark on the page, and of ink that is gone; of ``MODES``."""
+"""Modes of a mark on the page and of missing ink, of ``MODES``."""
 HEIGHTS: Final = (16, 32, 64)
-"""Of lines, each twice the one before: 8, 16 and 32 mm. [tiles]"""
+"""Heights of lines, each twice the previous one: 8, 16 and 32 mm. [tiles]"""
 STEEPEST: Final = 0.16
-"""Lines nearer to the page's sides, 9 degrees, are left to streaks and bands. [-]"""
+"""Minimum slope: lines closer to the direction of the page's sides, 9 degrees, are left to streaks and bands.
+[-]"""
 FIRST_SLOPES: Final = np.array([math.ceil(STEEPEST * height) for height in HEIGHTS])
-"""Columns by which lines of each height lean at least, not to be too steep."""
+"""Minimum lean of lines of each height. [columns]"""
 MOST: Final = 6.0
-"""Standard deviations. (On designs of their own 4.5 and 8 told more than 2 and 3, and about the same.)"""
+"""Maximum standard deviations of a tile. (On designs of their own 4.5 and 8 did about as well, and better
+than 2 and 3.)"""
 LEAST_KNOWN: Final = 1.0
-"""Information of a line, below which it counts for no more: its amount has a standard deviation of one whole ink."""
+"""Minimum information of a line; with less it counts as this. Its amount has a standard deviation of one
+whole ink."""
 MOST_OF_HALF: Final = 4.0
-"""Of T^2, a line's over the lesser half's; 2 where both say the same. A line is one all along; a few dark letters in a
-row are not. (On designs of their own 3 and 6 told as much, and without it a tenth fewer scratches.)"""
+"""Maximum of a line's T^2 over the lesser half's; 2 if both halves are equal. A line is present all along; a
+few dark letters in a row are not. (On designs of their own 3 and 6 did as well, and without it a tenth fewer
+scratches were detected.)"""
 LEAST_TILES: Final = 50
-"""That say what a page scatters by itself."""
+"""Minimum number of tiles from which a page's own scatter is estimated."""
 ABOUT: Final = 16
-"""Side of the window about a tile that says what the page scatters there: 8 mm, of which a line takes 6 %. [tiles]"""
+"""Side of the window about a tile from which the local scatter is estimated: 8 mm, of which a line takes 6 %.
+[tiles]"""
 CLIPPED: Final = 2.0
-"""Scales at which a tile's |t| is cut off in the mean of its window, so that a line hardly raises it."""
+"""Limit of a tile's |t| in the mean of its window, in units of the scale, so that a line hardly raises it."""
 MEAN_CLIPPED: Final = 0.781
 """Mean of min(|z|, ``CLIPPED``) of a normal z: sqrt(2 / pi) (1 - exp(-2)) + 4 (1 - Phi(2))."""
 ROUNDS: Final = 3
-"""In which the scale is found that its own cutting off asks for."""
+"""Iterations for the scale, on which its own limit depends."""
 PRIOR_TILES: Final = 25.0
-"""Tiles of a window whose scatter is taken from the whole page's."""
+"""Number of tiles with the whole page's scatter that are added to a window."""
 
 
 class Lines(NamedTuple):
-    """Extremes of one mode along lines, in four ways to lay the page: leaning right, left, and both once turned."""
+    """Extremes of one mode along lines, in four orientations: leaning right, left, and both transposed."""
 
     values: NDArray[np.float32]
-    """(4, HEIGHTS, slopes, 2): greatest T and least with its sign turned; 0: a slope that this height has not."""
+    """(4, HEIGHTS, slopes, 2): greatest T, and the least with its sign reversed; 0: no such slope at this
+    height."""
     places: NDArray[np.int64]
-    """(4, HEIGHTS, slopes, 2, 2): strip and column of each, in the page as it was laid."""
+    """(4, HEIGHTS, slopes, 2, 2): strip and column of each, in the oriented page."""
 
 
 def of_slants(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
-    """The most telling line of each mode, sign and height; and by how much it is more so than lines of other slopes."""
+    """Yield the greatest line of each mode, sign and height, and its excess over lines of other slopes."""
     names = [name for name in SLANT_MODES if name in sums.modes]
     numbers = [sums.modes.index(name) for name in names]
     maps = own_of_tiles(next(cells_of(sums, scatter.light)), numbers)
@@ -98,7 +105,10 @@ def weighed(
     edges: NDArray[np.float32],
     scatter: NDArray[np.float64],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What tiles add to n and d, (rows, columns) each, from their N', D' and the edges' part of D'; scatter (3,)."""
+    """Return each tile's contribution to n and d, (rows, columns), from N', D' and the edges' part of D'.
+
+    scatter (3,).
+    """
     t, d = unset((2, *own.shape))
     tiles_known(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
     t /= np.float32(own_scatter(t[::2, ::2], least=LEAST_TILES))
@@ -108,9 +118,10 @@ def weighed(
 
 
 def scatter_about(t: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """How many times as much tiles about each scatter as the page, (rows, columns), at least 1; t: over the page's.
+    """Return the scatter of tiles about each one, relative to the page's, (rows, columns), at least 1.
 
-    By Huber's proposal 2 with the mean for the mean square: the mean of |t|, cut off at ``CLIPPED`` times the scale.
+    It is Huber's proposal 2 with the mean for the mean square: the mean of |t|, limited to ``CLIPPED`` times
+    the scale. t: relative to the page's scatter.
     """
     size, prior = np.abs(t), np.float32(PRIOR_TILES)
     count = _in_windows(known.astype(np.float32)) + prior
@@ -122,13 +133,13 @@ def scatter_about(t: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[n
 
 
 def _in_windows(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sums over the window about each tile; beyond the page is nothing."""
+    """Return sums over the window about each tile, with 0 beyond the page."""
     summed = cv2.boxFilter(tiles, -1, (ABOUT, ABOUT), normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(summed, np.float32)
 
 
 def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
-    """Extremes of n / sqrt(d) along lines, from n and d of tiles (rows, columns)."""
+    """Return the extremes of n / sqrt(d) along lines, from n and d of tiles (rows, columns)."""
     tallest = HEIGHTS[-1]
     values = np.empty((4, len(HEIGHTS), tallest, 2), np.float32)
     places = np.empty((4, len(HEIGHTS), tallest, 2, 2), np.int64)
@@ -139,7 +150,10 @@ def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
 
 
 def _laid(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
-    """Turned by its diagonal for ways 2 and 3, left for right for 1 and 3; with whole strips of the tallest lines."""
+    """Orient tiles, padded to whole strips of the tallest lines.
+
+    Ways 2 and 3 are transposed, 1 and 3 mirrored.
+    """
     turned = tiles.T if way >= 2 else tiles
     rows, columns = turned.shape
     laid = np.zeros((rows + -rows % HEIGHTS[-1], columns), np.float32)
@@ -148,7 +162,7 @@ def _laid(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
 
 
 def _box_mm(sums: Sums, way: int, slope: int, height: int, place: NDArray[np.int64]) -> Box:
-    """x, y, width, height of what encloses a line."""
+    """Return x, y, width and height of a line's bounding box."""
     rows, columns = sums.tiles.shape[-2:]
     wide = rows if way >= 2 else columns
     top, left = int(place[0]) * height, int(place[1])

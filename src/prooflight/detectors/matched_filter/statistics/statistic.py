@@ -1,7 +1,7 @@
-"""Which statistic it is that a page is judged by, what it says of one page, and where.
+"""Statistics by which a page is judged: their identity, value and place.
 
-Artefacts, rows and verdicts hold a statistic's key, such as ``box/gain-C+/8``; ``Statistic.parse`` alone reads it. Its
-first word says two things at once: what is looked for, and against which reference.
+Artefacts, rows and verdicts store a statistic's key, such as ``box/gain-C+/8``; only ``Statistic.parse``
+reads it. Its first word encodes two things: what is searched for, and the reference that it is compared with.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ NOWHERE: Final[Box] = (np.nan,) * 4
 
 
 class Reference(Enum):
-    """What a page is compared with."""
+    """Reference that a page is compared with."""
 
     GOOD_PRINTS = "good prints"
     OWN_PAGE = "own page"
     FLAT_AREAS = "flat areas"
-    """Of the same page, away from edges."""
+    """Flat areas of the same page, away from edges."""
 
 
 GOOD_PRINTS, OWN_PAGE, FLAT_AREAS = Reference
@@ -48,40 +48,42 @@ WORDS: Final = {
     ("energy", OWN_PAGE): "excess",
     ("slant", OWN_PAGE): "askew",
 }
-"""First words of keys by family and reference; of all others it is the family, compared with good prints."""
+"""First words of keys, by family and reference; otherwise the word is the family, compared with good
+prints."""
 _MEANINGS: Final = {word: meaning for meaning, word in WORDS.items()}
 PAGE_WIDE: Final = ("fit", "place", "energy")
-"""First words of statistics that are causes of their own."""
+"""First words of statistics each of which is a cause of its own."""
 OF_ALL_SORTS: Final = ("ghost", "swap", "energy")
-"""Families whose statistics are one cause together."""
+"""Families whose statistics make up one cause."""
 SCREEN_MODES: Final = ("light", "void")
 """Modes that need none of an ink's own images ..."""
 SCREEN_FAMILIES: Final = ("box", "spread", "streak", "wave", "slant")
-"""... and families that say something of each mode by itself."""
+"""... and families whose statistics depend on one mode each."""
 
 
 class Statistic(NamedTuple):
-    """What is looked for, and against which reference; what does not apply is empty or None."""
+    """Identity of a statistic: subject of the search, and reference; unused fields are empty or None."""
 
     family: str
-    """box, streak, wave, ghost, spread, energy, swap, step, slant, moved, mark; of the page as a whole: fit, place."""
-    mode: str = ""
-    """In which way ink or light is off, such as gain, void, light; of fit and place the amount; of marks the class of
+    """box, streak, wave, ghost, spread, energy, swap, step, slant, moved, mark; of the page as a whole: fit,
     place."""
+    mode: str = ""
+    """How ink or light is off, such as gain, void, light; for fit and place the amount; for marks the class
+    of place."""
     ink: str = ""
-    """A letter of CMYK, or two that have changed places."""
+    """A letter of CMYK, or two for swapped inks."""
     sign: str = ""
     """``+``: more of the mode; ``-``: less."""
     size: int | None = None
-    """Of boxes and lines [tiles], of marks [binned pixels], of streaks ``local_evidence.WIDTHS``, of ghosts which of
-    ``GHOST_BOXES_MM``."""
+    """Size of boxes and lines [tiles], of marks [binned pixels]; for streaks of ``local_evidence.WIDTHS``;
+    for ghosts the index in ``GHOST_BOXES_MM``."""
     part: str = ""
-    """Which of the numbers that one cause gives, such as a streak's span."""
+    """Which of the numbers of one cause, such as a streak's span."""
     reference: Reference = GOOD_PRINTS
 
     @classmethod
     def parse(cls, key: str) -> Self:
-        """From ``key``; or a cause, which says no size.
+        """Read a ``key``, or a cause, which has no size.
 
         >>> Statistic.parse("box/gain-C+/8")[:5], Statistic.parse("calm/void/2/full").reference.value
         (('box', 'gain', 'C', '+', 8), 'flat areas')
@@ -90,19 +92,19 @@ class Statistic(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The string that stands for it."""
+        """The string that identifies it."""
         middle = self.mode + "-" * bool(self.mode and self.ink) + self.ink + self.sign
         size = "" if self.size is None else str(self.size)
         return "/".join(part for part in (self.word, middle, size, self.part) if part)
 
     @property
     def word(self) -> str:
-        """First of the key."""
+        """First word of the key."""
         return WORDS.get((self.family, self.reference), self.family)
 
     @property
     def cause(self) -> str:
-        """Key of what it is evidence for together with others: one cause at all sizes, or a number that stands alone.
+        """Key of the cause that it supports: one cause at all sizes, or a number that is one by itself.
 
         >>> [Statistic.parse(key).cause for key in ("apart/void-/4", "streak/void/1/full", "ghost/C/0", "place/skew")]
         ['apart/void-', 'streak/void', 'ghost', 'place/skew']
@@ -116,7 +118,7 @@ class Statistic(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def _parsed(key: str) -> Statistic:
-    """A press is read several times, and has a thousand of them each time."""
+    """Parse a key; cached, because a press is read several times and has a thousand of them."""
     word, *rest = key.split("/")
     mode = ink = sign = ""
     if rest and not _is_size(rest[0]):
@@ -129,7 +131,9 @@ def _parsed(key: str) -> Statistic:
 
 
 def in_screen(statistic: Statistic) -> bool:
-    """Whether it is of those that every page is looked at for; they say of which pages all the others are worth it.
+    """Return whether a statistic is computed for every page.
+
+    These decide for which pages the others are needed.
 
     >>> [in_screen(Statistic.parse(key)) for key in ("apart/void-/4", "box/add-K+/4", "place/skew", "ghost/C/0")]
     [True, False, True, False]
@@ -140,7 +144,7 @@ def in_screen(statistic: Statistic) -> bool:
 
 
 def mode_and_ink(name: str) -> tuple[str, str]:
-    """Parts of a mode's name, one of which may be empty.
+    """Split a mode's name into mode and ink, one of which may be empty.
 
     >>> mode_and_ink("gain-C"), mode_and_ink("gain-all"), mode_and_ink("CM")
     (('gain', 'C'), ('gain-all', ''), ('', 'CM'))
@@ -157,20 +161,20 @@ def _is_size(text: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observed:
-    """What one statistic says of one page."""
+    """Value and place of one statistic on one page."""
 
     statistic: Statistic
     value: float
     """Higher is worse."""
     box: Box = NOWHERE
-    """Where; NaN: the page as a whole."""
+    """Place; NaN: the page as a whole."""
 
 
 def values_of(statistics: Sequence[Observed]) -> NDArray[np.float32]:
-    """Values of statistics, (n,)."""
+    """Return the values of statistics, (n,)."""
     return np.array([one.value for one in statistics], np.float32)
 
 
 def keys_of(statistics: Iterable[Observed]) -> list[str]:
-    """Of statistics, in their order."""
+    """Return the keys of statistics, in their order."""
     return [one.statistic.key for one in statistics]

@@ -100,9 +100,7 @@ class PhotonTransfer:
         return Measured(value=value, standard_error=float(np.sqrt(direction @ self.covariance @ direction)))
 
     def read_noise_e(self, mean_dn: float) -> Measured:
-        """Return the temporal noise at a mean, in electrons; 0 where rounding hides it. At the black level: one read's.
-
-        [e-]
+        """Return the temporal noise at a mean; 0 where rounding hides it. At the black level: one read's. [e-]
 
         Standard error by the delta method, with the covariance of constant and K.
         """

@@ -44,10 +44,7 @@ class Learned:
 
     @property
     def white_dn(self) -> NDArray[np.float64]:
-        """Return the signal of paper in the middle of the field, mean of all scans (sensors,), black level included.
-
-        [DN]
-        """
+        """Return paper's signal in the middle of the field, mean of all scans (sensors,), with black level. [DN]"""
         return np.mean([scan.patches.white_dn for scan in self.scans], axis=0)
 
     @property
